@@ -1,0 +1,35 @@
+# `make help` lists the targets. Every target makes its own environment when there is none.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+JOBS ?= 2
+
+.DEFAULT_GOAL := help
+.PHONY: help report test lint bench clean
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+$(STAMP): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "percept needs Python 3.11 or later; set PYTHON=python3.x")'
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --editable '.[test,lint]'
+	@touch $@
+
+report: $(STAMP)  ## analyse the published study and print the page's path
+	@$(BIN)/percept report datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --out build/hbfd --seed 1
+
+test: lint  ## lint, types and the whole test suite
+	@$(BIN)/python -m pytest -n $(JOBS) -q
+
+lint: $(STAMP)  ## ruff (with docstring rules) and strict types
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+bench: $(STAMP)  ## run time against error, on this machine
+	@$(BIN)/percept bench
+
+clean:  ## remove the environment and everything built
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,75 @@
+"""Exceptions and warnings of percept: what is wrong, where, and what to do next."""
+
+from __future__ import annotations
+
+__all__ = ["PerceptError", "PerceptWarning", "Refusal", "UsageError"]
+
+
+class PerceptError(ValueError):
+    """Base of every error percept raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong.
+    file : str, optional
+        The input file concerned.
+    row : int, optional
+        Physical line in `file`; the header is line 1.
+    column : str, optional
+        Column or key concerned.
+    value : object, optional
+        The offending value, as it was found.
+    hint : str, optional
+        What to do next, as a sentence.
+    """
+
+    exit_code = 2
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        file: str | None = None,
+        row: int | None = None,
+        column: str | None = None,
+        value: object = None,
+        hint: str | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.file = file
+        self.row = row
+        self.column = column
+        self.value = value
+        self.hint = hint
+
+    def __str__(self) -> str:
+        place = ":".join(str(part) for part in (self.file, self.row) if part is not None)
+        where = ", ".join(
+            part
+            for part in (
+                place,
+                f"column {self.column!r}" if self.column is not None else "",
+                f"value {self.value!r}" if self.value is not None else "",
+            )
+            if part
+        )
+        text = f"{where}: {self.message}" if where else self.message
+        return f"{text} {self.hint}" if self.hint else text
+
+
+class UsageError(PerceptError):
+    """Wrong usage or unreadable input (exit code 2)."""
+
+    exit_code = 2
+
+
+class Refusal(PerceptError):
+    """The input was understood, and the analysis asked for cannot be given for it (exit code 1)."""
+
+    exit_code = 1
+
+
+class PerceptWarning(UserWarning):
+    """Something the analyst should know that does not stop the analysis."""
