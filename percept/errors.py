@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["PerceptError", "PerceptWarning", "Refusal", "UsageError"]
+__all__ = ["PerceptError", "PerceptWarning", "RefusalError", "UsageError"]
 
 
 class PerceptError(ValueError):
@@ -65,7 +65,7 @@ class UsageError(PerceptError):
     exit_code = 2
 
 
-class Refusal(PerceptError):
+class RefusalError(PerceptError):
     """The input was understood, and the analysis asked for cannot be given for it (exit code 1)."""
 
     exit_code = 1

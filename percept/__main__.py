@@ -1,0 +1,1 @@
+"""percept on the command line: `python -m percept`."""
