@@ -1,0 +1,250 @@
+"""A published table of limits, kept as it was printed: n, level, and the digits of every limit."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import t as student_t
+
+from percept.errors import UsageError
+from percept.simulate.design import PARAMETERS, Design, Parameter
+
+__all__ = ["COLUMNS", "PublishedLimits", "read_summary"]
+
+COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedLimits:
+    """Limits of t-intervals as printed, for J environments and P parameters.
+
+    Parameters
+    ----------
+    environments : tuple of str
+        Names, J of them.
+    parameters : tuple of {"k", "b"}
+        P of them.
+    reference, lower, upper : tuple of tuple of Decimal
+        (J, P), in N/m and N·s/m, with the decimals that were printed.
+    n : int
+        Number of subjects.
+    level : float
+        Confidence level.
+    """
+
+    environments: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    reference: tuple[tuple[Decimal, ...], ...]
+    lower: tuple[tuple[Decimal, ...], ...]
+    upper: tuple[tuple[Decimal, ...], ...]
+    n: int
+    level: float
+
+    @classmethod
+    def from_table(cls, table: pd.DataFrame, *, file: str | None = None) -> PublishedLimits:
+        """Check a summary table and keep its digits.
+
+        Parameters
+        ----------
+        table : pandas.DataFrame
+            Columns environment, parameter, reference, lower, upper, n, level. Cells that are text
+            keep their printed digits; of numbers the shortest text counts.
+        file : str, optional
+            Where the table came from, for messages.
+
+        Returns
+        -------
+        PublishedLimits
+            The table, environments in order of appearance.
+
+        Raises
+        ------
+        UsageError
+            A missing column, a cell that is no number, a limit out of order, a parameter that is not
+            k or b, a cell given twice or not at all, several n or levels, an n or level out of range.
+        """
+        _require_columns(table, file)
+        numbers = {
+            column: [_number(cell, column, row, file) for row, cell in enumerate(table[column], start=2)]
+            for column in COLUMNS[2:]
+        }
+        cells = _rows_of_cells(table, file)
+        _require_order(numbers["lower"], numbers["upper"], file)
+        environments = tuple(dict.fromkeys(environment for environment, _ in cells))
+        parameters = tuple(p for p in PARAMETERS if any(parameter == p for _, parameter in cells))
+        for environment, parameter in itertools.product(environments, parameters):
+            if (environment, parameter) not in cells:
+                raise UsageError(
+                    f"{environment} has no row for {parameter}, though others have.",
+                    file=file,
+                    column="parameter",
+                )
+        n = _one(numbers["n"], "n", file)
+        if n != int(n) or n < 2:
+            raise UsageError(
+                "n must be a whole number of subjects, at least 2.", file=file, column="n", value=str(n)
+            )
+        level = _one(numbers["level"], "level", file)
+        if not 0 < level < 1:
+            raise UsageError(
+                "the level must lie between 0 and 1.", file=file, column="level", value=str(level)
+            )
+
+        def grid(column: str) -> tuple[tuple[Decimal, ...], ...]:
+            return tuple(
+                tuple(numbers[column][cells[environment, parameter]] for parameter in parameters)
+                for environment in environments
+            )
+
+        return cls(
+            environments=environments,
+            parameters=parameters,
+            reference=grid("reference"),
+            lower=grid("lower"),
+            upper=grid("upper"),
+            n=int(n),
+            level=float(level),
+        )
+
+    @property
+    def factor(self) -> float:
+        """Half-width of the interval in standard deviations, t/√n (Eq. 15)."""
+        return float(student_t.isf((1 - self.level) / 2, self.n - 1) / np.sqrt(self.n))
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """Mean of the subjects, (J, P): the middle of the limits."""
+        return (np.array(self.lower, dtype=float) + np.array(self.upper, dtype=float)) / 2
+
+    @property
+    def sd(self) -> NDArray[np.float64]:
+        """Standard deviation of the subjects, (J, P), backed out of the limits' distance."""
+        return (np.array(self.upper, dtype=float) - np.array(self.lower, dtype=float)) / (2 * self.factor)
+
+    def design(self, subjects: int) -> Design:
+        """One trial of each subject in each environment of the table.
+
+        Parameters
+        ----------
+        subjects : int
+            Number of subjects.
+
+        Returns
+        -------
+        Design
+            With the table's names and references.
+        """
+        return Design.balanced(
+            np.array(self.reference, dtype=float),
+            subjects=subjects,
+            parameters=self.parameters,
+            environments=self.environments,
+        )
+
+
+def read_summary(path: str | os.PathLike[str]) -> PublishedLimits:
+    """Read a published table from a CSV, digits kept.
+
+    Parameters
+    ----------
+    path : str or path-like
+        UTF-8 CSV with the columns of `PublishedLimits.from_table`.
+
+    Returns
+    -------
+    PublishedLimits
+        The table.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read or its table is not a summary.
+    """
+    file = str(Path(path))
+    try:
+        table = pd.read_csv(file, dtype=str, keep_default_na=False, encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise UsageError(f"the summary cannot be read: {error}.", file=file) from error
+    return PublishedLimits.from_table(table, file=file)
+
+
+def _require_columns(table: pd.DataFrame, file: str | None) -> None:
+    for column in COLUMNS:
+        if column not in table:
+            raise UsageError(
+                "the summary has no such column.",
+                file=file,
+                column=column,
+                hint=f"It needs {', '.join(COLUMNS)}.",
+            )
+    if table.empty:
+        raise UsageError("the summary has no rows.", file=file)
+
+
+def _rows_of_cells(table: pd.DataFrame, file: str | None) -> dict[tuple[str, str], int]:
+    """Position in the table of every (environment, parameter)."""
+    cells: dict[tuple[str, str], int] = {}
+    for i, (environment, parameter) in enumerate(zip(table["environment"], table["parameter"], strict=True)):
+        if parameter not in PARAMETERS:
+            raise UsageError(
+                "a parameter is k or b.", file=file, row=i + 2, column="parameter", value=parameter
+            )
+        first = cells.setdefault((str(environment), parameter), i)
+        if first != i:
+            raise UsageError(
+                f"{environment}, {parameter} was given before, in row {first + 2}.",
+                file=file,
+                row=i + 2,
+                column="parameter",
+                value=parameter,
+            )
+    return cells
+
+
+def _require_order(lower: list[Decimal], upper: list[Decimal], file: str | None) -> None:
+    for row, (low, high) in enumerate(zip(lower, upper, strict=True), start=2):
+        if low >= high:
+            raise UsageError(
+                f"the upper limit must be above the lower one, {low}.",
+                file=file,
+                row=row,
+                column="upper",
+                value=str(high),
+            )
+
+
+def _number(cell: object, column: str, row: int, file: str | None) -> Decimal:
+    try:
+        number = Decimal(str(cell).strip())
+    except InvalidOperation:
+        number = Decimal("NaN")
+    if not number.is_finite():
+        raise UsageError(
+            "a number is needed here.",
+            file=file,
+            row=row,
+            column=column,
+            value=cell,
+            hint="Write it with a '.'.",
+        )
+    return number
+
+
+def _one(numbers: list[Decimal], column: str, file: str | None) -> Decimal:
+    for row, number in enumerate(numbers, start=2):
+        if number != numbers[0]:
+            raise UsageError(
+                f"all rows must have the same {column}; the first has {numbers[0]}.",
+                file=file,
+                row=row,
+                column=column,
+                value=str(number),
+            )
+    return numbers[0]

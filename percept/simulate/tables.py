@@ -1,0 +1,102 @@
+"""Tables of simulated sessions: they say in every row that they are simulated, and in every file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from percept.errors import RefusalError, UsageError
+from percept.simulate.design import Design
+
+__all__ = ["SOURCE", "session_table", "write_sessions"]
+
+SOURCE = "simulated"
+
+
+def session_table(
+    design: Design,
+    subject: ArrayLike,
+    environment: ArrayLike,
+    trial: ArrayLike,
+    adjusted: NDArray[np.float64],
+) -> pd.DataFrame:
+    """Tidy table of N simulated trials.
+
+    Parameters
+    ----------
+    design : Design
+        Names and references.
+    subject, environment : (N,) array_like of int
+        Index into the design's subjects and environments.
+    trial : (N,) array_like of int
+        Number of the trial within its cell, from 1.
+    adjusted : (N, P) array
+        Adjusted values in the order of the design's parameters, N/m and N·s/m.
+
+    Returns
+    -------
+    pandas.DataFrame
+        subject, session, environment, k_ref, b_ref, trial, k_adj, b_adj, source; the columns of a
+        parameter that is not adjusted are left out.
+    """
+    j = np.asarray(environment)
+    columns: dict[str, object] = {
+        "subject": np.array(design.subjects, dtype=object)[np.asarray(subject)],
+        "session": "1",
+        "environment": np.array(design.environments, dtype=object)[j],
+    }
+    columns |= {f"{name}_ref": design.references[j, p] for p, name in enumerate(design.parameters)}
+    columns["trial"] = np.asarray(trial)
+    columns |= {f"{name}_adj": adjusted[:, p] for p, name in enumerate(design.parameters)}
+    columns["source"] = SOURCE
+    return pd.DataFrame(columns)
+
+
+def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
+    """Write simulated sessions as a CSV; equal tables give equal bytes.
+
+    Numbers are written with the fewest digits that read back as the same double. The file appears
+    whole or not at all.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        As `simulate` or `simulate_like` makes it.
+    path : str or path-like
+        The file to write; its folder must exist.
+
+    Returns
+    -------
+    pathlib.Path
+        The file written.
+
+    Raises
+    ------
+    UsageError
+        If a row does not say that it is simulated, or the folder does not exist.
+    RefusalError
+        If a value is not a finite number.
+    """
+    target = Path(path)
+    if "source" not in table or not (table["source"] == SOURCE).all():
+        raise UsageError(
+            f"every row of a simulated table must say {SOURCE!r} in its column 'source'.",
+            column="source",
+            hint="Write measured sessions with pandas instead.",
+        )
+    if not target.parent.is_dir():
+        raise UsageError("the folder to write to does not exist.", file=str(target), hint="Make it first.")
+    text = table.copy()
+    for name in text.columns[[dtype.kind == "f" for dtype in text.dtypes]]:
+        values = table[name].to_numpy()
+        if not np.isfinite(values).all():
+            raise RefusalError("a simulated value is not finite.", file=str(target), column=name)
+        text[name] = [np.format_float_positional(value, trim="-") for value in values]
+    part = target.with_name(target.name + ".part")
+    part.write_bytes(text.to_csv(index=False, lineterminator="\n").encode())
+    part.replace(target)
+    return target
