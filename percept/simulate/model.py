@@ -150,13 +150,12 @@ def generator(seed: Seed) -> np.random.Generator:
     Raises
     ------
     UsageError
-        If it is none of these, or a negative number.
+        If it is a negative number or no number.
     """
-    if isinstance(seed, (np.random.SeedSequence, np.random.Generator)):
+    try:
         return np.random.default_rng(seed)
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise UsageError("a seed is a whole number, not negative.", column="seed", value=seed)
-    return np.random.default_rng(int(seed))
+    except (TypeError, ValueError) as error:
+        raise UsageError("a seed is a whole number, not negative.", column="seed", value=seed) from error
 
 
 def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import warnings
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -57,7 +58,7 @@ class PublishedLimits:
             Columns environment, parameter, reference, lower, upper, n, level. Cells that are text
             keep their printed digits; of numbers the shortest text counts.
         file : str, optional
-            Where the table came from, for messages.
+            Where the table came from, for messages; its index then counts lines after the header.
 
         Returns
         -------
@@ -71,12 +72,13 @@ class PublishedLimits:
             k or b, a cell given twice or not at all, several n or levels, an n or level out of range.
         """
         _require_columns(table, file)
+        lines = list(table.index + 2) if file else list(range(2, len(table) + 2))
         numbers = {
-            column: [_number(cell, column, row, file) for row, cell in enumerate(table[column], start=2)]
+            column: [_number(cell, column, row, file) for row, cell in zip(lines, table[column], strict=True)]
             for column in COLUMNS[2:]
         }
-        cells = _rows_of_cells(table, file)
-        _require_order(numbers["lower"], numbers["upper"], file)
+        cells = _positions(table, lines, file)
+        _require_order(numbers["lower"], numbers["upper"], lines, file)
         environments = tuple(dict.fromkeys(environment for environment, _ in cells))
         parameters = tuple(p for p in PARAMETERS if any(parameter == p for _, parameter in cells))
         for environment, parameter in itertools.product(environments, parameters):
@@ -86,12 +88,12 @@ class PublishedLimits:
                     file=file,
                     column="parameter",
                 )
-        n = _one(numbers["n"], "n", file)
+        n = _one(numbers["n"], "n", lines, file)
         if n != int(n) or n < 2:
             raise UsageError(
                 "n must be a whole number of subjects, at least 2.", file=file, column="n", value=str(n)
             )
-        level = _one(numbers["level"], "level", file)
+        level = _one(numbers["level"], "level", lines, file)
         if not 0 < level < 1:
             raise UsageError(
                 "the level must lie between 0 and 1.", file=file, column="level", value=str(level)
@@ -169,10 +171,23 @@ def read_summary(path: str | os.PathLike[str]) -> PublishedLimits:
     """
     file = str(Path(path))
     try:
-        table = pd.read_csv(file, dtype=str, keep_default_na=False, encoding="utf-8-sig")
+        with warnings.catch_warnings():
+            # pandas only warns when a row has more fields than the header, and drops them.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            table = pd.read_csv(
+                file,
+                dtype=str,
+                keep_default_na=False,
+                encoding="utf-8-sig",
+                skip_blank_lines=False,
+                index_col=False,
+            )
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise UsageError(f"the summary cannot be read: {error}.", file=file) from error
-    return PublishedLimits.from_table(table, file=file)
+    except pd.errors.ParserWarning as error:
+        raise UsageError("a row has more fields than the header.", file=file) from error
+    # The index still counts blank lines, so that messages name physical ones.
+    return PublishedLimits.from_table(table[(table != "").any(axis=1)], file=file)
 
 
 def _require_columns(table: pd.DataFrame, file: str | None) -> None:
@@ -188,28 +203,28 @@ def _require_columns(table: pd.DataFrame, file: str | None) -> None:
         raise UsageError("the summary has no rows.", file=file)
 
 
-def _rows_of_cells(table: pd.DataFrame, file: str | None) -> dict[tuple[str, str], int]:
+def _positions(table: pd.DataFrame, lines: list[int], file: str | None) -> dict[tuple[str, str], int]:
     """Position in the table of every (environment, parameter)."""
     cells: dict[tuple[str, str], int] = {}
     for i, (environment, parameter) in enumerate(zip(table["environment"], table["parameter"], strict=True)):
         if parameter not in PARAMETERS:
             raise UsageError(
-                "a parameter is k or b.", file=file, row=i + 2, column="parameter", value=parameter
+                "a parameter is k or b.", file=file, row=lines[i], column="parameter", value=parameter
             )
         first = cells.setdefault((str(environment), parameter), i)
         if first != i:
             raise UsageError(
-                f"{environment}, {parameter} was given before, in row {first + 2}.",
+                f"{environment}, {parameter} was given before, in row {lines[first]}.",
                 file=file,
-                row=i + 2,
+                row=lines[i],
                 column="parameter",
                 value=parameter,
             )
     return cells
 
 
-def _require_order(lower: list[Decimal], upper: list[Decimal], file: str | None) -> None:
-    for row, (low, high) in enumerate(zip(lower, upper, strict=True), start=2):
+def _require_order(lower: list[Decimal], upper: list[Decimal], lines: list[int], file: str | None) -> None:
+    for row, low, high in zip(lines, lower, upper, strict=True):
         if low >= high:
             raise UsageError(
                 f"the upper limit must be above the lower one, {low}.",
@@ -237,8 +252,8 @@ def _number(cell: object, column: str, row: int, file: str | None) -> Decimal:
     return number
 
 
-def _one(numbers: list[Decimal], column: str, file: str | None) -> Decimal:
-    for row, number in enumerate(numbers, start=2):
+def _one(numbers: list[Decimal], column: str, lines: list[int], file: str | None) -> Decimal:
+    for row, number in zip(lines, numbers, strict=True):
         if number != numbers[0]:
             raise UsageError(
                 f"all rows must have the same {column}; the first has {numbers[0]}.",
