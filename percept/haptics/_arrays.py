@@ -1,0 +1,123 @@
+"""Checks on numbers coming in, and arithmetic that keeps true limits where a factor is infinite."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from percept.errors import UsageError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+ComplexArray: TypeAlias = NDArray[np.complex128]
+Scalars: TypeAlias = float | FloatArray
+
+# Beyond these no device exists, and products of a few parameters would leave the range of a double.
+LARGEST = 1e100
+SHORTEST_PERIOD = 1e-100
+
+TINY = float(np.finfo(np.float64).tiny)
+
+
+def real_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
+    """Return `value` as finite doubles, or say what is wrong with it.
+
+    Parameters
+    ----------
+    value : array_like
+        Real numbers; text, booleans, NaN and infinities are refused.
+    name, unit : str
+        How messages call the quantity and its unit.
+
+    Returns
+    -------
+    ndarray of float64
+
+    Raises
+    ------
+    UsageError
+        For anything but finite real numbers of magnitude up to 1e100.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf":
+        raise UsageError(f"{name} must be real numbers in {unit}, not {array.dtype}.", value=value)
+    array = array.astype(np.float64)
+    bad = ~(np.abs(array) <= LARGEST)
+    if bad.any():
+        raise UsageError(
+            f"{name} must be finite and at most {LARGEST:g} {unit} in magnitude.",
+            value=float(array[bad][0]),
+            hint="Look for a missing value (NaN) or a wrong unit.",
+        )
+    return array
+
+
+def nonnegative_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
+    """Return `value` as finite, nonnegative doubles (see `real_array`)."""
+    array = real_array(value, name, unit)
+    if (array < 0).any():
+        raise UsageError(
+            f"{name} must not be negative.",
+            value=float(array[array < 0][0]),
+            hint=f"Give it in {unit}, zero or more.",
+        )
+    return array
+
+
+def ordered_limits(
+    limits: tuple[ArrayLike, ArrayLike], name: str, unit: str
+) -> tuple[FloatArray, FloatArray]:
+    """Return (low, high) as finite doubles with low <= high; either may be negative."""
+    try:
+        low, high = limits
+    except (TypeError, ValueError):
+        raise UsageError(f"limits of {name} must be a pair (low, high) in {unit}.", value=limits) from None
+    low, high = (
+        real_array(low, f"lower limit of {name}", unit),
+        real_array(high, f"upper limit of {name}", unit),
+    )
+    if np.any(low > high):
+        raise UsageError(f"lower limit of {name} is above its upper limit.", hint="Give (low, high).")
+    return low, high
+
+
+def stored(array: FloatArray) -> Scalars:
+    """Return a float for one number, else a read-only copy: what frozen records keep."""
+    if array.ndim == 0:
+        return float(array)
+    kept = array.copy()
+    kept.flags.writeable = False
+    return kept
+
+
+def one_of(value: str, name: str, choices: tuple[str, ...]) -> str:
+    """Return `value` if it is one of `choices`."""
+    if value not in choices:
+        raise UsageError(f"{name} must be one of {', '.join(map(repr, choices))}.", value=value)
+    return value
+
+
+def times(parameter: ArrayLike, factor: ArrayLike) -> FloatArray:
+    """Multiply, with 0·inf = 0: a spring or mass of zero is absent, even where its factor is infinite."""
+    with np.errstate(invalid="ignore"):
+        product = np.multiply(parameter, factor)
+    if np.isfinite(product).all():
+        return product
+    return np.where(np.isnan(product), 0.0, product)
+
+
+def ratio(numerator: ArrayLike, denominator: ArrayLike, *, empty: float) -> FloatArray:
+    """Divide, with x/0 = inf of x's sign and 0/0 = `empty`."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        quotient = np.divide(numerator, denominator)
+    return np.where(np.isnan(quotient), empty, quotient)
+
+
+def complex_from(real: ArrayLike, imaginary: ArrayLike) -> ComplexArray:
+    """Join two parts; real + 1j·imaginary would turn an infinite part into NaN."""
+    real, imaginary = np.broadcast_arrays(real, imaginary)
+    joined = np.empty(real.shape, dtype=np.complex128)
+    joined.real = real
+    joined.imag = imaginary
+    return joined[()]

@@ -1,0 +1,198 @@
+"""Exact range of abs(Z_h) over a box of (k, b), and the paper's corner curves beside it (Eqs 16, 17)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from percept.errors import UsageError
+from percept.haptics._arrays import FloatArray, ordered_limits, real_array, times
+from percept.haptics._warp import checked_period, warp
+from percept.haptics.parameters import AnyDevice, Device
+from percept.haptics.perceived import distance_axes, perceived_magnitude
+
+__all__ = ["corner_crossings", "corner_curves", "magnitude_envelope"]
+
+Limits = tuple[ArrayLike, ArrayLike]
+
+
+def corner_curves(
+    omega: ArrayLike,
+    device: AnyDevice,
+    stiffness: Limits,
+    damping: Limits,
+    period: float,
+    *,
+    mass: ArrayLike = 0.0,
+    hold: str = "average",
+) -> tuple[FloatArray, FloatArray]:
+    """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
+
+    Where the device's mass outweighs the stiffness the second curve runs below the first
+    (`corner_crossings`); for the true range over the box use `magnitude_envelope`.
+
+    Parameters
+    ----------
+    omega : array_like
+        rad/s, up to π/T in magnitude.
+    device : Device or TabulatedDevice
+        The device, Z_d.
+    stiffness, damping : pair of array_like
+        (low, high) of k, N/m, and b, N·s/m; may be negative.
+    period : float
+        Sampling period T, s.
+    mass : array_like, optional
+        m_e, kg.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+
+    Returns
+    -------
+    at_low, at_high : ndarray
+        N·s/m, of the broadcast shape of all arguments.
+
+    Raises
+    ------
+    UsageError
+        A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, or a
+        value that is not finite.
+    """
+    k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
+    b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
+    at_low = perceived_magnitude(omega, device, k_low, b_low, period, mass=mass, hold=hold)
+    return at_low, perceived_magnitude(omega, device, k_high, b_high, period, mass=mass, hold=hold)
+
+
+def magnitude_envelope(
+    omega: ArrayLike,
+    device: AnyDevice,
+    stiffness: Limits,
+    damping: Limits,
+    period: float,
+    *,
+    mass: ArrayLike = 0.0,
+    hold: str = "average",
+) -> tuple[FloatArray, FloatArray]:
+    """Return the exact lowest and highest abs(Z_h) over a box of (k, b).
+
+    abs(Z_h) is a distance from one point in the plane of (g·b, g·k/Ω), where the box stays a box: its nearest
+    point is a clip, its farthest a corner.
+
+    Parameters
+    ----------
+    omega : array_like
+        rad/s, up to π/T in magnitude.
+    device : Device or TabulatedDevice
+        The device, Z_d.
+    stiffness, damping : pair of array_like
+        (low, high) of k, N/m, and b, N·s/m; may be negative.
+    period : float
+        Sampling period T, s.
+    mass : array_like, optional
+        m_e, kg.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+
+    Returns
+    -------
+    lower, upper : ndarray
+        N·s/m, of the broadcast shape of all arguments.
+
+    Raises
+    ------
+    UsageError
+        A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, or a
+        value that is not finite.
+    """
+    (p_low, p_high), (q_low, q_high) = plane_box(
+        omega, device, stiffness, damping, period, mass=mass, hold=hold
+    )
+    lower = np.hypot(_gap(p_low, p_high), _gap(q_low, q_high))
+    upper = np.hypot(np.maximum(np.abs(p_low), np.abs(p_high)), np.maximum(np.abs(q_low), np.abs(q_high)))
+    return lower[()], upper[()]
+
+
+def plane_box(
+    omega: ArrayLike,
+    device: AnyDevice,
+    stiffness: Limits,
+    damping: Limits,
+    period: float,
+    *,
+    mass: ArrayLike,
+    hold: str,
+) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    """Return the ranges of Re and Im of Z_h·e^{jh} over the box, N·s/m."""
+    grid = warp(omega, period)
+    k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
+    b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
+    across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
+    p = (held.gain * b_low + across, held.gain * b_high + across)
+    # g/Ω changes sign with ω.
+    q_ends = along - times(k_low, held.per_rate), along - times(k_high, held.per_rate)
+    q = np.minimum(*q_ends), np.maximum(*q_ends)
+    return p, q
+
+
+def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return the distance of an interval from zero."""
+    return np.maximum(0.0, np.maximum(low, -high))
+
+
+def corner_crossings(
+    device: Device,
+    stiffness: tuple[float, float],
+    damping: tuple[float, float],
+    period: float,
+    *,
+    mass: float = 0.0,
+) -> FloatArray:
+    """Return the ω at which the two corner curves of a rigid device cross, so that the band there is empty.
+
+    The squares of both curves differ by a quadratic in Ω².
+
+    Parameters
+    ----------
+    device : Device
+        Rigid: without modes.
+    stiffness, damping : pair of float
+        (low, high) of k, N/m, and b, N·s/m; may be negative.
+    period : float
+        Sampling period T, s.
+    mass : float, optional
+        m_e, kg.
+
+    Returns
+    -------
+    ndarray, shape (0,), (1,) or (2,)
+        rad/s, increasing, between 0 and π/T, both excluded.
+
+    Raises
+    ------
+    UsageError
+        A device with modes or with arrays for parameters, a lower limit above its upper one, T not positive.
+    """
+    period = checked_period(period)
+    k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
+    b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
+    m, b_d, m_e = np.asarray(device.mass), np.asarray(device.damping), real_array(mass, "mass", "kg")
+    if device.modes or any(array.ndim for array in (m, b_d, m_e, k_low, k_high, b_low, b_high)):
+        raise UsageError("corner crossings are for one rigid device and one box of (k, b).", value=device)
+    dk, db = k_high - k_low, b_high - b_low
+    square = -m * period * db
+    linear = db * (b_low + b_high + 2 * b_d) - 2 * dk * (m + m_e + b_d * period / 2)
+    roots = _positive_roots(float(square), float(linear), float(dk * (k_low + k_high)))
+    return (2 / period) * np.arctan(np.sqrt(roots) * period / 2)
+
+
+def _positive_roots(a: float, b: float, c: float) -> FloatArray:
+    """Return the positive roots of a·u² + b·u + c, increasing, in the form free of cancellation."""
+    if a == 0:
+        roots = [-c / b] if b else []
+    else:
+        discriminant = b * b - 4 * a * c
+        if discriminant < 0:
+            return np.empty(0)
+        larger = -(b + np.copysign(np.sqrt(discriminant), b)) / 2
+        roots = [larger / a, c / larger] if larger else [0.0]
+    return np.array(sorted(root for root in roots if root > 0))

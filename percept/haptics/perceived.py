@@ -1,0 +1,196 @@
+"""What the hand feels: Z_h with and without a virtual coupling (Eqs 11 to 13)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from percept.errors import UsageError
+from percept.haptics._arrays import ComplexArray, FloatArray, complex_from, real_array, times
+from percept.haptics._series import Element, Shown, series
+from percept.haptics._warp import Held, Warp, warp
+from percept.haptics.impedance import device_parts, rotated_device, tustin_damping
+from percept.haptics.parameters import AnyDevice, Coupling, Environment
+
+__all__ = ["perceived_impedance", "perceived_magnitude"]
+
+# Elements handled at once by `perceived_magnitude`: its scratch stays in the cache, whatever the request.
+_BLOCK = 1 << 14
+
+
+def perceived_impedance(
+    omega: ArrayLike,
+    device: AnyDevice,
+    environment: Environment,
+    period: float,
+    *,
+    coupling: Coupling | None = None,
+    hold: str = "average",
+    discretization: str = "tustin",
+) -> ComplexArray:
+    """Return Z_h(jω), Eq. 13, or with a coupling Z_h_vc(jω), Eq. 11.
+
+    Parameters
+    ----------
+    omega : array_like
+        rad/s, up to π/T in magnitude.
+    device : Device or TabulatedDevice
+        The device, Z_d.
+    environment : Environment
+        What is rendered, Z_e; its parameters broadcast against ω.
+    period : float
+        Sampling period T, s.
+    coupling : Coupling, optional
+        Z_c between device and environment; none means rigidly joined.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+    discretization : {"tustin", "backward"}
+        Of the coupling: Eq. 12's form (default) or Eq. 6's.
+
+    Returns
+    -------
+    ndarray of complex
+        N·s/m, of the broadcast shape of all arguments; limits at DC and Nyquist, infinite where the limit is.
+
+    Raises
+    ------
+    UsageError
+        ω above Nyquist or outside a device's table, T not positive, a value that is not finite.
+    """
+    grid = warp(omega, period)
+    if coupling is None:
+        felt = Element(environment.stiffness, environment.damping, environment.mass)
+    else:
+        shown = through_coupling(grid, environment, coupling, discretization)
+        felt = Element(shown.stiffness, shown.damping)
+    real, imaginary = device_parts(grid, device)
+    held_real, held_imaginary = _held_parts(grid, grid.held(hold), felt)
+    return complex_from(real + held_real, imaginary + held_imaginary)
+
+
+def through_coupling(grid: Warp, environment: Environment, coupling: Coupling, discretization: str) -> Shown:
+    """Return what Z_eZ_c/(Z_e + Z_c) shows at each ω."""
+    damping = tustin_damping(coupling, grid.period, discretization)
+    return series(
+        grid,
+        Element(environment.stiffness, environment.damping, environment.mass),
+        Element(coupling.stiffness, damping),
+    )
+
+
+def _held_parts(grid: Warp, held: Held, felt: Element) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of ZOH·(m·s + b + k/s), N·s/m.
+
+    Each product of gain, Ω^±1 and sin h or cos h is written out so that no factor overflows beside one that
+    vanishes; only k at DC and m at Nyquist (true hold) are left with an infinite factor.
+    """
+    spring, inertia = grid.period / 2, 2 / grid.period
+    real = (
+        np.multiply(felt.damping, held.gain * grid.cos)
+        + times(felt.mass, held.rate * grid.sin)
+        - np.multiply(felt.stiffness, held.gain * grid.cos * spring)
+    )
+    imaginary = (
+        np.multiply(felt.mass, held.gain * grid.sin * inertia)
+        - np.multiply(felt.damping, held.gain * grid.sin)
+        - times(felt.stiffness, held.per_rate * grid.cos)
+    )
+    return real, imaginary
+
+
+def perceived_magnitude(
+    omega: ArrayLike,
+    device: AnyDevice,
+    stiffness: ArrayLike,
+    damping: ArrayLike,
+    period: float,
+    *,
+    mass: ArrayLike = 0.0,
+    hold: str = "average",
+    out: FloatArray | None = None,
+) -> FloatArray:
+    """Return abs(Z_h) as a distance, for any real k and b, in bounded memory.
+
+    With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)): in the plane of
+    (g·b, g·k/Ω) it is the distance from one point, set by the device.
+
+    Parameters
+    ----------
+    omega : array_like
+        rad/s, up to π/T in magnitude.
+    device : Device or TabulatedDevice
+        The device, Z_d.
+    stiffness, damping : array_like
+        k, N/m, and b, N·s/m, of the environment; may be negative, as limits and draws are.
+    period : float
+        Sampling period T, s.
+    mass : array_like, optional
+        m_e, kg; may be negative.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+    out : ndarray of float64, optional
+        Receives the result (a memory map will do); its shape must be the broadcast shape.
+
+    Returns
+    -------
+    ndarray
+        N·s/m, of the broadcast shape of ω, stiffness, damping and mass; `out` where it was given. Beside the
+        result only a few blocks of scratch are held, whatever the shape.
+
+    Raises
+    ------
+    UsageError
+        ω above Nyquist or outside a device's table, T not positive, a value that is not finite.
+    """
+    grid = warp(omega, period)
+    k, b = real_array(stiffness, "stiffness", "N/m"), real_array(damping, "damping", "N·s/m")
+    across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
+    arrays = (k, b, held.gain, held.per_rate, across, along)
+    shape = np.broadcast_shapes(*(array.shape for array in arrays))
+    if out is None:
+        out = np.empty(shape)
+    elif out.shape != shape or out.dtype != np.float64:
+        raise UsageError(f"out must be float64 of shape {shape}.", value=(out.dtype, out.shape))
+    full = [np.broadcast_to(array, shape) for array in arrays]
+    at_dc = not np.isfinite(held.per_rate).all()
+    scratch = np.empty(min(_BLOCK, out.size))
+    with np.errstate(invalid="ignore"):
+        for block in _blocks(shape):
+            k, b, gain, per_rate, across, along = (array[block] for array in full)
+            target = out[block]
+            spring = scratch[: target.size].reshape(target.shape)
+            np.multiply(k, per_rate, out=spring)
+            if at_dc:
+                spring[np.isnan(spring)] = 0.0
+            np.subtract(along, spring, out=spring)
+            np.multiply(b, gain, out=target)
+            np.add(target, across, out=target)
+            np.hypot(target, spring, out=target)
+    return out[()]
+
+
+def distance_axes(
+    grid: Warp, device: AnyDevice, mass: FloatArray, hold: str
+) -> tuple[FloatArray, FloatArray, Held]:
+    """Return across, along and the hold such that abs(Z_h) = hypot(g·b + across, along − k·g/Ω)."""
+    held = grid.held(hold)
+    across, along = rotated_device(grid, device)
+    return across, along + times(mass, held.rate), held
+
+
+def _blocks(shape: tuple[int, ...]) -> Iterator[tuple[Any, ...]]:
+    """Yield indices that cut an array of `shape` into blocks of at most `_BLOCK` elements."""
+    axis, size = len(shape), 1
+    while axis and size * shape[axis - 1] <= _BLOCK:
+        axis -= 1
+        size *= shape[axis]
+    if not axis:
+        yield (...,)
+        return
+    step = max(1, _BLOCK // size)
+    for lead in np.ndindex(*shape[: axis - 1]):
+        for start in range(0, shape[axis - 1], step):
+            yield (*lead, slice(start, start + step), ...)
