@@ -36,8 +36,7 @@ class Priors:
     Raises
     ------
     UsageError
-        If a scale is not finite and positive, a location not finite, or `rho_shape` is not 2
-        (the coordinates of the correlations are exact for Beta(2, 2)).
+        If a scale is not finite and positive, or a location not finite.
     """
 
     alpha_sd: float = 1.0
@@ -66,7 +65,3 @@ class Priors:
                     value=value,
                     hint="Leave it out of the scene for its default.",
                 )
-        if self.rho_shape != 2.0:
-            raise UsageError(
-                "only Beta(2, 2) is offered for the correlations.", column="rho_shape", value=self.rho_shape
-            )

@@ -1,0 +1,208 @@
+"""Covariance blocks of one or two parameters, in algebra that does not cancel.
+
+A block holds a 1 x 1 or 2 x 2 covariance for every entry of its axes. The 2 x 2 form is kept as a
+regression: the variance v of the first parameter, the slope g of the second on it and the variance w
+left over, so that A = L diag(v, w) L' with L = [[1, 0], [g, 1]]. Sums, inverses, determinants and
+distances then need positive terms only, and a correlation of 1 - 1e-9 keeps the digits that
+``v1*v2 - c*c`` would lose.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Block", "Pair", "PairPrecision", "Precision", "Scalar", "Vector", "block", "diagonal", "join"]
+
+Array = NDArray[np.float64]
+#: One array per parameter: the components of a vector for every entry of the trailing axes.
+Vector = tuple[Array, ...]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Scalar:
+    """A variance (or, as an inverse, a precision) per entry: the block of a single parameter."""
+
+    v: Array
+
+    def __getitem__(self, key: Any) -> Scalar:
+        return Scalar(self.v[key])
+
+    def __add__(self, other: Block) -> Scalar:
+        assert isinstance(other, Scalar)  # noqa: S101
+        return Scalar(self.v + other.v)
+
+    def plus_diagonal(self, variances: Vector) -> Scalar:
+        """Return the sum with a diagonal block."""
+        return Scalar(self.v + variances[0])
+
+    def total(self) -> Scalar:
+        """Return the sum over the first axis."""
+        return Scalar(self.v.sum(axis=0))
+
+    def scaled(self, factor: Array | float) -> Scalar:
+        """Return the block times a positive number per entry."""
+        return Scalar(self.v * factor)
+
+    def inverse(self) -> Scalar:
+        """Return the inverse block."""
+        return Scalar(1.0 / self.v)
+
+    def log_determinant(self) -> Array:
+        """Return the log determinant per entry."""
+        return np.log(self.v)
+
+    def apply(self, r: Vector) -> Vector:
+        """Return block times vector."""
+        return (self.v * r[0],)
+
+    def whiten(self, r: Vector) -> Vector:
+        """Return F⁻¹r, where F is the lower factor of the block, FF' = A."""
+        return (r[0] / np.sqrt(self.v),)
+
+    def factor_columns(self) -> list[Vector]:
+        """Return the columns of F."""
+        return [(np.sqrt(self.v),)]
+
+    def diagonal(self) -> Vector:
+        """Return the variances, one array per parameter."""
+        return (self.v,)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pair:
+    """A 2 x 2 covariance per entry: variance of the first, slope, variance left of the second."""
+
+    v: Array
+    g: Array
+    w: Array
+
+    def __getitem__(self, key: Any) -> Pair:
+        return Pair(self.v[key], self.g[key], self.w[key])
+
+    def __add__(self, other: Block) -> Pair:
+        assert isinstance(other, Pair)  # noqa: S101
+        return Pair(*_sum_of_two(self.v, self.g, self.w, other.v, other.g, other.w))
+
+    def plus_diagonal(self, variances: Vector) -> Pair:
+        """Return the sum with a diagonal block."""
+        v = self.v + variances[0]
+        share = variances[0] / v
+        # v (g - s)² + d1 s² with s = g v/(v + d1) is g² v d1/(v + d1).
+        return Pair(v, self.g * (self.v / v), self.w + variances[1] + self.g * self.g * self.v * share)
+
+    def scaled(self, factor: Array | float) -> Pair:
+        """Return the block times a positive number per entry."""
+        return Pair(self.v * factor, self.g, self.w * factor)
+
+    def inverse(self) -> PairPrecision:
+        """Return the inverse block."""
+        return PairPrecision(1.0 / self.w, -self.g, 1.0 / self.v)
+
+    def log_determinant(self) -> Array:
+        """Return the log determinant per entry."""
+        return np.log(self.v) + np.log(self.w)
+
+    def apply(self, r: Vector) -> Vector:
+        """Return block times vector."""
+        first = self.v * (r[0] + self.g * r[1])
+        return (first, self.g * first + self.w * r[1])
+
+    def whiten(self, r: Vector) -> Vector:
+        """Return F⁻¹r, where F is the lower factor of the block, FF' = A."""
+        return (r[0] / np.sqrt(self.v), (r[1] - self.g * r[0]) / np.sqrt(self.w))
+
+    def factor_columns(self) -> list[Vector]:
+        """Return the columns of F."""
+        root = np.sqrt(self.v)
+        return [(root, self.g * root), (np.zeros_like(root), np.sqrt(self.w))]
+
+    def diagonal(self) -> Vector:
+        """Return the variances, one array per parameter."""
+        return (self.v, self.w + self.g * self.g * self.v)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PairPrecision:
+    """Inverse of a `Pair`: the same regression with the parameters in the other order."""
+
+    v: Array
+    g: Array
+    w: Array
+
+    def total(self) -> PairPrecision:
+        """Return the sum over the first axis."""
+        v = self.v.sum(axis=0)
+        g = (self.v * self.g).sum(axis=0) / v
+        apart = self.g - g
+        return PairPrecision(v, g, self.w.sum(axis=0) + (self.v * apart * apart).sum(axis=0))
+
+    def inverse(self) -> Pair:
+        """Return the covariance this is the inverse of."""
+        return Pair(1.0 / self.w, -self.g, 1.0 / self.v)
+
+    def log_determinant(self) -> Array:
+        """Return the log determinant per entry."""
+        return np.log(self.v) + np.log(self.w)
+
+    def apply(self, r: Vector) -> Vector:
+        """Return block times vector."""
+        second = self.v * (r[1] + self.g * r[0])
+        return (self.w * r[0] + self.g * second, second)
+
+
+Block = Scalar | Pair
+Precision = Scalar | PairPrecision
+
+
+def _sum_of_two(
+    v1: Array, g1: Array, w1: Array, v2: Array, g2: Array, w2: Array
+) -> tuple[Array, Array, Array]:
+    v = v1 + v2
+    apart = g1 - g2
+    share = v2 / v
+    return v, g1 - share * apart, w1 + w2 + v1 * share * apart * apart
+
+
+def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = None) -> Block:
+    """Build a block from standard deviations and, for two parameters, a correlation.
+
+    Parameters
+    ----------
+    sd : tuple of ndarray
+        Standard deviations, one array per parameter, any common shape.
+    rho : ndarray, optional
+        Correlation, broadcastable to the shape of `sd`; with two parameters only.
+    one_minus_size : ndarray, optional
+        1 - abs(rho), given separately because it cannot be had from `rho` near the ends.
+
+    Returns
+    -------
+    Scalar or Pair
+        The covariance per entry.
+    """
+    if len(sd) == 1:
+        return Scalar(sd[0] * sd[0])
+    if rho is None or one_minus_size is None:
+        return diagonal((sd[0] * sd[0], sd[1] * sd[1]))
+    left = one_minus_size * (1.0 + np.abs(rho))
+    return Pair(sd[0] * sd[0], rho * (sd[1] / sd[0]), sd[1] * sd[1] * left)
+
+
+def diagonal(variances: Vector) -> Block:
+    """Build a block without covariance from its variances, one array per parameter."""
+    if len(variances) == 1:
+        return Scalar(variances[0])
+    return Pair(variances[0], np.zeros_like(variances[0]), variances[1])
+
+
+def join(parts: Sequence[Block]) -> Block:
+    """Stack blocks along a new first axis."""
+    if isinstance(parts[0], Scalar):
+        return Scalar(np.stack([part.v for part in parts]))
+    pairs = [part for part in parts if isinstance(part, Pair)]
+    return Pair(*(np.stack([getattr(pair, name) for pair in pairs]) for name in ("v", "g", "w")))

@@ -1,0 +1,145 @@
+"""The collapsed posterior density: every location and subject effect integrated out exactly."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.hierarchy import coordinates
+from percept.inference.hierarchy.blocks import Block
+from percept.inference.hierarchy.covariance import SharedCovariance
+from percept.inference.hierarchy.least_squares import factor
+from percept.inference.hierarchy.locations import LocationProblem
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.scales import Layout, Options, Scales
+from percept.inference.hierarchy.statistics import Pattern, Statistics
+
+__all__ = ["CollapsedDensity", "Resolution"]
+
+Array = NDArray[np.float64]
+_LOG_2PI = math.log(2.0 * math.pi)
+
+
+@dataclasses.dataclass(frozen=True)
+class Resolution:
+    """Variance that a finite resolution of the adjustment adds, on the response scale.
+
+    Attributes
+    ----------
+    between, trial : ndarray, shape (P, J), or None
+        Added to the between-subject and to the between-trial variances.
+    """
+
+    between: Array | None = None
+    trial: Array | None = None
+
+
+class CollapsedDensity:
+    """Log posterior density of the scales and correlations, vectorised over draws.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        The study.
+    priors : Priors, optional
+        Prior scales.
+    options : Options, optional
+        Simpler models asked for.
+    resolution : Resolution, optional
+        Variance added for the resolution of the adjustment.
+    """
+
+    def __init__(
+        self,
+        statistics: Statistics,
+        priors: Priors | None = None,
+        options: Options | None = None,
+        resolution: Resolution | None = None,
+    ) -> None:
+        self.statistics = statistics
+        self.priors = priors or Priors()
+        self.resolution = resolution or Resolution()
+        self.layout = Layout(statistics, self.priors, options or Options())
+        self.locations = LocationProblem(statistics, self.layout, self.priors)
+        trials = sum(p.subjects * p.trials.sum() for p in statistics.patterns)
+        self._constant = statistics.constant - 0.5 * _LOG_2PI * len(statistics.parameters) * float(trials)
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates."""
+        return self.layout.dimension
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates, in order."""
+        return self.layout.names
+
+    def __call__(self, points: Array) -> Array:
+        """Log posterior density, up to the evidence.
+
+        Parameters
+        ----------
+        points : ndarray, shape (W, dimension)
+            Coordinates; W draws at once.
+
+        Returns
+        -------
+        ndarray, shape (W,)
+            -inf beyond `coordinates.LIMIT`, otherwise finite.
+        """
+        inside = np.max(np.abs(points), axis=1) <= coordinates.LIMIT
+        coords = np.ascontiguousarray(np.where(inside[:, None], points, 0.0).T)
+        scales = self.layout.scales(coords)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
+            value = scales.log_prior + self.log_likelihood(scales)
+        return np.where(inside & ~np.isnan(value), value, -np.inf)
+
+    def log_likelihood(self, scales: Scales) -> Array:
+        """Log density of the data given scales, locations and subject effects integrated out.
+
+        Parameters
+        ----------
+        scales : Scales
+            W sets of scales.
+
+        Returns
+        -------
+        ndarray, shape (W,)
+        """
+        statistics = self.statistics
+        value = np.full(scales.log_prior.shape, self._constant)
+        trial = self.trial_block(scales)
+        if trial is not None:
+            whitened = trial.whiten(tuple(statistics.trial_rows[..., None]))
+            squares = sum(np.einsum("kjw,kjw->w", part, part) for part in whitened)
+            determinants = np.einsum("j,jw->w", statistics.trial_df, trial.log_determinant())
+            value = value - 0.5 * (squares + determinants)
+        cells = [self.cell_block(scales, trial, pattern) for pattern in statistics.patterns]
+        for pattern, cell in zip(statistics.patterns, cells, strict=True):
+            if pattern.subjects > 1:
+                covariance = SharedCovariance(cell, scales.shared)
+                value = value - 0.5 * (
+                    (pattern.subjects - 1.0) * covariance.log_determinant()
+                    + covariance.scatter_distance(pattern.rows)
+                )
+        problem = self.locations.build(scales, cells)
+        solved = factor(problem.design, problem.target)
+        return value - 0.5 * (problem.log_determinant + solved.log_determinant + solved.distance)
+
+    def trial_block(self, scales: Scales) -> Block | None:
+        """Covariance between trials with the resolution's share, entries (J, W)."""
+        if scales.trial is None or self.resolution.trial is None:
+            return scales.trial
+        return scales.trial.plus_diagonal(tuple(self.resolution.trial[..., None]))
+
+    def cell_block(self, scales: Scales, trial: Block | None, pattern: Pattern) -> Block:
+        """Covariance of one cell mean about the subject's effect, entries (E, W)."""
+        cell = scales.between[pattern.environments]
+        if self.resolution.between is not None:
+            cell = cell.plus_diagonal(tuple(self.resolution.between[:, pattern.environments, None]))
+        if trial is not None:
+            cell = cell + trial[pattern.environments].scaled(1.0 / pattern.trials[:, None])
+        return cell

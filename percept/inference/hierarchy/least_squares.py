@@ -1,0 +1,106 @@
+"""Gaussian latents integrated by orthogonalisation, for many scales at once.
+
+With y | xi ~ N(A xi, I) and xi ~ N(0, I), everything wanted of y and of xi given y comes from the
+triangular factor of [[I], [A]]. Modified Gram-Schmidt with the target carried along is backward
+stable for this; normal equations, and Woodbury's identity, subtract large numbers instead.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Factored", "factor"]
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Factored:
+    """Result of `factor` for latents of dimension q and W sets of scales.
+
+    Attributes
+    ----------
+    log_determinant : ndarray, shape (W,)
+        log det(I + A'A).
+    distance : ndarray, shape (W,)
+        y'(I + AA')⁻¹y, a sum of squares.
+    triangle : ndarray, shape (q, q, W)
+        Upper triangular R with R'R = I + A'A.
+    coefficients : ndarray, shape (q, W)
+        R times the conditional mean of xi.
+    """
+
+    log_determinant: Array
+    distance: Array
+    triangle: Array
+    coefficients: Array
+
+    def solve(self, right: Array) -> Array:
+        """Solve R x = right for x, `right` of shape (q, ..., W)."""
+        return _back_substitute(self.triangle, right)
+
+    def solve_transposed(self, right: Array) -> Array:
+        """Solve R'x = right for x, `right` of shape (q, ..., W)."""
+        size = self.triangle.shape[0]
+        solution = np.array(np.broadcast_to(right, right.shape[:-1] + self.triangle.shape[-1:]))
+        for i in range(size):
+            solution[i] /= self.triangle[i, i]
+            for k in range(i + 1, size):
+                solution[k] -= self.triangle[i, k] * solution[i]
+        return solution
+
+    @property
+    def mean(self) -> Array:
+        """Conditional mean of xi, shape (q, W)."""
+        return self.solve(self.coefficients)
+
+
+def _back_substitute(triangle: Array, right: Array) -> Array:
+    solution = np.array(np.broadcast_to(right, right.shape[:-1] + triangle.shape[-1:]))
+    for i in reversed(range(triangle.shape[0])):
+        solution[i] /= triangle[i, i]
+        for k in range(i):
+            solution[k] -= triangle[k, i] * solution[i]
+    return solution
+
+
+def factor(design: Array, target: Array) -> Factored:
+    """Factor [[I], [A]] and project the target, for every set of scales.
+
+    Parameters
+    ----------
+    design : ndarray, shape (q, M, W)
+        Columns of A, whitened.
+    target : ndarray, shape (M, W)
+        y, whitened.
+
+    Returns
+    -------
+    Factored
+    """
+    size, rows, width = design.shape
+    work = np.zeros((size + 1, size + rows, width))
+    work[:size, size:] = design
+    work[size, size:] = target
+    for i in range(size):
+        work[i, i] = 1.0
+    triangle = np.zeros((size, size, width))
+    coefficients = np.empty((size, width))
+    log_determinant = np.zeros(width)
+    for i in range(size):
+        column = work[i]
+        square = np.einsum("mw,mw->w", column, column)
+        norm = np.sqrt(square)
+        column /= norm
+        shares = np.einsum("mw,kmw->kw", column, work[i + 1 :])
+        for k in range(i + 1, size + 1):
+            work[k] -= shares[k - i - 1] * column
+        triangle[i, i] = norm
+        triangle[i, i + 1 :] = shares[:-1]
+        coefficients[i] = shares[-1]
+        log_determinant += np.log(square)
+    residual = work[size]
+    return Factored(log_determinant, np.einsum("mw,mw->w", residual, residual), triangle, coefficients)

@@ -1,0 +1,167 @@
+"""Locations given the scales: one Gaussian regression, in the smaller of two exact forms.
+
+Cell means of pattern g in environment j are z_gj = beta_j + ubar_g + noise with
+beta_j = alpha + gamma x_j + delta_j. Either the environments' own biases delta_j are summed out and
+the patterns' mean subject effects ubar_g kept as latents, or the other way round; whichever leaves
+fewer latents. With a single pattern alpha and ubar enter only as their sum, so they merge.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.hierarchy.blocks import Block, Vector
+from percept.inference.hierarchy.covariance import SharedCovariance
+from percept.inference.hierarchy.pooling import Pooled
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.scales import Layout, Scales
+from percept.inference.hierarchy.statistics import Statistics
+
+__all__ = ["LocationProblem", "Whitened"]
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Whitened:
+    """A regression on standard normal latents with unit noise.
+
+    Attributes
+    ----------
+    design : ndarray, shape (q, M, W)
+        Columns of the whitened design.
+    target : ndarray, shape (M, W)
+        Whitened pattern means.
+    log_determinant : ndarray, shape (W,)
+        log det of the noise covariance that was whitened away.
+    """
+
+    design: Array
+    target: Array
+    log_determinant: Array
+
+
+class LocationProblem:
+    """Builds the regression of the pattern means on the locations.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        The study.
+    layout : Layout
+        Which parts the model has.
+    priors : Priors
+        Prior scales of alpha and gamma.
+    """
+
+    def __init__(self, statistics: Statistics, layout: Layout, priors: Priors) -> None:
+        self._patterns = statistics.patterns
+        self._x = statistics.x
+        self._size = layout.parameters
+        self._environments = layout.environments
+        self._trend = layout.trend
+        self._subject_effect = layout.subject_effect
+        self._alpha_sd = priors.alpha_sd
+        self._gamma_sd = priors.gamma_sd
+        effects = len(self._patterns) if self._subject_effect else 0
+        self.merged = effects == 1
+        self.by_environment = self._trend and self._environments < effects
+
+    def build(self, scales: Scales, cells: list[Block], *, merge: bool = True) -> Whitened:
+        """Whiten the pattern means and the design of the latents.
+
+        Parameters
+        ----------
+        scales : Scales
+            W sets of scales.
+        cells : list of Block, entries (E, W)
+            Covariance of one cell mean about the subject's effect, per pattern.
+        merge : bool
+            Let alpha and the mean subject effect of a single pattern be one latent.
+
+        Returns
+        -------
+        Whitened
+            Latents in the order alpha, gamma, then delta per environment or ubar per pattern; each
+            with its parameters in order.
+        """
+        if self.by_environment:
+            return self._keeping_biases(scales, cells)
+        return self._keeping_effects(scales, cells, merge=merge and self.merged)
+
+    def noise(self, cells: list[Block]) -> list[Block]:
+        """Covariance of each pattern's mean about its mean subject effect, entries (E, W)."""
+        return [
+            cell.scaled(1.0 / pattern.subjects) for cell, pattern in zip(cells, self._patterns, strict=True)
+        ]
+
+    def unit(self, p: int, size: Array | float) -> Vector:
+        """Vector with `size` at parameter `p`."""
+        return tuple(np.asarray(size) if q == p else np.zeros_like(size) for q in range(self._size))
+
+    def _trend_columns(self, shape: tuple[int, int]) -> list[Vector]:
+        """Columns of alpha and gamma over environments, before whitening, entries (J, W)."""
+        columns = [self.unit(p, np.full(shape, self._alpha_sd)) for p in range(self._size)]
+        if self._trend:
+            columns += [
+                self.unit(p, np.broadcast_to(self._gamma_sd * self._x[p][:, None], shape))
+                for p in range(self._size)
+            ]
+        return columns
+
+    def _keeping_biases(self, scales: Scales, cells: list[Block]) -> Whitened:
+        width = scales.log_prior.size
+        tau = scales.tau
+        assert tau is not None and scales.shared is not None  # noqa: S101
+        columns = self._trend_columns((self._environments, width))
+        for j in range(self._environments):
+            at = (np.arange(self._environments) == j)[:, None]
+            columns += [self.unit(p, at * tau[p]) for p in range(self._size)]
+        targets: list[Array] = []
+        rows: list[list[Array]] = [[] for _ in columns]
+        log_determinant = np.zeros(width)
+        for pattern, noise in zip(self._patterns, self.noise(cells), strict=True):
+            covariance = SharedCovariance(noise, scales.shared.scaled(1.0 / pattern.subjects))
+            log_determinant += covariance.log_determinant()
+            mean = tuple(np.broadcast_to(m[:, None], (m.size, width)) for m in pattern.mean)
+            targets += _flatten(covariance.whiten(mean))
+            for k, column in enumerate(columns):
+                part = tuple(c[pattern.environments] for c in column)
+                rows[k] += _flatten(covariance.whiten(part))
+        design = np.stack([np.concatenate(row) for row in rows])
+        return Whitened(design, np.concatenate(targets), log_determinant)
+
+    def _keeping_effects(self, scales: Scales, cells: list[Block], *, merge: bool) -> Whitened:
+        width = scales.log_prior.size
+        pooled = Pooled(self._patterns, self.noise(cells), self._environments)
+        spread = pooled.spread
+        if scales.tau is not None:
+            spread = spread.plus_diagonal(tuple(tau * tau for tau in scales.tau))
+        columns = self._trend_columns((self._environments, width))
+        deviations = _flatten(pooled.deviations)
+        rows = [[np.zeros((len(deviations), width))] for _ in columns]
+        if scales.shared is not None and merge:
+            subjects = self._patterns[0].subjects
+            prior = scales.shared.scaled(1.0 / subjects).plus_diagonal((self._alpha_sd**2,) * self._size)
+            columns[: self._size] = prior.factor_columns()
+        elif scales.shared is not None:
+            for g, pattern in enumerate(self._patterns):
+                for effect in scales.shared.scaled(1.0 / pattern.subjects).factor_columns():
+                    columns.append(pooled.effect_on_mean(g, effect))
+                    rows.append([np.reshape(_flatten(pooled.effect_on_deviations(g, effect)), (-1, width))])
+        design = [
+            np.concatenate([*_flatten([spread.whiten(column)]), *below])
+            for column, below in zip(columns, rows, strict=True)
+        ]
+        target = np.concatenate([*_flatten([spread.whiten(pooled.mean)]), np.reshape(deviations, (-1, width))])
+        log_determinant = pooled.log_determinant + spread.log_determinant().sum(axis=0)
+        return Whitened(np.stack(design), target, log_determinant)
+
+
+def _flatten(pieces: list[Vector]) -> list[Array]:
+    """Rows of every component of every piece, each of shape (rows, W)."""
+    return [np.reshape(c, (-1, c.shape[-1])) for piece in pieces for c in piece]

@@ -1,0 +1,239 @@
+"""From coordinates to the scales and correlations of the model, with their prior density."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.hierarchy import coordinates
+from percept.inference.hierarchy.blocks import Block, Vector, block
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.statistics import Statistics
+
+__all__ = ["Layout", "Options", "Scales"]
+
+Array = NDArray[np.float64]
+_LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options:
+    """Simpler models an analyst can ask for.
+
+    Attributes
+    ----------
+    subject_effect : bool
+        Whether subjects carry an effect u shared by environments.
+    weber : bool
+        Fix kappa = 0: the spread is a constant fraction of the reference.
+    common_spread : bool
+        Fix omega = 0: the spread follows its trend exactly.
+    """
+
+    subject_effect: bool = True
+    weber: bool = False
+    common_spread: bool = False
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Scales:
+    """Scales and correlations of the model for W draws; P parameters, J environments.
+
+    Attributes
+    ----------
+    between : Block, entries (J, W)
+        Covariance between subjects within an environment, Sigma_w.
+    shared : Block or None, entries (W,)
+        Covariance of the subject effect, Sigma_u.
+    trial : Block or None, entries (J, W)
+        Covariance between trials, Sigma_e.
+    tau : tuple of ndarray or None, each (W,)
+        SD of an environment's own bias.
+    named : dict of str to ndarray
+        Every scale and correlation by name, (W,), (P, W) or (P, J, W).
+    log_prior : ndarray, shape (W,)
+        Prior density of the coordinates.
+    """
+
+    between: Block
+    shared: Block | None
+    trial: Block | None
+    tau: Vector | None
+    named: dict[str, Array]
+    log_prior: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class _Level:
+    """Names and priors of one level's SDs: between subjects, or between trials."""
+
+    suffix: str
+    log_s_mean: float
+    log_s_sd: float
+    kappa_sd: float
+    omega_scale: float
+
+
+class Layout:
+    """Order of the coordinates and their map to `Scales`.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        The study; decides which parts of the model there are.
+    priors : Priors
+        Prior scales.
+    options : Options
+        Simpler models asked for.
+    """
+
+    def __init__(self, statistics: Statistics, priors: Priors, options: Options) -> None:
+        self.statistics = statistics
+        self.priors = priors
+        self.parameters = len(statistics.parameters)
+        self.environments = len(statistics.environments)
+        self.trend = self.environments > 1
+        self.subject_effect = options.subject_effect and self.trend and not statistics.summary
+        self.weber = options.weber
+        self.common_spread = options.common_spread and self.trend
+        self.levels = [
+            _Level("", priors.log_s_mean, priors.log_s_sd, priors.kappa_sd, priors.omega_scale)
+        ]
+        if statistics.repeats:
+            self.levels.append(
+                _Level(
+                    "_e", priors.log_s_e_mean, priors.log_s_e_sd, priors.kappa_e_sd, priors.omega_e_scale
+                )
+            )
+        self._rough = [self._rough_between(), self._rough_trial()]
+        self._slots: dict[str, slice] = {}
+        self.names: list[str] = []
+        for level in self.levels:
+            self._add_level(level)
+        if self.subject_effect:
+            self._add("sigma_u", self._per_parameter("sigma_u"))
+            if self.parameters == 2:
+                self._add("rho_u", ["rho_u"])
+        if self.trend:
+            self._add("tau", self._per_parameter("tau"))
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates."""
+        return len(self.names)
+
+    def _per_parameter(self, name: str) -> list[str]:
+        return [f"{name}[{p}]" for p in self.statistics.parameters]
+
+    def _add(self, key: str, names: list[str]) -> None:
+        self._slots[key] = slice(len(self.names), len(self.names) + len(names))
+        self.names.extend(names)
+
+    def _add_level(self, level: _Level) -> None:
+        if not self.common_spread:
+            names = [
+                f"sigma{level.suffix}[{p},{environment}]"
+                for p in self.statistics.parameters
+                for environment in self.statistics.environments
+            ]
+            self._add("sigma" + level.suffix, names)
+        if self.trend:
+            self._add("log_s" + level.suffix, self._per_parameter("log_s" + level.suffix))
+            if not self.weber:
+                self._add("kappa" + level.suffix, self._per_parameter("kappa" + level.suffix))
+            if not self.common_spread:
+                self._add("omega" + level.suffix, self._per_parameter("omega" + level.suffix))
+        if self.parameters == 2:
+            self._add("rho_w" if not level.suffix else "rho_e", ["rho_w" if not level.suffix else "rho_e"])
+
+    def _rough_between(self) -> tuple[Array, Array]:
+        sd, df = self.statistics.sd, self.statistics.df
+        with np.errstate(divide="ignore"):
+            return np.where(sd > 0, np.log(np.where(sd > 0, sd, 1.0)), 0.0), np.where(sd > 0, 2.0 * df, 0.0)
+
+    def _rough_trial(self) -> tuple[Array, Array]:
+        df = np.broadcast_to(self.statistics.trial_df, (self.parameters, self.environments))
+        scatter = np.sqrt((self.statistics.trial_rows**2).sum(axis=1) / np.maximum(df, 1))
+        return np.where(scatter > 0, np.log(np.where(scatter > 0, scatter, 1.0)), 0.0), np.where(
+            scatter > 0, 2.0 * df, 0.0
+        )
+
+    def scales(self, coords: Array) -> Scales:
+        """Map coordinates to scales.
+
+        Parameters
+        ----------
+        coords : ndarray, shape (dimension, W)
+            Coordinates, each within `coordinates.LIMIT` of zero.
+
+        Returns
+        -------
+        Scales
+        """
+        named: dict[str, Array] = {}
+        free = coords
+        log_prior = -0.5 * (_LOG_2PI * self.dimension + np.zeros(coords.shape[1]))
+        blocks: list[Block] = []
+        counted = np.ones(self.dimension, dtype=bool)
+        for level, rough in zip(self.levels, self._rough, strict=False):
+            sd, log_density = self._level_sd(level, rough, coords, named)
+            if not self.common_spread:
+                counted[self._slots["sigma" + level.suffix]] = False
+                log_prior = log_prior + log_density
+            rho = self._correlation("rho_e" if level.suffix else "rho_w", coords, named)
+            blocks.append(block(tuple(sd), *rho))
+        log_prior = log_prior - 0.5 * np.einsum("dw,dw->w", free[counted], free[counted])
+        shared = None
+        if self.subject_effect:
+            sigma_u = coordinates.half_normal(coords[self._slots["sigma_u"]], self.priors.sigma_u_scale)
+            named["sigma_u"] = sigma_u
+            shared = block(tuple(sigma_u), *self._correlation("rho_u", coords, named))
+        tau = None
+        if self.trend:
+            named["tau"] = coordinates.half_normal(coords[self._slots["tau"]], self.priors.tau_scale)
+            tau = tuple(named["tau"])
+        trial = blocks[1] if len(blocks) > 1 else None
+        return Scales(blocks[0], shared, trial, tau, named, log_prior)
+
+    def _level_sd(
+        self, level: _Level, rough: tuple[Array, Array], coords: Array, named: dict[str, Array]
+    ) -> tuple[Array, Array]:
+        """SDs of one level, shape (P, J, W), and the log density of their coordinates."""
+        suffix = level.suffix
+        shape = (self.parameters, self.environments, coords.shape[1])
+        if self.trend:
+            log_s = level.log_s_mean + level.log_s_sd * coords[self._slots["log_s" + suffix]]
+            named["s" + suffix] = np.exp(log_s)
+            centre = np.broadcast_to(log_s[:, None, :], shape)
+            if not self.weber:
+                kappa = level.kappa_sd * coords[self._slots["kappa" + suffix]]
+                named["kappa" + suffix] = kappa
+                centre = centre + kappa[:, None, :] * self.statistics.x[..., None]
+        else:
+            centre = np.full(shape, level.log_s_mean)
+        if self.common_spread:
+            named["sigma" + suffix] = np.exp(centre)
+            return named["sigma" + suffix], np.zeros(coords.shape[1])
+        if self.trend:
+            omega = coordinates.half_normal(coords[self._slots["omega" + suffix]], level.omega_scale)
+            named["omega" + suffix] = omega
+            spread = omega[:, None, :]
+        else:
+            spread = np.full((1, 1, 1), level.log_s_sd)
+        u = coords[self._slots["sigma" + suffix]].reshape(shape)
+        value, log_density = coordinates.log_sigma(
+            u, centre, spread, rough[0][..., None], rough[1][..., None]
+        )
+        named["sigma" + suffix] = np.exp(value)
+        return named["sigma" + suffix], log_density.sum(axis=(0, 1))
+
+    def _correlation(
+        self, name: str, coords: Array, named: dict[str, Array]
+    ) -> tuple[Array | None, Array | None]:
+        if name not in self._slots:
+            return None, None
+        rho, rest = coordinates.correlation(coords[self._slots[name]][0], self.priors.rho_shape)
+        named[name] = rho
+        return rho, rest
