@@ -241,12 +241,11 @@ def _match(z: NDArray[np.float64], mean: float, sd: float, where: str) -> NDArra
         values = np.exp(c * shape)
         return float(values.std(ddof=1) / values.mean()) - sd / mean
 
-    steep = 1.0
-    while excess(steep) <= 0:
-        steep *= 2
-        if steep > 1e6:
-            raise RefusalError(f"{where}: the drawn scores cannot be spread enough; try another seed.")
-    values = np.exp(brentq(excess, 0.0, steep, xtol=1e-14, rtol=1e-14) * shape)
+    # Beyond this slope the smallest value would underflow to zero.
+    steepest = 700 / -shape.min()
+    if excess(steepest) <= 0:
+        raise RefusalError(f"{where}: the scores drawn cannot be spread that far.", hint="Try another seed.")
+    values = np.exp(brentq(excess, 0.0, steepest, xtol=1e-14, rtol=1e-14) * shape)
     return mean / values.mean() * values
 
 

@@ -97,6 +97,9 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
             raise RefusalError("a simulated value is not finite.", file=str(target), column=name)
         text[name] = [np.format_float_positional(value, trim="-") for value in values]
     part = target.with_name(target.name + ".part")
-    part.write_bytes(text.to_csv(index=False, lineterminator="\n").encode())
-    part.replace(target)
+    try:
+        part.write_bytes(text.to_csv(index=False, lineterminator="\n").encode())
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
     return target

@@ -1,0 +1,93 @@
+"""The data sets that come with percept: true to print, true to their seed, true to their description."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from percept.simulate import realised_correlations, simulate_like_csv, write_sessions
+from percept.simulate.like import BETWEEN, CORRELATION
+
+DATASETS = Path(__file__).parents[2] / "datasets"
+SESSIONS = DATASETS / "hbfd_sessions.csv"
+
+# Table 1 of the paper, typed from its page.
+PRINTED = {
+    ("VE1", "k"): ("10", "10.808", "19.02"),
+    ("VE1", "b"): ("0.1", "0.0356", "1.3335"),
+    ("VE2", "k"): ("1000", "944.85", "1017.2"),
+    ("VE2", "b"): ("1", "1.2404", "1.5316"),
+    ("VE3", "k"): ("10000", "8979.9", "9954.1"),
+    ("VE3", "b"): ("10", "8.188", "13.146"),
+    ("VE4", "k"): ("25000", "23316", "24968"),
+    ("VE4", "b"): ("25", "21.447", "27.549"),
+    ("VE5", "k"): ("50000", "39498", "47829"),
+    ("VE5", "b"): ("50", "79.933", "112.34"),
+}
+
+
+def cells(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_table_1_is_as_printed() -> None:
+    rows = cells(DATASETS / "hbfd_table1.csv")
+    found = {
+        (row["environment"], row["parameter"]): (row["reference"], row["lower"], row["upper"]) for row in rows
+    }
+    assert list(found) == list(PRINTED)
+    assert found == PRINTED
+    assert len(rows) == 10
+    assert {(row["n"], row["level"]) for row in rows} == {("10", "0.99")}
+
+
+@pytest.mark.parametrize(("environment", "parameter"), PRINTED)
+def test_sessions_give_the_printed_limits(environment: str, parameter: str, printed_limits) -> None:  # type: ignore[no-untyped-def]
+    reference, lower, upper = PRINTED[environment, parameter]
+    rows = [row for row in cells(SESSIONS) if row["environment"] == environment]
+    assert {row[f"{parameter}_ref"] for row in rows} == {reference}
+    values = [row[f"{parameter}_adj"] for row in rows]
+    assert len(values) == 10
+    assert printed_limits(values, "0.99", (lower, upper)) == (lower, upper)
+
+
+def test_sessions_are_a_full_positive_grid_that_says_it_is_simulated() -> None:
+    rows = cells(SESSIONS)
+    assert [(row["subject"], row["environment"]) for row in rows] == [
+        (f"S{i:02d}", f"VE{j}") for i in range(1, 11) for j in range(1, 6)
+    ]
+    assert {(row["session"], row["trial"], row["source"]) for row in rows} == {("1", "1", "simulated")}
+    assert all(float(row[name]) > 0 for row in rows for name in ("k_adj", "b_adj"))
+
+
+def test_sessions_come_from_their_seed(tmp_path: Path) -> None:
+    again = write_sessions(simulate_like_csv(DATASETS / "hbfd_table1.csv", seed=1), tmp_path / "again.csv")
+    assert again.read_bytes() == SESSIONS.read_bytes()
+
+
+def test_the_description_has_the_columns_and_the_correlations() -> None:
+    text = (DATASETS / "README.md").read_text(encoding="utf-8")
+    for name in ("hbfd_table1.csv", "hbfd_sessions.csv"):
+        for column in cells(DATASETS / name)[0]:
+            assert f"`{column}`" in text, (name, column)
+    found = realised_correlations(pd.read_csv(SESSIONS))
+    assert f"| {CORRELATION} | {found.within:.4f} |" in text
+    assert f"| {BETWEEN} | {found.across:.4f} |" in text
+    # One correlation of ten subjects has a standard error near 0.3; these averages are far nearer.
+    assert abs(found.within - CORRELATION) < 0.01
+    assert abs(found.across - BETWEEN) < 0.01
+
+
+def test_the_scene() -> None:
+    text = (DATASETS / "hbfd.toml").read_text(encoding="utf-8")
+    scene = tomllib.loads(text)
+    assert scene["device"] == {"mass": 1.0, "damping": 5.0, "period": 0.001}
+    assert scene["coupling"] == {"stiffness": 50e3, "damping": 100.0}
+    assert scene["frequency"] == {"lower": 0.1, "upper": 100.0}
+    assert scene["inference"] == {"level": 0.99, "family": "lognormal", "tolerance": 0.01}
+    assert "Illustrative" in text

@@ -1,0 +1,251 @@
+"""The hierarchical model run forwards, against the moments its text implies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+
+from percept.errors import UsageError
+from percept.inference.hierarchy.priors import Priors
+from percept.simulate import (
+    Design,
+    Hyperparameters,
+    TrueValues,
+    draw_environments,
+    draw_hyperparameters,
+    draw_responses,
+)
+from percept.simulate.model import generator
+
+REFERENCES = [[10.0, 0.1], [1000.0, 1.0], [10000.0, 10.0], [25000.0, 25.0], [50000.0, 50.0]]
+DRAWS = 3000
+# Fixed seeds: a right sampler passes each of these at odds of 10 000 to 1.
+UNLIKELY = 1e-4
+
+
+def hyperparameters(**changes: object) -> Hyperparameters:
+    values: dict[str, object] = {
+        "alpha": np.array([0.1, -0.2]),
+        "gamma": np.array([0.05, 0.3]),
+        "tau": np.array([0.2, 0.4]),
+        "sigma_u": np.array([0.3, 0.5]),
+        "rho_u": 0.6,
+        "s": np.array([0.2, 0.4]),
+        "kappa": np.array([-0.1, 0.2]),
+        "omega": np.array([0.3, 0.1]),
+        "rho_w": -0.4,
+        "s_e": np.array([0.1, 0.2]),
+        "kappa_e": np.array([0.1, -0.1]),
+        "omega_e": np.array([0.2, 0.3]),
+        "rho_e": 0.5,
+    }
+    return Hyperparameters(**(values | changes))  # type: ignore[arg-type]
+
+
+def uniform(sample: object, distribution: object) -> float:
+    """p of a Kolmogorov-Smirnov test of the sample against a frozen distribution."""
+    return stats.kstest(np.ravel(sample), distribution.cdf).pvalue  # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope="module")
+def prior_draws() -> list[Hyperparameters]:
+    design = Design.balanced(REFERENCES, subjects=2, trials=2)
+    rng = np.random.default_rng(20)
+    return [draw_hyperparameters(design, Priors(), rng) for _ in range(DRAWS)]
+
+
+@pytest.mark.parametrize(
+    ("name", "distribution"),
+    [
+        ("alpha", stats.norm(0, 1)),
+        ("gamma", stats.norm(0, 0.25)),
+        ("tau", stats.halfnorm(0, 0.5)),
+        ("sigma_u", stats.halfnorm(0, 0.5)),
+        ("s", stats.lognorm(1, scale=0.2)),
+        ("kappa", stats.norm(0, 0.5)),
+        ("omega", stats.halfnorm(0, 1)),
+        ("s_e", stats.lognorm(1, scale=0.1)),
+        ("kappa_e", stats.norm(0, 0.5)),
+        ("omega_e", stats.halfnorm(0, 1)),
+        ("rho_u", stats.beta(2, 2, loc=-1, scale=2)),
+        ("rho_w", stats.beta(2, 2, loc=-1, scale=2)),
+        ("rho_e", stats.beta(2, 2, loc=-1, scale=2)),
+    ],
+)
+def test_default_priors(prior_draws: list[Hyperparameters], name: str, distribution: object) -> None:
+    sample = np.array([getattr(draw, name) for draw in prior_draws])
+    assert uniform(sample, distribution) > UNLIKELY
+    logs = np.log(sample) if name in ("s", "s_e") else sample
+    expected = (
+        (math.log(distribution.kwds["scale"]), 1.0)  # type: ignore[attr-defined]
+        if name in ("s", "s_e")
+        else (distribution.mean(), distribution.std())  # type: ignore[attr-defined]
+    )
+    assert abs(logs.mean() - expected[0]) < 4 * expected[1] / math.sqrt(logs.size)
+    if sample.ndim == 2:
+        assert abs(np.corrcoef(sample.T)[0, 1]) < 4 / math.sqrt(DRAWS)
+
+
+def test_every_prior_scale_is_used() -> None:
+    wide = Priors(
+        alpha_sd=2,
+        gamma_sd=0.5,
+        tau_scale=1,
+        sigma_u_scale=1,
+        log_s_mean=math.log(0.4),
+        log_s_sd=2,
+        kappa_sd=1,
+        omega_scale=2,
+        log_s_e_mean=math.log(0.2),
+        log_s_e_sd=2,
+        kappa_e_sd=1,
+        omega_e_scale=2,
+    )
+    design = Design.balanced(REFERENCES, subjects=2, trials=2)
+    usual = draw_hyperparameters(design, Priors(), np.random.default_rng(3))
+    other = draw_hyperparameters(design, wide, np.random.default_rng(3))
+    for name in ("alpha", "gamma", "tau", "sigma_u", "kappa", "omega", "kappa_e", "omega_e"):
+        assert_allclose(getattr(other, name), 2 * getattr(usual, name), rtol=1e-14, err_msg=name)
+    assert_allclose(np.log(other.s / 0.4), 2 * np.log(usual.s / 0.2), rtol=1e-12)
+    assert_allclose(np.log(other.s_e / 0.2), 2 * np.log(usual.s_e / 0.1), rtol=1e-12)
+
+
+def test_environments_scatter_about_their_trend() -> None:
+    hyper = hyperparameters()
+    design = Design.balanced(REFERENCES, subjects=2, trials=2)
+    x = np.log10(np.array(REFERENCES) / stats.gmean(REFERENCES, axis=0))
+    rng = np.random.default_rng(5)
+    draws = [draw_environments(hyper, design, rng) for _ in range(1000)]
+    for values in draws[:5]:
+        assert_allclose(values.beta, hyper.alpha + hyper.gamma * x + values.delta, rtol=1e-12)
+    standard = {
+        "delta": [values.delta / hyper.tau for values in draws],
+        "sigma": [(np.log(values.sigma / hyper.s) - hyper.kappa * x) / hyper.omega for values in draws],
+        "sigma_e": [
+            (np.log(values.sigma_e / hyper.s_e) - hyper.kappa_e * x) / hyper.omega_e for values in draws
+        ],
+    }
+    for sample in standard.values():
+        assert uniform(sample, stats.norm()) > UNLIKELY
+        columns = np.corrcoef(np.reshape(sample, (len(draws), -1)).T)
+        off = columns[np.triu_indices(len(columns), 1)]
+        assert np.abs(off).max() < 5 / math.sqrt(len(draws))
+
+
+def test_covariances_are_written_out_entry_by_entry() -> None:
+    values = draw_environments(
+        hyperparameters(), Design.balanced(REFERENCES, subjects=2, trials=2), np.random.default_rng(1)
+    )
+    hyper = values.hyper
+    assert_allclose(values.cov_u, [[0.09, 0.6 * 0.15], [0.6 * 0.15, 0.25]], rtol=1e-14)
+    for j in range(5):
+        for cov, sd, rho in (
+            (values.cov_w, values.sigma, hyper.rho_w),
+            (values.cov_e, values.sigma_e, hyper.rho_e),
+        ):
+            k, b = sd[j]
+            assert_allclose(cov[j], [[k * k, rho * k * b], [rho * k * b, b * b]], rtol=1e-14)
+
+
+def test_moments_of_the_responses() -> None:
+    """Cell means have covariance Σ_u + Σ_w + Σ_e/r, share Σ_u across environments, scatter Σ_e within."""
+    subjects, trials = 20000, 3
+    design = Design.balanced(REFERENCES[:2], subjects=subjects, trials=trials)
+    rng = np.random.default_rng(11)
+    values = draw_environments(hyperparameters(), design, rng)
+    y = draw_responses(values, design, rng).y.reshape(subjects, 2, trials, 2)
+    means = y.mean(axis=2)
+    within = (y - means[:, :, None])[:, :, :, :, None] * (y - means[:, :, None])[:, :, :, None, :]
+    within = within.sum(axis=2) / (trials - 1)
+
+    for j in range(2):
+        cov = values.cov_u + values.cov_w[j] + values.cov_e[j] / trials
+        assert_covariance(means[:, j], means[:, j], cov, cov, cov)
+        assert_allclose(means[:, j].mean(axis=0), values.beta[j], atol=4 * np.sqrt(np.max(cov) / subjects))
+        error = np.sqrt(_wishart_variance(values.cov_e[j]) / (subjects * (trials - 1)))
+        assert np.all(np.abs(within[:, j].mean(axis=0) - values.cov_e[j]) < 4 * error)
+    first, second = (values.cov_u + values.cov_w[j] + values.cov_e[j] / trials for j in range(2))
+    assert_covariance(means[:, 0], means[:, 1], values.cov_u, first, second)
+
+
+def _wishart_variance(cov: np.ndarray) -> np.ndarray:
+    return cov**2 + np.outer(np.diag(cov), np.diag(cov))
+
+
+def assert_covariance(
+    a: np.ndarray, b: np.ndarray, expected: np.ndarray, cov_a: np.ndarray, cov_b: np.ndarray
+) -> None:
+    """Sample covariance of Gaussians within four of its standard errors."""
+    n = len(a)
+    sample = (a - a.mean(axis=0)).T @ (b - b.mean(axis=0)) / (n - 1)
+    error = np.sqrt((np.outer(np.diag(cov_a), np.diag(cov_b)) + expected**2) / n)
+    assert np.all(np.abs(sample - expected) < 4 * error)
+
+
+def test_unequal_trials_against_a_plain_loop() -> None:
+    trials = np.array([[2, 0, 1], [1, 3, 0], [0, 1, 1]])
+    design = Design(np.array(REFERENCES[:3]), trials)
+    # Without trial noise the responses are fixed by the effects, row by row.
+    values = draw_environments(hyperparameters(s_e=np.zeros(2)), design, np.random.default_rng(2))
+    responses = draw_responses(values, design, np.random.default_rng(3))
+    row = 0
+    for i in range(3):
+        for j in range(3):
+            for r in range(trials[i, j]):
+                found = (responses.subject[row], responses.environment[row], responses.trial[row])
+                assert found == (i, j, r + 1)
+                assert_allclose(
+                    responses.y[row], values.beta[j] + responses.u[i] + responses.w[i, j], rtol=1e-14
+                )
+                row += 1
+    assert row == len(responses.y)
+
+
+def test_one_environment_is_the_smaller_model() -> None:
+    design = Design.balanced(REFERENCES[:1], subjects=4, trials=2)
+    rng = np.random.default_rng(8)
+    draws = [
+        draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng) for _ in range(DRAWS)
+    ]
+    for name in ("gamma", "tau", "sigma_u", "kappa", "omega", "kappa_e", "omega_e"):
+        assert_array_equal([getattr(values.hyper, name) for values in draws], 0, err_msg=name)
+    assert uniform([values.beta for values in draws], stats.norm(0, 1)) > UNLIKELY
+    assert uniform([values.sigma for values in draws], stats.lognorm(1, scale=0.2)) > UNLIKELY
+    assert uniform([values.sigma_e for values in draws], stats.lognorm(1, scale=0.1)) > UNLIKELY
+    assert uniform([values.hyper.rho_w for values in draws], stats.beta(2, 2, loc=-1, scale=2)) > UNLIKELY
+    assert_array_equal(draw_responses(draws[0], design, rng).u, 0)
+
+
+def test_levels_the_design_cannot_show_are_absent() -> None:
+    single = Design.balanced(REFERENCES, subjects=4)
+    values = draw_environments(
+        draw_hyperparameters(single, Priors(), np.random.default_rng(1)), single, np.random.default_rng(2)
+    )
+    assert_array_equal(values.cov_e, np.zeros((5, 2, 2)))
+    alone = Design.balanced([[10.0], [1000.0]], subjects=4, parameters=("k",))
+    hyper = draw_hyperparameters(alone, Priors(), np.random.default_rng(1))
+    assert (hyper.rho_u, hyper.rho_w, hyper.rho_e) == (0, 0, 0)
+
+
+def test_perfect_correlation() -> None:
+    design = Design.balanced(REFERENCES, subjects=50)
+    values = TrueValues(
+        hyperparameters(rho_u=1.0, rho_w=-1.0, sigma_u=np.ones(2)),
+        delta=np.zeros((5, 2)),
+        beta=np.zeros((5, 2)),
+        sigma=np.ones((5, 2)),
+        sigma_e=np.zeros((5, 2)),
+    )
+    responses = draw_responses(values, design, np.random.default_rng(4))
+    assert_array_equal(responses.u[:, 0], responses.u[:, 1])
+    assert_array_equal(responses.w[..., 0], -responses.w[..., 1])
+
+
+@pytest.mark.parametrize("seed", [-1, "one", 1.5])
+def test_seeds_that_are_none(seed: object) -> None:
+    with pytest.raises(UsageError, match="a seed is a whole number, not negative"):
+        generator(seed)  # type: ignore[arg-type]
