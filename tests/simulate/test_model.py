@@ -79,39 +79,41 @@ def prior_draws() -> list[Hyperparameters]:
 def test_default_priors(prior_draws: list[Hyperparameters], name: str, distribution: object) -> None:
     sample = np.array([getattr(draw, name) for draw in prior_draws])
     assert uniform(sample, distribution) > UNLIKELY
-    logs = np.log(sample) if name in ("s", "s_e") else sample
-    expected = (
-        (math.log(distribution.kwds["scale"]), 1.0)  # type: ignore[attr-defined]
-        if name in ("s", "s_e")
-        else (distribution.mean(), distribution.std())  # type: ignore[attr-defined]
-    )
-    assert abs(logs.mean() - expected[0]) < 4 * expected[1] / math.sqrt(logs.size)
+    if name in ("s", "s_e"):
+        centre, sample = math.log(distribution.kwds["scale"]), np.log(sample)  # type: ignore[attr-defined]
+        distribution = stats.norm(centre, 1)
+    mean, variance, kurtosis = (float(x) for x in distribution.stats("mvk"))  # type: ignore[attr-defined]
+    assert abs(sample.mean() - mean) < 4 * math.sqrt(variance / sample.size)
+    error = variance * math.sqrt((kurtosis + 2) / sample.size)
+    assert abs(np.mean((sample - mean) ** 2) - variance) < 4 * error
     if sample.ndim == 2:
         assert abs(np.corrcoef(sample.T)[0, 1]) < 4 / math.sqrt(DRAWS)
 
 
-def test_every_prior_scale_is_used() -> None:
-    wide = Priors(
-        alpha_sd=2,
-        gamma_sd=0.5,
-        tau_scale=1,
-        sigma_u_scale=1,
-        log_s_mean=math.log(0.4),
-        log_s_sd=2,
-        kappa_sd=1,
-        omega_scale=2,
-        log_s_e_mean=math.log(0.2),
-        log_s_e_sd=2,
-        kappa_e_sd=1,
-        omega_e_scale=2,
+def test_every_prior_scale_is_used_where_it_belongs() -> None:
+    default = Priors()
+    # A factor of its own for every scale tells one from another.
+    factors = {
+        "alpha_sd": 2.0,
+        "gamma_sd": 3.0,
+        "tau_scale": 4.0,
+        "sigma_u_scale": 5.0,
+        "kappa_sd": 6.0,
+        "omega_scale": 7.0,
+        "kappa_e_sd": 8.0,
+        "omega_e_scale": 9.0,
+    }
+    scaled = {name: factor * getattr(default, name) for name, factor in factors.items()}
+    other = Priors(
+        log_s_mean=math.log(0.4), log_s_sd=2.0, log_s_e_mean=math.log(0.3), log_s_e_sd=3.0, **scaled
     )
     design = Design.balanced(REFERENCES, subjects=2, trials=2)
-    usual = draw_hyperparameters(design, Priors(), np.random.default_rng(3))
-    other = draw_hyperparameters(design, wide, np.random.default_rng(3))
-    for name in ("alpha", "gamma", "tau", "sigma_u", "kappa", "omega", "kappa_e", "omega_e"):
-        assert_allclose(getattr(other, name), 2 * getattr(usual, name), rtol=1e-14, err_msg=name)
-    assert_allclose(np.log(other.s / 0.4), 2 * np.log(usual.s / 0.2), rtol=1e-12)
-    assert_allclose(np.log(other.s_e / 0.2), 2 * np.log(usual.s_e / 0.1), rtol=1e-12)
+    a, b = (draw_hyperparameters(design, priors, np.random.default_rng(3)) for priors in (default, other))
+    for prior, factor in factors.items():
+        name = prior.removesuffix("_sd").removesuffix("_scale")
+        assert_allclose(getattr(b, name), factor * getattr(a, name), rtol=1e-14, err_msg=name)
+    assert_allclose(np.log(b.s / 0.4), 2 * np.log(a.s / 0.2), rtol=1e-12)
+    assert_allclose(np.log(b.s_e / 0.3), 3 * np.log(a.s_e / 0.1), rtol=1e-12)
 
 
 def test_environments_scatter_about_their_trend() -> None:
