@@ -141,6 +141,13 @@ class PairPrecision:
         apart = self.g - g
         return PairPrecision(v, g, self.w.sum(axis=0) + (self.v * apart * apart).sum(axis=0))
 
+    def plus_diagonal(self, precisions: Vector) -> PairPrecision:
+        """Return the sum with a diagonal block, given in the order of the parameters."""
+        v = self.v + precisions[1]
+        share = precisions[1] / v
+        left = self.w + precisions[0] + self.g * self.g * self.v * share
+        return PairPrecision(v, self.g * (self.v / v), left)
+
     def inverse(self) -> Pair:
         """Return the covariance this is the inverse of."""
         return Pair(1.0 / self.w, -self.g, 1.0 / self.v)

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Whitened:
-    """A regression on standard normal latents with unit noise.
+    """A regression on standard normal latents with unit noise, and how beta follows from it.
 
     Attributes
     ----------
@@ -38,11 +38,20 @@ class Whitened:
         Whitened pattern means.
     log_determinant : ndarray, shape (W,)
         log det of the noise covariance that was whitened away.
+    columns : list of tuple of ndarray, each (J, W)
+        What each latent adds to the pooled means, per parameter.
+    locations : list of tuple of ndarray, each (J, W)
+        What each latent adds to alpha + gamma x (+ delta, where that is a latent), per parameter.
+    pooled : Pooled or None
+        The pooled means, where the environments' own biases were summed out.
     """
 
     design: Array
     target: Array
     log_determinant: Array
+    columns: list[Vector]
+    locations: list[Vector]
+    pooled: Pooled | None
 
 
 class LocationProblem:
@@ -93,22 +102,22 @@ class LocationProblem:
             return self._keeping_biases(scales, cells)
         return self._keeping_effects(scales, cells, merge=merge and self.merged)
 
-    def noise(self, cells: list[Block]) -> list[Block]:
+    def _noise(self, cells: list[Block]) -> list[Block]:
         """Covariance of each pattern's mean about its mean subject effect, entries (E, W)."""
         return [
             cell.scaled(1.0 / pattern.subjects) for cell, pattern in zip(cells, self._patterns, strict=True)
         ]
 
-    def unit(self, p: int, size: Array | float) -> Vector:
+    def _unit(self, p: int, size: Array | float) -> Vector:
         """Vector with `size` at parameter `p`."""
         return tuple(np.asarray(size) if q == p else np.zeros_like(size) for q in range(self._size))
 
     def _trend_columns(self, shape: tuple[int, int]) -> list[Vector]:
         """Columns of alpha and gamma over environments, before whitening, entries (J, W)."""
-        columns = [self.unit(p, np.full(shape, self._alpha_sd)) for p in range(self._size)]
+        columns = [self._unit(p, np.full(shape, self._alpha_sd)) for p in range(self._size)]
         if self._trend:
             columns += [
-                self.unit(p, np.broadcast_to(self._gamma_sd * self._x[p][:, None], shape))
+                self._unit(p, np.broadcast_to(self._gamma_sd * self._x[p][:, None], shape))
                 for p in range(self._size)
             ]
         return columns
@@ -120,11 +129,11 @@ class LocationProblem:
         columns = self._trend_columns((self._environments, width))
         for j in range(self._environments):
             at = (np.arange(self._environments) == j)[:, None]
-            columns += [self.unit(p, at * tau[p]) for p in range(self._size)]
+            columns += [self._unit(p, at * tau[p]) for p in range(self._size)]
         targets: list[Array] = []
         rows: list[list[Array]] = [[] for _ in columns]
         log_determinant = np.zeros(width)
-        for pattern, noise in zip(self._patterns, self.noise(cells), strict=True):
+        for pattern, noise in zip(self._patterns, self._noise(cells), strict=True):
             covariance = SharedCovariance(noise, scales.shared.scaled(1.0 / pattern.subjects))
             log_determinant += covariance.log_determinant()
             mean = tuple(np.broadcast_to(m[:, None], (m.size, width)) for m in pattern.mean)
@@ -133,15 +142,16 @@ class LocationProblem:
                 part = tuple(c[pattern.environments] for c in column)
                 rows[k] += _flatten(covariance.whiten(part))
         design = np.stack([np.concatenate(row) for row in rows])
-        return Whitened(design, np.concatenate(targets), log_determinant)
+        return Whitened(design, np.concatenate(targets), log_determinant, columns, columns, None)
 
     def _keeping_effects(self, scales: Scales, cells: list[Block], *, merge: bool) -> Whitened:
         width = scales.log_prior.size
-        pooled = Pooled(self._patterns, self.noise(cells), self._environments)
+        pooled = Pooled(self._patterns, self._noise(cells), self._environments)
         spread = pooled.spread
         if scales.tau is not None:
             spread = spread.plus_diagonal(tuple(tau * tau for tau in scales.tau))
-        columns = self._trend_columns((self._environments, width))
+        trend = self._trend_columns((self._environments, width))
+        columns = list(trend)
         deviations = _flatten(pooled.deviations)
         rows = [[np.zeros((len(deviations), width))] for _ in columns]
         if scales.shared is not None and merge:
@@ -159,7 +169,7 @@ class LocationProblem:
         ]
         target = np.concatenate([*_flatten([spread.whiten(pooled.mean)]), np.reshape(deviations, (-1, width))])
         log_determinant = pooled.log_determinant + spread.log_determinant().sum(axis=0)
-        return Whitened(np.stack(design), target, log_determinant)
+        return Whitened(np.stack(design), target, log_determinant, columns, trend, pooled)
 
 
 def _flatten(pieces: list[Vector]) -> list[Array]:
