@@ -1,0 +1,175 @@
+"""Accept a sample only if it is made of finite numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from percept.errors import RefusalError, UsageError
+
+__all__ = ["finite_values", "positive_values", "sample", "subject_counts"]
+
+
+def finite_values(
+    values: ArrayLike, *, name: str = "values", allow_empty: bool = False
+) -> NDArray[np.float64]:
+    """Return `values` as doubles.
+
+    Parameters
+    ----------
+    values : array_like
+        Real numbers, any shape.
+    name : str
+        What they are called, for the message.
+    allow_empty : bool
+        Whether no values at all are accepted.
+
+    Returns
+    -------
+    ndarray
+        Same shape as `values`.
+
+    Raises
+    ------
+    UsageError
+        Ragged, empty, not numeric, NaN or infinite; the message says where.
+    """
+    try:
+        found: NDArray[Any] = np.asarray(values)
+    except ValueError:
+        raise UsageError(
+            f"The {name} are rows of unequal length.", hint="Pass samples of different size one at a time."
+        ) from None
+    if found.dtype.kind not in "iuf" and found.size:
+        found = _numeric(found, name)
+    if found.size == 0 and not allow_empty:
+        raise UsageError(f"There are no {name}: the array is empty.")
+    doubles = np.asarray(found, dtype=np.float64)
+    finite = np.isfinite(doubles)
+    if not finite.all():
+        where = np.argwhere(~finite)[0]
+        place = ", ".join(str(int(index)) for index in where)
+        raise UsageError(
+            f"The {name} must be finite numbers; the first that is not is at index [{place}].",
+            value=float(doubles[tuple(where)]),
+            hint="Leave the trial out, or correct it.",
+        )
+    return doubles
+
+
+def positive_values(values: ArrayLike, *, name: str = "values") -> NDArray[np.float64]:
+    """Return `values` as doubles fit for a logarithm.
+
+    Parameters
+    ----------
+    values : array_like
+        Real numbers, any shape.
+    name : str
+        What they are called, for the message.
+
+    Returns
+    -------
+    ndarray
+        Same shape as `values`.
+
+    Raises
+    ------
+    UsageError
+        As `finite_values`.
+    RefusalError
+        A value of zero or below.
+    """
+    doubles = finite_values(values, name=name)
+    if (doubles <= 0.0).any():
+        raise RefusalError(
+            f"The lognormal family takes logarithms, and some of the {name} are zero or negative.",
+            value=float(doubles[doubles <= 0.0].flat[0]),
+            hint='Use family="normal".',
+        )
+    return doubles
+
+
+def sample(
+    values: ArrayLike, *, axis: int = -1, positive: bool = False, least: int = 2
+) -> NDArray[np.float64]:
+    """Return samples with their subjects along the last axis.
+
+    Parameters
+    ----------
+    values : array_like
+        Shape (..., n) with `axis` = −1.
+    axis : int
+        Which axis runs over subjects.
+    positive : bool
+        Whether the values must be above zero.
+    least : int
+        Fewest subjects that will do.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., n).
+
+    Raises
+    ------
+    UsageError
+        As `finite_values`; a single number; an axis that is not there.
+    RefusalError
+        Fewer than `least` subjects; zero or negative values where `positive` is asked for.
+    """
+    doubles = positive_values(values) if positive else finite_values(values)
+    if doubles.ndim == 0:
+        raise UsageError("A sample is needed, not a single number.", value=float(doubles))
+    if not -doubles.ndim <= axis < doubles.ndim:
+        raise UsageError(f"The values have {doubles.ndim} axes; there is no axis {axis}.")
+    moved = np.moveaxis(doubles, axis, -1)
+    if moved.shape[-1] < least:
+        count = moved.shape[-1]
+        raise RefusalError(
+            f"At least {least} subjects are needed; there {'is' if count == 1 else 'are'} {count}.",
+            hint="Check that the axis of subjects is the one meant, or add subjects.",
+        )
+    return moved
+
+
+def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
+    """Return numbers of subjects as integers.
+
+    Parameters
+    ----------
+    n : array_like
+        Whole numbers, any shape.
+
+    Returns
+    -------
+    ndarray of int
+        Same shape as `n`.
+
+    Raises
+    ------
+    UsageError
+        Not whole, or not numbers.
+    RefusalError
+        Fewer than 2.
+    """
+    found = finite_values(n, name="numbers of subjects")
+    if (found != np.rint(found)).any():
+        raise UsageError(
+            "A number of subjects must be whole.", value=float(found[found != np.rint(found)].flat[0])
+        )
+    if (found < 2).any():
+        raise RefusalError(
+            f"At least 2 subjects are needed; there is {int(found.min())}.", hint="Add subjects."
+        )
+    return found.astype(np.int64)
+
+
+def _numeric(found: NDArray[Any], name: str) -> NDArray[np.float64]:
+    if found.dtype.kind == "O":  # Decimal, Fraction, pandas' nullable numbers
+        try:
+            return found.astype(np.float64)
+        except (TypeError, ValueError):
+            pass
+    raise UsageError(f"The {name} must be real numbers; their type is {found.dtype}.")

@@ -1,0 +1,215 @@
+"""The three kinds of interval for normal and lognormal users: Eq. 15, and the two it is mistaken for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.classical.levels import Level, OneMinus, tail
+from percept.inference.classical.moments import Moments, plain
+from percept.inference.classical.quantiles import t_upper, t_within
+from percept.inference.classical.tolerance import tolerance_factor
+from percept.inference.intervals import Family, FloatOrArray, Interval, Joint, Kind, Side
+
+__all__ = ["Claim", "family_moments", "mean_interval", "share_interval", "user_interval"]
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What is asked of an interval, of whatever kind.
+
+    Parameters
+    ----------
+    level : float or OneMinus
+        Confidence level.
+    family : {"normal", "lognormal", "free"}
+        Distribution between users.
+    joint : {"marginal", "bonferroni"}
+        ``"bonferroni"`` halves every tail, so that two parameters hold together.
+    side : {"both", "lower", "upper"}
+        Which limits are wanted.
+    unit : str
+        Unit of the values.
+    share, confidence : float or OneMinus, optional
+        For kind ``"share"``.
+    """
+
+    level: Level = 0.99
+    family: Family = "normal"
+    joint: Joint = "marginal"
+    side: Side = "both"
+    unit: str = ""
+    share: Level | None = None
+    confidence: Level | None = None
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("family", ("normal", "lognormal", "free")),
+            ("joint", ("marginal", "bonferroni")),
+            ("side", ("both", "lower", "upper")),
+        ):
+            if getattr(self, name) not in known:
+                options = ", ".join(f'"{option}"' for option in known)
+                raise UsageError(f"{name} must be one of {options}.", value=getattr(self, name))
+        for name in ("level", "share", "confidence"):
+            level = getattr(self, name)
+            if level is not None and tail(level, name).ndim:
+                raise UsageError(f"{name} must be one number for an interval.", value=level)
+
+    def tail(self, name: str = "level") -> float:
+        """Return what `name` leaves out, halved where two parameters share it.
+
+        Parameters
+        ----------
+        name : {"level", "share", "confidence"}
+            Which probability.
+
+        Returns
+        -------
+        float
+            In (0, 1).
+        """
+        left = float(tail(getattr(self, name), name))
+        return left / 2.0 if self.joint == "bonferroni" else left
+
+    @property
+    def tails(self) -> int:
+        """Over how many tails a level is spread."""
+        return 2 if self.side == "both" else 1
+
+
+def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) -> tuple[Moments, bool]:
+    """Return moments on the scale of a family, and whether they are moment-matched.
+
+    Parameters
+    ----------
+    x : array_like or Moments
+        Values, shape (..., n) with `axis` = −1, or moments already worked out.
+    family : {"normal", "lognormal"}
+        Linear or log scale.
+    axis : int
+        Which axis of values runs over subjects.
+
+    Returns
+    -------
+    moments : Moments
+        On the scale of the family.
+    approximate : bool
+        True where linear moments were turned into those of the logarithms.
+
+    Raises
+    ------
+    UsageError
+        Moments of logarithms under the normal family, or unfit values.
+    RefusalError
+        Zero or negative values under the lognormal family; no scatter; fewer than 2 subjects.
+    """
+    approximate = False
+    if not isinstance(x, Moments):
+        moments = Moments.from_values(x, log=family == "lognormal", axis=axis)
+    elif family == "normal" and x.scale == "log":
+        raise UsageError(
+            "These are moments of logarithms; the normal family needs those of the values.",
+            hint='Use family="lognormal", or work the moments out with log=False.',
+        )
+    elif family == "lognormal" and x.scale == "linear":
+        moments, approximate = x.lognormal(), True
+    else:
+        moments = x
+    still = np.asarray(moments.sd) == 0.0
+    if still.any():
+        where = "" if still.ndim == 0 else f" (first at index {np.argwhere(still)[0].tolist()})"
+        raise RefusalError(
+            f"All subjects gave the same value{where}: with no scatter there is no interval.",
+            hint="Check whether the adjustment was too coarse to show differences between subjects.",
+        )
+    return moments, approximate
+
+
+def mean_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
+    """Work out Eq. 15: mean ± t·SD/√n."""
+    moments, approximate = family_moments(x, claim.family, axis=axis)
+    n = np.asarray(moments.n)
+    t = t_upper(claim.tail() / claim.tails, n - 1)
+    # the next user differs from the mean by SD·√(1 + 1/n) times a t; against t·SD/√n that is t/√(n + 1)
+    within = np.asarray(t) / np.sqrt(n + 1.0)
+    held = t_within(within, n - 1) if claim.tails == 2 else np.asarray(special.stdtr(n - 1.0, within))
+    return _interval("mean", moments, t / np.sqrt(n), claim, approximate, expected_share=plain(held))
+
+
+def user_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
+    """Work out the prediction interval: mean ± t·SD·√(1 + 1/n)."""
+    moments, approximate = family_moments(x, claim.family, axis=axis)
+    _refuse_weights(moments)
+    n = np.asarray(moments.n)
+    factor = t_upper(claim.tail() / claim.tails, n - 1) * np.sqrt(1.0 + 1.0 / n)
+    return _interval("user", moments, factor, claim, approximate)
+
+
+def share_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
+    """Work out the tolerance interval: mean ± factor·SD."""
+    moments, approximate = family_moments(x, claim.family, axis=axis)
+    _refuse_weights(moments)
+    factor = tolerance_factor(
+        moments.n,
+        OneMinus(claim.tail("share")),
+        OneMinus(claim.tail("confidence")),
+        sided="two" if claim.tails == 2 else "one",
+    )
+    return _interval("share", moments, np.asarray(factor), claim, approximate)
+
+
+def _interval(
+    kind: Kind,
+    moments: Moments,
+    factor: Array,
+    claim: Claim,
+    approximate: bool,
+    *,
+    expected_share: FloatOrArray | None = None,
+) -> Interval:
+    mean, sd = np.asarray(moments.mean), np.asarray(moments.sd)
+    lower, upper, estimate = mean - factor * sd, mean + factor * sd, mean
+    if claim.side == "lower":
+        upper = np.full_like(upper, np.inf)
+    elif claim.side == "upper":
+        lower = np.full_like(lower, -np.inf)
+    if claim.family == "lognormal":
+        with np.errstate(over="ignore"):  # a limit beyond the largest double is infinite
+            lower, upper, estimate = np.exp(lower), np.exp(upper), np.exp(estimate)
+    return Interval(
+        kind=kind,
+        method="classical",
+        family=claim.family,
+        level=float(claim.level),
+        lower=plain(lower),
+        upper=plain(upper),
+        estimate=plain(estimate),
+        n=moments.n,
+        mean=moments.mean,
+        sd=moments.sd,
+        factor=plain(np.broadcast_to(factor, mean.shape)),
+        share=None if claim.share is None else float(claim.share),
+        confidence=None if claim.confidence is None else float(claim.confidence),
+        joint=claim.joint,
+        side=claim.side,
+        expected_share=expected_share,
+        repeats=moments.repeats,
+        approximate=approximate,
+        unit=claim.unit,
+    )
+
+
+def _refuse_weights(moments: Moments) -> None:
+    if moments.weighted:
+        raise UsageError(
+            "A weighted mean says nothing on single users.",
+            hint="Use the unweighted means per subject for kinds 'user' and 'share'.",
+        )
