@@ -6,6 +6,16 @@ numbers are those of "The effect of static virtual couplings on realistic perfor
 
 from __future__ import annotations
 
+from percept.haptics.coupled import EffectiveImpedance, effective_impedance, velocity_ratio
+from percept.haptics.design import (
+    BestDamping,
+    StableRegion,
+    best_coupling_damping,
+    max_coupling_stiffness,
+    max_coupling_stiffness_at,
+    stable_region,
+)
+from percept.haptics.ellipse import magnitude_envelope_ellipse
 from percept.haptics.envelope import corner_crossings, corner_curves, magnitude_envelope
 from percept.haptics.impedance import (
     coupling_admittance,
@@ -14,8 +24,12 @@ from percept.haptics.impedance import (
     environment_impedance,
     hold,
 )
+from percept.haptics.llewellyn import AbsoluteStability, TwoPort, absolute_stability, llewellyn, two_port
+from percept.haptics.log_ellipse import magnitude_envelope_log_ellipse
 from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment, Mode, TabulatedDevice
+from percept.haptics.passivity import passivity_damping
 from percept.haptics.perceived import perceived_impedance, perceived_magnitude
+from percept.haptics.phase import phase_envelope, phase_envelope_ellipse
 from percept.haptics.response import FrequencyResponse
 from percept.haptics.stability import (
     RequiredDamping,
@@ -26,26 +40,45 @@ from percept.haptics.stability import (
 )
 
 __all__ = [
+    "AbsoluteStability",
     "AnyDevice",
+    "BestDamping",
     "Coupling",
     "Device",
+    "EffectiveImpedance",
     "Environment",
     "FrequencyResponse",
     "Mode",
     "RequiredDamping",
+    "StableRegion",
     "TabulatedDevice",
+    "TwoPort",
+    "absolute_stability",
+    "best_coupling_damping",
     "corner_crossings",
     "corner_curves",
     "coupling_admittance",
     "coupling_bound",
     "coupling_impedance",
     "device_impedance",
+    "effective_impedance",
     "environment_impedance",
     "hold",
+    "llewellyn",
     "magnitude_envelope",
+    "magnitude_envelope_ellipse",
+    "magnitude_envelope_log_ellipse",
+    "max_coupling_stiffness",
+    "max_coupling_stiffness_at",
+    "passivity_damping",
     "perceived_impedance",
     "perceived_magnitude",
+    "phase_envelope",
+    "phase_envelope_ellipse",
     "required_damping",
     "required_damping_at",
     "stability_margin",
+    "stable_region",
+    "two_port",
+    "velocity_ratio",
 ]

@@ -11,6 +11,7 @@ from percept.errors import UsageError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
+BoolArray: TypeAlias = NDArray[np.bool_]
 Scalars: TypeAlias = float | FloatArray
 
 # Beyond these no device exists, and products of a few parameters would leave the range of a double.

@@ -12,7 +12,7 @@ from percept.haptics._warp import Warp
 
 @dataclass(frozen=True)
 class Element:
-    """m·s + b + k/s; plain arrays that broadcast, signs free."""
+    """m·s + b + k/s, of numbers or arrays that broadcast."""
 
     stiffness: Scalars
     damping: Scalars
@@ -28,55 +28,62 @@ class Shown:
 
 
 def series(warp: Warp, first: Element, second: Element) -> Shown:
-    """Return what Z₁Z₂/(Z₁ + Z₂) shows; `second` must have no mass.
+    """Return what Z₁Z₂/(Z₁ + Z₂) shows; `second` has no mass.
 
-    Z₁Z₂/(Z₁ + Z₂) = w₁Z₁ + w₂Z₂ with w₁ = |Z₂|²/|Z₁ + Z₂|², w₂ = |Z₁|²/|Z₁ + Z₂|²: both weights are
-    positive, so a passive pair keeps every digit of its damping. Where the pair is at an undamped
-    resonance the stiffness is +inf (the pole has no sign of its own).
+    Z₁Z₂/(Z₁ + Z₂) = a₂²Z₁ + a₁²Z₂ with aᵢ = |Zᵢ|/|Z₁ + Z₂|: both weights are positive, so a passive pair
+    keeps every digit of its damping. At an undamped resonance the stiffness is +inf (a pole has no sign).
     """
-    k1, b1, m1 = first.stiffness, first.damping, first.mass
-    k2, b2 = second.stiffness, second.damping
-    at_dc, at_nyquist = warp.sin == 0, warp.cos == 0
-    edge = at_dc | at_nyquist
-    # The general form is evaluated at the ends with a dummy angle and overwritten there by the limit.
-    sin, cos = np.where(edge, 0.5, warp.sin), np.where(edge, 0.5, warp.cos)
-    # Z·sin h·cos h is finite everywhere.
-    spring, inertia = (warp.period / 2) * cos**2, (2 / warp.period) * sin**2
-    x1, x2 = np.multiply(m1, inertia) - np.multiply(k1, spring), -np.multiply(k2, spring)
-    r1, r2 = np.multiply(b1, sin * cos), np.multiply(b2, sin * cos)
+    r1, x1 = scaled_parts(warp, first)
+    r2, x2 = scaled_parts(warp, second)
     total = np.hypot(r1 + r2, x1 + x2)
     w1 = ratio(np.hypot(r2, x2), total, empty=0.0) ** 2
     w2 = ratio(np.hypot(r1, x1), total, empty=0.0) ** 2
-    damping = times(w1, b1) + times(w2, b2)
-    stiffness = times(w1, np.subtract(k1, np.multiply(m1, (2 * sin / (warp.period * cos)) ** 2))) + times(
-        w2, k2
-    )
+    at_dc, at_nyquist = warp.sin == 0, warp.cos == 0
+    # The rate at the ends is not used there; 0 keeps it finite.
+    inertia = np.multiply(first.mass, np.where(at_nyquist, 0.0, warp.rate) ** 2)
+    stiffness = times(w1, first.stiffness - inertia) + times(w2, second.stiffness)
     stiffness = np.where(np.isnan(stiffness), np.inf, stiffness)
-    if not edge.any():
+    damping = times(w1, first.damping) + times(w2, second.damping)
+    if not (at_dc | at_nyquist).any():
         return Shown(stiffness=stiffness, damping=damping)
 
-    dc1, dc2 = _limit_weights((k1, k2), (b1, b2))
-    end1, end2 = _limit_weights((b1, b2), (k1, k2))
-    # A mass, where there is one, is immovable at Nyquist: only the second element is left.
-    held = np.asarray(m1) > 0
-    at_end = np.where(held, k2 - ratio(np.square(b2), m1, empty=0.0), times(end1, k1) + times(end2, k2))
-    damping_at_end = np.where(held, b2, times(end1, b1) + times(end2, b2))
-    stiffness = np.where(at_dc, times(dc1, k1) + times(dc2, k2), stiffness)
-    damping = np.where(at_dc, times(dc1, b1) + times(dc2, b2), damping)
-    return Shown(
-        stiffness=np.where(at_nyquist, at_end, stiffness),
-        damping=np.where(at_nyquist, damping_at_end, damping),
-    )
+    # Next to Nyquist a mass takes b₂²/m off the stiffness.
+    heavy = np.asarray(first.mass) > 0
+    taken = np.where(heavy, ratio(np.square(second.damping), first.mass, empty=0.0), 0.0)
+    dc, nyquist = end_shares(first, second)
+    for there, (share1, share2), less in ((at_dc, dc, 0.0), (at_nyquist, nyquist, taken)):
+        end = share1**2 * first.stiffness + share2**2 * second.stiffness - less
+        stiffness = np.where(there, end, stiffness)
+        damping = np.where(there, share1**2 * first.damping + share2**2 * second.damping, damping)
+    return Shown(stiffness=stiffness, damping=damping)
 
 
-def _limit_weights(
-    leading: tuple[Scalars, Scalars], following: tuple[Scalars, Scalars]
-) -> tuple[FloatArray, FloatArray]:
-    """Return w₁, w₂ where one kind of parameter outgrows all others: the leading one, or what follows it."""
+def scaled_parts(warp: Warp, element: Element) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of Z·sin h·cos h, which is finite from DC to Nyquist."""
+    inertia = np.multiply(element.mass, (2 / warp.period) * warp.sin**2)
+    spring = np.multiply(element.stiffness, (warp.period / 2) * warp.cos**2)
+    return np.multiply(element.damping, warp.sin * warp.cos), inertia - spring
+
+
+Shares = tuple[FloatArray, FloatArray]
+
+
+def end_shares(first: Element, second: Element) -> tuple[Shares, Shares]:
+    """Return Z₂/(Z₁ + Z₂) and Z₁/(Z₁ + Z₂) at DC and at Nyquist, where one kind of parameter leads.
+
+    At DC stiffness outgrows damping, at Nyquist damping outgrows stiffness and a mass outgrows both.
+    """
+    stiffnesses, dampings = (first.stiffness, second.stiffness), (first.damping, second.damping)
+    dc = _shares(stiffnesses, dampings)
+    light2, light1 = _shares(dampings, stiffnesses)
+    heavy = np.asarray(first.mass) > 0
+    return dc, (np.where(heavy, 0.0, light2), np.where(heavy, 1.0, light1))
+
+
+def _shares(leading: tuple[Scalars, Scalars], following: tuple[Scalars, Scalars]) -> Shares:
     led = np.add(*leading) > 0
     first, second = np.where(led, leading[0], following[0]), np.where(led, leading[1], following[1])
-    total = first + second
-    return ratio(second, total, empty=0.0) ** 2, ratio(first, total, empty=0.0) ** 2
+    return ratio(second, first + second, empty=0.0), ratio(first, first + second, empty=0.0)
 
 
 def reactance(warp: Warp, stiffness: FloatArray) -> FloatArray:

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
 from percept.haptics._arrays import ComplexArray, FloatArray, complex_from, real_array, times
-from percept.haptics._series import Element, Shown, series
+from percept.haptics._series import Element
 from percept.haptics._warp import Held, Warp, warp
-from percept.haptics.impedance import device_parts, rotated_device, tustin_damping
+from percept.haptics.coupled import through_coupling
+from percept.haptics.impedance import device_parts, rotated_device
 from percept.haptics.parameters import AnyDevice, Coupling, Environment
 
 __all__ = ["perceived_impedance", "perceived_magnitude"]
@@ -69,16 +70,6 @@ def perceived_impedance(
     real, imaginary = device_parts(grid, device)
     held_real, held_imaginary = _held_parts(grid, grid.held(hold), felt)
     return complex_from(real + held_real, imaginary + held_imaginary)
-
-
-def through_coupling(grid: Warp, environment: Environment, coupling: Coupling, discretization: str) -> Shown:
-    """Return what Z_eZ_c/(Z_e + Z_c) shows at each ω."""
-    damping = tustin_damping(coupling, grid.period, discretization)
-    return series(
-        grid,
-        Element(environment.stiffness, environment.damping, environment.mass),
-        Element(coupling.stiffness, damping),
-    )
 
 
 def _held_parts(grid: Warp, held: Held, felt: Element) -> tuple[FloatArray, FloatArray]:

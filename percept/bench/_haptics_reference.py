@@ -1,0 +1,220 @@
+"""Textbook forms of the haptics formulas, for numbers of any precision: the slow twin of percept.haptics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+# mpmath numbers have no types.
+Number: TypeAlias = Any
+Formula: TypeAlias = Callable[[Any], Number]
+
+DIGITS = 120
+_STEP = "1e-30"
+_NYQUIST_GAP = "1e-80"
+_NOTHING, _EVERYTHING = 1e-50, 1e50
+
+
+def is_nyquist(theta: float) -> bool:
+    """Say whether ωT counts as π."""
+    return abs(theta - np.pi) <= 4 * np.spacing(np.pi)
+
+
+def error_over_condition(
+    computed: complex, exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
+) -> float:
+    """Return the relative error of `computed` over max(1, condition of `exact` in its inputs).
+
+    Parameters
+    ----------
+    computed : complex
+        What percept gave; NaN counts as an infinite error.
+    exact : callable
+        Takes a namespace with the inputs and z, s, θ; returns an mpmath number.
+    inputs : mapping of str to float
+        With omega and period.
+    at_nyquist : bool
+        Compare with the one-sided limit, 0 and inf included.
+    """
+    import mpmath
+
+    with mpmath.workdps(DIGITS):
+        precise = {key: mpmath.mpf(value) for key, value in inputs.items()}
+        if at_nyquist:
+            precise["omega"] = (mpmath.pi - mpmath.mpf(_NYQUIST_GAP)) / precise["period"]
+        value = exact(_point(precise))
+        if np.isnan(computed):
+            return float("inf")
+        size = mpmath.mpf(abs(value))
+        if size > _EVERYTHING:
+            return 0.0 if np.isinf(computed) else float("inf")
+        if size < _NOTHING:
+            return 0.0 if abs(computed) < _NOTHING else float("inf")
+        if np.isinf(computed):
+            return float("inf")
+        total = mpmath.mpf(0)
+        for key, number in precise.items():
+            if number == 0 or (at_nyquist and key in ("omega", "period")):
+                continue
+            moved = exact(_point({**precise, key: number * (1 + mpmath.mpf(_STEP))}))
+            total += abs(moved - value) / mpmath.mpf(_STEP)
+        error = abs(mpmath.mpmathify(computed) - value) / size
+        return float(error / max(mpmath.mpf(1), total / size))
+
+
+def _point(inputs: Mapping[str, Number]) -> SimpleNamespace:
+    """Add z = exp(jωT), Tustin's s and θ to the inputs."""
+    import mpmath
+
+    theta = inputs["omega"] * inputs["period"]
+    z = mpmath.expj(theta)
+    return SimpleNamespace(**inputs, theta=theta, z=z, s=2 / inputs["period"] * (z - 1) / (z + 1), mp=mpmath)
+
+
+def series(a: Number, b: Number) -> Number:
+    """Two elements in series; nothing passes an absent one."""
+    return 0 if a == 0 or b == 0 else a * b / (a + b)
+
+
+def rigid(p: Any) -> Number:
+    """Eq. 5."""
+    return p.m * p.s + p.b_d
+
+
+def flexible(p: Any) -> Number:
+    """Eq. 5 with a mode beside it."""
+    return rigid(p) + series(p.m_i * p.s, p.b_i + p.k_i / p.s)
+
+
+def environment(p: Any) -> Number:
+    """Eq. 7."""
+    return p.m_e * p.s + p.b_e + p.k_e / p.s
+
+
+def coupling_backward(p: Any) -> Number:
+    """Eq. 6."""
+    return p.b_c + p.k_c * p.period * p.z / (p.z - 1)
+
+
+def coupling_tustin(p: Any) -> Number:
+    """Tustin's coupling (Eq. 12)."""
+    return p.b_c + p.k_c / p.s
+
+
+def admittance_backward(p: Any) -> Number:
+    """1/Z_c, or p22 (Eq. 4)."""
+    z_c = coupling_backward(p)
+    return p.mp.inf if z_c == 0 else 1 / z_c
+
+
+def hold_average(p: Any) -> Number:
+    """Eq. 8."""
+    return (p.z + 1) / (2 * p.z)
+
+
+def hold_true(p: Any) -> Number:
+    """(1 − e^{−jθ})/(jθ)."""
+    return (1 - 1 / p.z) / (p.mp.j * p.theta)
+
+
+def velocity_ratio(p: Any) -> Number:
+    """Eq. 12."""
+    z_c = coupling_tustin(p)
+    return 0 if z_c == 0 else z_c / (environment(p) + z_c)
+
+
+def effective(p: Any) -> Number:
+    """Environment seen through its coupling."""
+    return series(environment(p), coupling_tustin(p))
+
+
+def direct(p: Any) -> Number:
+    """Eq. 13."""
+    return rigid(p) + hold_average(p) * environment(p)
+
+
+def direct_flexible_true(p: Any) -> Number:
+    """Eq. 13 with a mode and the true hold."""
+    return flexible(p) + hold_true(p) * environment(p)
+
+
+def coupled(p: Any) -> Number:
+    """Eq. 11."""
+    return rigid(p) + hold_average(p) * effective(p)
+
+
+def coupled_backward(p: Any) -> Number:
+    """Eq. 11 with Eq. 6's coupling."""
+    return rigid(p) + hold_average(p) * series(environment(p), coupling_backward(p))
+
+
+def magnitude(p: Any) -> Number:
+    """abs(Z_h) with a negative stiffness and a negative damping, as limits may be."""
+    return abs(rigid(p) + hold_average(p) * (p.m_e * p.s - p.b_e - p.k_e / p.s))
+
+
+def box_lower(p: Any) -> Number:
+    """Lowest abs(Z_h) over k in [−k_e, k_c], b in [−b_e, b_c]: zero inside, else on an edge or a corner."""
+    zoh = hold_average(p)
+    base = rigid(p) / zoh + p.m_e * p.s
+    rate = p.s.imag
+    near_b = min(max(-base.real, -p.b_e), p.b_c)
+    near_k = min(max(base.imag * rate, -p.k_e), p.k_c)
+    return abs(zoh * (base + near_b - p.mp.j * near_k / rate))
+
+
+def box_upper(p: Any) -> Number:
+    """Highest abs(Z_h) over the same box."""
+    return max(
+        abs(rigid(p) + hold_average(p) * (p.m_e * p.s + b + k / p.s))
+        for b in (-p.b_e, p.b_c)
+        for k in (-p.k_e, p.k_c)
+    )
+
+
+def required_at(coupling: Formula, zoh: Formula) -> Formula:
+    """Eq. 10 solved for Re Z_d."""
+
+    def formula(p: Any) -> Number:
+        z_c = coupling(p)
+        if z_c == 0:
+            return p.mp.mpf(0)
+        admittance = (1 / z_c).real
+        needed = abs(zoh(p)) - zoh(p).real
+        return p.mp.inf if admittance == 0 else needed / (2 * admittance)
+
+    return formula
+
+
+def margin(p: Any) -> Number:
+    """Re Z_d of a device with a mode over what Eq. 10 asks for."""
+    required = required_at(coupling_backward, hold_average)(p)
+    return p.mp.inf if required == 0 else flexible(p).real / required
+
+
+def required(p: Any) -> Number:
+    """Largest of βy(1 − y)/2 + K²y³/(8β(1 + y)) over y, its slope set to zero by bisection."""
+    stretch = p.k_c * p.period
+    return largest_required(p.mp, stretch, p.b_c + stretch / 2)
+
+
+def largest_required(mp: Any, stretch: Number, beta: Number) -> Number:
+    """Return the maximum over y in [0, 1]."""
+    if beta == 0:
+        return mp.inf if stretch else mp.mpf(0)
+
+    def value(y: Number) -> Number:
+        return beta * y * (1 - y) / 2 + stretch**2 * y**3 / (8 * beta * (1 + y))
+
+    def slope(y: Number) -> Number:
+        return beta * (1 - 2 * y) / 2 + stretch**2 * (3 * y**2 + 2 * y**3) / (8 * beta * (1 + y) ** 2)
+
+    if slope(mp.mpf(1)) >= 0:
+        return value(mp.mpf(1))
+    # An error in y enters the maximum squared.
+    return value(
+        mp.findroot(slope, (mp.mpf("0.5") - mp.mpf("1e-9"), mp.mpf(1)), solver="anderson", tol=1e-90)
+    )

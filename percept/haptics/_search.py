@@ -1,0 +1,46 @@
+"""Local minima of a function of one variable, refined from a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from percept.haptics._arrays import FloatArray
+
+_GOLDEN = (np.sqrt(5) - 1) / 2
+# A minimum is flat: a relative 1e-9 in its place is 1e-18 in its value.
+_NARROWINGS = 48
+
+
+def local_minima(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
+    """Return where `function` has a local minimum, one place for each dip seen on an increasing grid.
+
+    Parameters
+    ----------
+    function : callable
+        Takes and returns an array of shape (n,).
+    grid : ndarray, shape (n,)
+        Increasing.
+
+    Returns
+    -------
+    ndarray
+        Places within the grid's range.
+    """
+    seen = function(grid)
+    padded = np.concatenate([[np.inf], seen, [np.inf]])
+    dips = np.flatnonzero((seen <= padded[:-2]) & (seen <= padded[2:]) & np.isfinite(seen))
+    low, high = grid[np.maximum(dips - 1, 0)], grid[np.minimum(dips + 1, grid.size - 1)]
+    return golden_section(function, low, high)
+
+
+def golden_section(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Return a minimum of `function` inside each bracket (low, high)."""
+    for _ in range(_NARROWINGS):
+        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        falls = function(left) <= function(right)
+        low, high = np.where(falls, low, left), np.where(falls, right, high)
+    return (low + high) / 2

@@ -1,0 +1,351 @@
+"""Llewellyn's criterion for the network of hand, device, coupling and environment (Eqs 1 to 4, 9, 10)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from percept.errors import UsageError
+from percept.haptics._arrays import ComplexArray, FloatArray, nonnegative_array, ratio
+from percept.haptics._search import local_minima
+from percept.haptics._warp import checked_period
+from percept.haptics.impedance import coupling_admittance, device_impedance, tustin_damping
+from percept.haptics.impedance import hold as zero_order_hold
+from percept.haptics.parameters import AnyDevice, Coupling, Device, TabulatedDevice
+from percept.haptics.stability import required_damping, stability_margin
+
+__all__ = ["AbsoluteStability", "TwoPort", "absolute_stability", "llewellyn", "two_port"]
+
+ROUNDING = 1e-12
+"""How near to 1 a margin, or the modulus of a pole, counts as on the limit."""
+
+Verdict = Literal["stable", "marginal", "unstable"]
+
+
+@dataclass(frozen=True, eq=False)
+class TwoPort:
+    """A linear two-port in hybrid form, F₁ = p11·v₁ + p12·F₂, −v₂ = p21·v₁ + p22·F₂ (Eq. 1).
+
+    Parameters
+    ----------
+    omega : array_like, shape (n,)
+        rad/s.
+    p11, p12, p21, p22 : array_like of complex, shape (n,)
+        N·s/m, 1, 1 and m/(N·s).
+    poles : array_like of complex, optional
+        Poles in the z plane, each as often as its order; None where they are not known.
+
+    Raises
+    ------
+    UsageError
+        Where the lengths differ or an ω is negative or not finite.
+    """
+
+    omega: FloatArray
+    p11: ComplexArray
+    p12: ComplexArray
+    p21: ComplexArray
+    p22: ComplexArray
+    poles: ComplexArray | None = None
+
+    def __post_init__(self) -> None:
+        omega = nonnegative_array(self.omega, "TwoPort omega", "rad/s")
+        object.__setattr__(self, "omega", omega)
+        for name in ("p11", "p12", "p21", "p22"):
+            value = np.array(getattr(self, name), dtype=np.complex128)
+            if omega.ndim != 1 or value.shape != omega.shape or not omega.size:
+                raise UsageError(
+                    f"TwoPort {name} and omega must be of one length.", value=(value.shape, omega.shape)
+                )
+            object.__setattr__(self, name, value)
+        if self.poles is not None:
+            object.__setattr__(self, "poles", np.array(self.poles, dtype=np.complex128).ravel())
+
+
+@dataclass(frozen=True, eq=False)
+class AbsoluteStability:
+    """Llewellyn's verdict, on stability with every passive hand and environment.
+
+    Attributes
+    ----------
+    verdict : {"stable", "marginal", "unstable"}
+        Marginal where the smallest margin is 1 to within `rounding`.
+    reason : str
+        The condition that decides, in one sentence.
+    omega : ndarray, shape (n,)
+        Where the margin was taken, rad/s; the verdict covers these, and what lies between them.
+    margin : ndarray, shape (n,)
+        2·Re p11·Re p22/(Re p12p21 + abs(p12p21)), at least 1 where stable; inf where nothing is asked for.
+    smallest_margin : float
+        The least of them.
+    binding_omega : float
+        Where it is, rad/s.
+    poles : ndarray or None
+        Poles in the z plane, None where they are not known.
+    poles_allowed : bool or None
+        Whether all poles lie inside the unit circle, or singly on it; None where they are not known.
+    rounding : float
+        How near to its limit a number counts as on it.
+    """
+
+    verdict: Verdict
+    reason: str
+    omega: FloatArray
+    margin: FloatArray
+    smallest_margin: float
+    binding_omega: float
+    poles: ComplexArray | None
+    poles_allowed: bool | None
+    rounding: float = ROUNDING
+
+
+def two_port(
+    omega: ArrayLike,
+    device: AnyDevice,
+    coupling: Coupling,
+    period: float,
+    *,
+    discretization: str = "backward",
+    hold: str = "average",
+) -> TwoPort:
+    """Return the network of Eq. 4: p11 = Z_d, p12 = ZOH, p21 = −1, p22 = 1/Z_c.
+
+    Parameters
+    ----------
+    omega : array_like, shape (n,)
+        rad/s, 0 to π/T.
+    device : Device or TabulatedDevice
+        The device, Z_d; of a table the poles are not known.
+    coupling : Coupling
+        One coupling, Z_c.
+    period : float
+        Sampling period T, s.
+    discretization : {"backward", "tustin"}
+        Eq. 6 (default), or Eq. 12's form.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+
+    Returns
+    -------
+    TwoPort
+
+    Raises
+    ------
+    UsageError
+        ω negative, above Nyquist or outside a device's table, T not positive, arrays as parameters.
+    """
+    _check_single(device, coupling)
+    omega = np.atleast_1d(nonnegative_array(omega, "omega", "rad/s"))
+    return TwoPort(
+        omega=omega,
+        p11=device_impedance(omega, device, period),
+        p12=zero_order_hold(omega, period, kind=hold),
+        p21=np.full(omega.shape, -1.0 + 0j),
+        p22=coupling_admittance(omega, coupling, period, discretization=discretization),
+        poles=network_poles(device, coupling, checked_period(period), discretization),
+    )
+
+
+def llewellyn(network: TwoPort) -> AbsoluteStability:
+    """Judge a two-port by Llewellyn's conditions at its own ω, poles included (Eqs 2, 3).
+
+    Parameters
+    ----------
+    network : TwoPort
+        Any linear two-port.
+
+    Returns
+    -------
+    AbsoluteStability
+        Only the network's own ω are seen; `absolute_stability` searches all ω of a device and coupling.
+    """
+    product_real = network.p12.real * network.p21.real - network.p12.imag * network.p21.imag
+    product_imag = network.p12.real * network.p21.imag + network.p12.imag * network.p21.real
+    size = np.hypot(product_real, product_imag)
+    # Re x + |x| = Im²/(|x| − Re x) where Re x < 0: at low ω the sum itself would cancel to nothing.
+    negative = product_real < 0
+    asked = np.where(
+        negative,
+        product_imag * ratio(product_imag, np.where(negative, size - product_real, 1.0), empty=0.0),
+        product_real + size,
+    )
+    r11, r22 = network.p11.real, network.p22.real
+    # An active port must not be mended by the other's sign.
+    given = np.where((r11 < 0) | (r22 < 0), -np.abs(2 * r11 * r22), 2 * r11 * r22)
+    margin = ratio(given, asked, empty=np.inf)
+    return _judged(network.omega, margin, network.poles)
+
+
+def absolute_stability(
+    device: AnyDevice,
+    coupling: Coupling,
+    period: float,
+    *,
+    discretization: str = "backward",
+    hold: str = "average",
+) -> AbsoluteStability:
+    """Judge a device with a coupling at every ω from DC to Nyquist, poles included (Eqs 9, 10).
+
+    A rigid device is judged in closed form. With modes the smallest margin is searched on a grid that
+    resolves each mode, and refined; a table is searched over the range it covers.
+
+    Parameters
+    ----------
+    device : Device or TabulatedDevice
+        The device, Z_d.
+    coupling : Coupling
+        One coupling, Z_c.
+    period : float
+        Sampling period T, s.
+    discretization : {"backward", "tustin"}
+        Eq. 6 (default), or Eq. 12's form.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+
+    Returns
+    -------
+    AbsoluteStability
+
+    Raises
+    ------
+    UsageError
+        T not positive, arrays as parameters, a table that begins above Nyquist.
+    """
+    period = checked_period(period)
+    _check_single(device, coupling)
+    need = required_damping(coupling, period, discretization=discretization, hold=hold)
+
+    def margin(omega: FloatArray) -> FloatArray:
+        return np.asarray(
+            stability_margin(omega, device, coupling, period, discretization=discretization, hold=hold)
+        )
+
+    omega = search_grid(device, period, float(need.omega))
+    if isinstance(device, TabulatedDevice) or device.modes:
+        omega = np.union1d(omega, local_minima(margin, omega))
+        margins = margin(omega)
+    else:
+        margins = margin(omega)
+        # The closed form is exact where the margin at its rounded ω is only as good as that ω.
+        margins[omega == need.omega] = ratio(device.damping, need.damping, empty=np.inf)
+    return _judged(omega, margins, network_poles(device, coupling, period, discretization))
+
+
+def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArray:
+    """Return ω from DC to Nyquist, or over a table, fine enough to see every mode of a device."""
+    nyquist = np.pi / period
+    parts = [
+        np.array([0.0, *including]),
+        np.geomspace(1e-6, 1, 600) * nyquist,
+        np.linspace(0, 1, 600) * nyquist,
+    ]
+    if isinstance(device, TabulatedDevice):
+        first, last = float(device.omega[0]), min(float(device.omega[-1]), nyquist)
+        if first > nyquist:
+            raise UsageError(
+                "the device's table begins above the Nyquist frequency.",
+                value=first,
+                hint="Check the sampling period and the unit of omega (rad/s, not Hz).",
+            )
+        omega = np.unique(np.concatenate([*parts, device.omega]))
+        return omega[(omega >= first) & (omega <= last)]
+    for mode in device.modes:
+        if not (np.all(mode.mass) and np.any(mode.stiffness)):
+            continue
+        rate = float(np.sqrt(mode.stiffness / mode.mass))
+        width = float(mode.damping / mode.mass) + 1e-6 * rate
+        offsets = np.concatenate([-np.geomspace(1e-2, 1e3, 60), [0.0], np.geomspace(1e-2, 1e3, 60)])
+        parts.append((2 / period) * np.arctan(np.maximum(rate + width * offsets, 0.0) * period / 2))
+    omega = np.unique(np.concatenate(parts))
+    return omega[omega <= nyquist]
+
+
+def network_poles(
+    device: AnyDevice, coupling: Coupling, period: float, discretization: str
+) -> ComplexArray | None:
+    """Return the poles of Eq. 4's matrix in the z plane, None where the device is a table.
+
+    Elements in parallel, and entries of the matrix, do not raise each other's order, so each pole is listed
+    once.
+    """
+    if isinstance(device, TabulatedDevice):
+        return None
+    poles: list[complex] = [0.0]  # the hold's delay
+    if device.mass:
+        poles.append(-1.0)  # Tustin's s is infinite there
+    for mode in device.modes:
+        for s in _mode_poles(float(mode.mass), float(mode.stiffness), float(mode.damping)):
+            poles.append((2 + s * period) / (2 - s * period))
+    stretch = float(np.multiply(coupling.stiffness, period))
+    if stretch:
+        beta = float(tustin_damping(coupling, period, discretization))
+        poles.append((2 * beta - stretch) / (2 * beta + stretch))
+    return np.unique(np.array(poles, dtype=np.complex128))
+
+
+def _mode_poles(mass: float, stiffness: float, damping: float) -> list[complex]:
+    """Return the roots of m·s² + b·s + k that are poles of the mode."""
+    if not mass or not (stiffness or damping):
+        return []
+    if not stiffness:
+        return [-damping / mass]
+    rate, decay = np.sqrt(stiffness) / np.sqrt(mass), damping / mass / 2
+    if decay < rate:
+        swing = np.sqrt(rate - decay) * np.sqrt(rate + decay)
+        return [complex(-decay, swing), complex(-decay, -swing)]
+    fast = -(decay + np.sqrt(decay - rate) * np.sqrt(decay + rate))
+    return [fast, rate * (rate / fast)]
+
+
+def _poles_allowed(poles: ComplexArray) -> bool:
+    """Say whether all poles are inside the unit circle or singly on it."""
+    size = np.abs(poles)
+    if (size > 1 + ROUNDING).any():
+        return False
+    on = poles[np.abs(size - 1) <= ROUNDING]
+    return len(np.unique(on)) == len(on)
+
+
+def _judged(omega: FloatArray, margin: FloatArray, poles: ComplexArray | None) -> AbsoluteStability:
+    """Turn margins and poles into a verdict."""
+    least = int(np.argmin(margin))
+    smallest, binding = float(margin[least]), float(omega[least])
+    allowed = None if poles is None else _poles_allowed(poles)
+    verdict: Verdict = "stable"
+    reason = f"The smallest margin is {smallest:.6g}, at {binding:.6g} rad/s."
+    if allowed is False:
+        verdict, reason = (
+            "unstable",
+            "The network has a pole outside the unit circle, or a multiple one on it.",
+        )
+    elif smallest < 1 - ROUNDING:
+        verdict = "unstable"
+        if smallest < 0:
+            reason = f"A port is active: its real part is negative at {binding:.6g} rad/s."
+    elif smallest <= 1 + ROUNDING:
+        verdict = "marginal"
+    return AbsoluteStability(
+        verdict=verdict,
+        reason=reason,
+        omega=omega,
+        margin=margin,
+        smallest_margin=smallest,
+        binding_omega=binding,
+        poles=poles,
+        poles_allowed=allowed,
+    )
+
+
+def _check_single(device: AnyDevice, coupling: Coupling) -> None:
+    parts = [coupling.stiffness, coupling.damping]
+    if isinstance(device, Device):
+        parts += [device.mass, device.damping]
+        parts += [part for mode in device.modes for part in (mode.mass, mode.stiffness, mode.damping)]
+    if any(np.ndim(part) for part in parts):
+        raise UsageError(
+            "a verdict is for one device and one coupling.",
+            hint="For arrays use stability_margin or required_damping.",
+        )
