@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -10,79 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.classical.levels import Level, OneMinus, tail
+from percept.inference.classical.claims import Claim
+from percept.inference.classical.levels import OneMinus
 from percept.inference.classical.moments import Moments, plain
 from percept.inference.classical.quantiles import t_upper, t_within
 from percept.inference.classical.tolerance import tolerance_factor
-from percept.inference.intervals import Family, FloatOrArray, Interval, Joint, Kind, Side
+from percept.inference.intervals import Family, FloatOrArray, Interval, Kind
 
-__all__ = ["Claim", "family_moments", "mean_interval", "share_interval", "user_interval"]
+__all__ = ["family_moments", "mean_interval", "share_interval", "user_interval"]
 
 Array: TypeAlias = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Claim:
-    """What is asked of an interval, of whatever kind.
-
-    Parameters
-    ----------
-    level : float or OneMinus
-        Confidence level.
-    family : {"normal", "lognormal", "free"}
-        Distribution between users.
-    joint : {"marginal", "bonferroni"}
-        ``"bonferroni"`` halves every tail, so that two parameters hold together.
-    side : {"both", "lower", "upper"}
-        Which limits are wanted.
-    unit : str
-        Unit of the values.
-    share, confidence : float or OneMinus, optional
-        For kind ``"share"``.
-    """
-
-    level: Level = 0.99
-    family: Family = "normal"
-    joint: Joint = "marginal"
-    side: Side = "both"
-    unit: str = ""
-    share: Level | None = None
-    confidence: Level | None = None
-
-    def __post_init__(self) -> None:
-        for name, known in (
-            ("family", ("normal", "lognormal", "free")),
-            ("joint", ("marginal", "bonferroni")),
-            ("side", ("both", "lower", "upper")),
-        ):
-            if getattr(self, name) not in known:
-                options = ", ".join(f'"{option}"' for option in known)
-                raise UsageError(f"{name} must be one of {options}.", value=getattr(self, name))
-        for name in ("level", "share", "confidence"):
-            level = getattr(self, name)
-            if level is not None and tail(level, name).ndim:
-                raise UsageError(f"{name} must be one number for an interval.", value=level)
-
-    def tail(self, name: str = "level") -> float:
-        """Return what `name` leaves out, halved where two parameters share it.
-
-        Parameters
-        ----------
-        name : {"level", "share", "confidence"}
-            Which probability.
-
-        Returns
-        -------
-        float
-            In (0, 1).
-        """
-        left = float(tail(getattr(self, name), name))
-        return left / 2.0 if self.joint == "bonferroni" else left
-
-    @property
-    def tails(self) -> int:
-        """Over how many tails a level is spread."""
-        return 2 if self.side == "both" else 1
 
 
 def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) -> tuple[Moments, bool]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from percept.inference.classical import parametric
+from percept.inference.classical.claims import Claim
+from percept.inference.classical.free import free_interval
 from percept.inference.classical.levels import Level
 from percept.inference.classical.moments import Moments
-from percept.inference.classical.parametric import Claim
 from percept.inference.intervals import Family, Interval, Joint, Side
 
 __all__ = ["prediction_interval", "t_interval", "tolerance_interval"]
@@ -61,7 +62,10 @@ def t_interval(
         Fewer than 2 subjects, no scatter, zero or negative values under ``"lognormal"``, too few subjects for
         ``"free"``.
     """
-    return parametric.mean_interval(x, Claim(level, family, joint, side, unit), axis=axis)
+    claim = Claim(level, family, joint, side, unit)
+    if family == "free":
+        return free_interval("mean", x, claim, axis=axis)
+    return parametric.mean_interval(x, claim, axis=axis)
 
 
 def prediction_interval(
@@ -91,7 +95,10 @@ def prediction_interval(
     UsageError, RefusalError
         As `t_interval`; weighted moments.
     """
-    return parametric.user_interval(x, Claim(level, family, joint, side, unit), axis=axis)
+    claim = Claim(level, family, joint, side, unit)
+    if family == "free":
+        return free_interval("user", x, claim, axis=axis)
+    return parametric.user_interval(x, claim, axis=axis)
 
 
 def tolerance_interval(
@@ -131,4 +138,6 @@ def tolerance_interval(
     """
     share = level if share is None else share
     claim = Claim(level, family, joint, side, unit, share, confidence)
+    if family == "free":
+        return free_interval("share", x, claim, axis=axis)
     return parametric.share_interval(x, claim, axis=axis)

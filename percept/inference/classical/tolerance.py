@@ -13,7 +13,6 @@ noncentral t to all digits.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -25,14 +24,19 @@ from percept.inference.classical.checks import subject_counts
 from percept.inference.classical.levels import OneMinus, tail
 from percept.inference.classical.moments import plain
 from percept.inference.classical.quantiles import normal_upper
+from percept.inference.classical.shortfall import (
+    NEWTON_STEPS,
+    least_spread,
+    normal_nodes,
+    one_limit_factor,
+    reach_of,
+    solve_factor,
+)
 from percept.inference.intervals import FloatOrArray
 
 __all__ = ["howe_factor", "tolerance_factor"]
 
-_NODES = 200
 _BLOCK = 512  # requests handled at once
-_NEWTON = 60
-_NEGLIGIBLE = 1e-13  # of 1 − γ: what the quadrature leaves out beyond its last node
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -108,7 +112,7 @@ def howe_factor(n: ArrayLike, share: ArrayLike | OneMinus, confidence: ArrayLike
     """
 
     def factor(count: Array, outside: Array, doubt: Array) -> Array:
-        return normal_upper(outside / 2.0) * np.sqrt(1.0 + 1.0 / count) / _least_spread(count, doubt)
+        return normal_upper(outside / 2.0) * np.sqrt(1.0 + 1.0 / count) / least_spread(count, doubt)
 
     return _per_distinct(factor, n, share, confidence)
 
@@ -137,10 +141,10 @@ def _per_distinct(
 def _two_sided(n: Array, outside: Array, doubt: Array) -> Array:
     reach = _content_radius(normal_upper(doubt / 4.0)[:, None] / np.sqrt(n)[:, None], outside)[:, 0]
     # more than enough: too little is held only if the mean is off by more, or the SD falls below, its bound
-    start = reach / _least_spread(n, doubt / 2.0)
-    z, weight = _nodes(np.zeros_like(n), normal_upper(doubt * _NEGLIGIBLE))
+    start = reach / least_spread(n, doubt / 2.0)
+    z, weight = normal_nodes(np.zeros_like(n), reach_of(doubt))
     radius = _content_radius(z / np.sqrt(n)[:, None], outside)
-    return _solve(radius, 2.0 * weight, n, doubt, start)
+    return solve_factor(radius, 2.0 * weight, n, doubt, start)
 
 
 def _one_sided(n: Array, outside: Array, doubt: Array) -> Array:
@@ -153,37 +157,9 @@ def _one_sided(n: Array, outside: Array, doubt: Array) -> Array:
         if chosen.any():
             doubtful = 1.0 - doubt[chosen] if flip else doubt[chosen]
             distance = -offset[chosen] if flip else offset[chosen]
-            found = _one_limit(n[chosen], distance, doubtful)
+            found = one_limit_factor(n[chosen], distance, doubtful)
             factors[chosen] = -found if flip else found
     return factors
-
-
-def _one_limit(n: Array, offset: Array, doubt: Array) -> Array:
-    start = (offset + normal_upper(doubt / 2.0)) / np.sqrt(n) / _least_spread(n, doubt / 2.0)
-    edge = normal_upper(doubt * _NEGLIGIBLE)
-    z, weight = _nodes(np.maximum(-offset, -edge), edge)
-    return _solve((z + offset[:, None]) / np.sqrt(n)[:, None], weight, n, doubt, start)
-
-
-def _solve(radius: Array, weight: Array, n: Array, doubt: Array, start: Array) -> Array:
-    """Solve Σ weight · P(χ²_ν < ν radius²/c²) = doubt for c by Newton's method on log against log.
-
-    There the curve is concave, so from a start above the root every step stays above it.
-    """
-    half = (n[:, None] - 1.0) / 2.0
-    scale = special.gammaln(half)
-    log_factor = np.log(start)
-    for _ in range(_NEWTON):
-        x = half * (radius / np.exp(log_factor)[:, None]) ** 2
-        held_short = (weight * special.gammainc(half, x)).sum(axis=1)
-        # 2 x times the density of x, the slope of the lower tail in log c
-        with np.errstate(divide="ignore"):
-            slope = (weight * 2.0 * np.exp(half * np.log(x) - x - scale)).sum(axis=1)
-        step = np.log(held_short / doubt) * held_short / slope
-        log_factor = log_factor + step
-        if (np.abs(step) <= 1e-15).all():
-            break
-    return np.exp(log_factor)
 
 
 def _content_radius(x: Array, outside: Array) -> Array:
@@ -193,7 +169,7 @@ def _content_radius(x: Array, outside: Array) -> Array:
     """
     target = outside[:, None]
     r = x + normal_upper(target / 2.0)
-    for _ in range(_NEWTON):
+    for _ in range(NEWTON_STEPS):
         held_out = special.ndtr(-(r + x)) + special.ndtr(x - r)
         density = (np.exp(-0.5 * (r + x) ** 2) + np.exp(-0.5 * (r - x) ** 2)) / np.sqrt(2.0 * np.pi)
         step = np.log(held_out / target) * held_out / density
@@ -201,23 +177,3 @@ def _content_radius(x: Array, outside: Array) -> Array:
         if (np.abs(step) <= 4e-16 * r).all():
             break
     return r
-
-
-def _least_spread(n: Array, doubt: Array) -> Array:
-    """Return the SD, in units of the population's, that a sample's falls below with probability `doubt`."""
-    half = (n - 1.0) / 2.0
-    return np.sqrt(special.gammaincinv(half, doubt) / half)
-
-
-def _nodes(lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Return Gauss–Legendre nodes between the bounds, one row each, and weights with the normal density."""
-    node, weight = _legendre()
-    middle, half = (upper + lower)[:, None] / 2.0, (upper - lower)[:, None] / 2.0
-    z = middle + half * node
-    return z, half * weight * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-
-
-@cache
-def _legendre() -> tuple[Array, Array]:
-    node, weight = np.polynomial.legendre.leggauss(_NODES)
-    return node, weight
