@@ -30,6 +30,13 @@ from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment,
 from percept.haptics.passivity import passivity_damping
 from percept.haptics.perceived import perceived_impedance, perceived_magnitude
 from percept.haptics.phase import phase_envelope, phase_envelope_ellipse
+from percept.haptics.qualify import (
+    Band,
+    CouplingDesign,
+    QualifyingRegion,
+    design_couplings,
+    qualifying_region,
+)
 from percept.haptics.response import FrequencyResponse
 from percept.haptics.stability import (
     RequiredDamping,
@@ -42,13 +49,16 @@ from percept.haptics.stability import (
 __all__ = [
     "AbsoluteStability",
     "AnyDevice",
+    "Band",
     "BestDamping",
     "Coupling",
+    "CouplingDesign",
     "Device",
     "EffectiveImpedance",
     "Environment",
     "FrequencyResponse",
     "Mode",
+    "QualifyingRegion",
     "RequiredDamping",
     "StableRegion",
     "TabulatedDevice",
@@ -60,6 +70,7 @@ __all__ = [
     "coupling_admittance",
     "coupling_bound",
     "coupling_impedance",
+    "design_couplings",
     "device_impedance",
     "effective_impedance",
     "environment_impedance",
@@ -75,6 +86,7 @@ __all__ = [
     "perceived_magnitude",
     "phase_envelope",
     "phase_envelope_ellipse",
+    "qualifying_region",
     "required_damping",
     "required_damping_at",
     "stability_margin",

@@ -39,8 +39,14 @@ def golden_section(
     function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
 ) -> FloatArray:
     """Return a minimum of `function` inside each bracket (low, high)."""
+    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    at_left, at_right = function(left), function(right)
     for _ in range(_NARROWINGS):
-        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        falls = function(left) <= function(right)
+        falls = at_left <= at_right
         low, high = np.where(falls, low, left), np.where(falls, right, high)
+        # One of the two inner places is kept; only the other is new.
+        new = np.where(falls, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+        at_new = function(new)
+        left, right = np.where(falls, new, right), np.where(falls, left, new)
+        at_left, at_right = np.where(falls, at_new, at_right), np.where(falls, at_left, at_new)
     return (low + high) / 2
