@@ -65,6 +65,36 @@ def error_over_condition(
         return float(error / max(mpmath.mpf(1), total / size))
 
 
+def limit_error_over_condition(stiffness: float, device: float, coupling: float, period: float) -> float:
+    """Return the same for the largest k_c of a device and coupling damping, from the damping it needs.
+
+    The error in k_c is the misfit of the required damping over its slope; so is what each input contributes.
+    """
+    import mpmath
+
+    with mpmath.workdps(DIGITS):
+        b_d, b_c, t, k = (mpmath.mpf(value) for value in (device, coupling, period, stiffness))
+        if np.isnan(stiffness):
+            return float("inf")
+        if k == 0:
+            return (
+                0.0 if largest_required(mpmath, k, b_c) >= b_d * (1 - mpmath.mpf("1e-15")) else float("inf")
+            )
+        step = 1 + mpmath.mpf(_STEP)
+
+        def needed(k: Number, b_c: Number, t: Number) -> Number:
+            return largest_required(mpmath, k * t, b_c + k * t / 2)
+
+        base = needed(k, b_c, t)
+        slopes = [
+            abs(needed(*moved) - base)
+            for moved in ((k * step, b_c, t), (k, b_c * step, t), (k, b_c, t * step))
+        ]
+        by_k = slopes[0] / mpmath.mpf(_STEP)
+        condition = (b_d + (slopes[1] + slopes[2]) / mpmath.mpf(_STEP)) / by_k
+        return float(abs(base - b_d) / by_k / max(mpmath.mpf(1), condition))
+
+
 def _point(inputs: Mapping[str, Number]) -> SimpleNamespace:
     """Add z = exp(jωT), Tustin's s and θ to the inputs."""
     import mpmath

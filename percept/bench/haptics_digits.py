@@ -21,6 +21,7 @@ from percept.haptics import (
     environment_impedance,
     hold,
     magnitude_envelope,
+    max_coupling_stiffness,
     perceived_impedance,
     perceived_magnitude,
     required_damping,
@@ -90,11 +91,8 @@ def digits_kept(
         theta = values["omega"] * values["period"]
         at_nyquist = reference.is_nyquist(theta)
         decade = 1 if at_nyquist else int(np.floor(np.log10(theta)))
-        for name, (ours, exact, inputs) in chosen.items():
-            error = reference.error_over_condition(
-                ours(values), exact, {key: values[key] for key in inputs}, at_nyquist=at_nyquist
-            )
-            worst.setdefault((name, decade), []).append(error)
+        for name, check in chosen.items():
+            worst.setdefault((name, decade), []).append(check(values, at_nyquist))
     return tuple(
         Digits(
             quantity=name,
@@ -196,84 +194,102 @@ _ENVIRONMENT = ("k_e", "b_e", "m_e")
 _COUPLING = ("k_c", "b_c")
 _W = ("omega", "period")
 
-Quantity: TypeAlias = tuple[Callable[[Values], Any], reference.Formula, tuple[str, ...]]
+Check: TypeAlias = Callable[[Values, bool], float]
 
-QUANTITIES: dict[str, Quantity] = {
-    "Z_d": (lambda v: device_impedance(v["omega"], _device(v), v["period"]), reference.rigid, _RIGID),
-    "Z_d, flexible": (
+
+def _check(ours: Callable[[Values], Any], exact: reference.Formula, inputs: tuple[str, ...]) -> Check:
+    def error(v: Values, at_nyquist: bool) -> float:
+        return reference.error_over_condition(
+            ours(v), exact, {key: v[key] for key in inputs}, at_nyquist=at_nyquist
+        )
+
+    return error
+
+
+def _stiffness_limit(v: Values, at_nyquist: bool) -> float:
+    limit = max_coupling_stiffness(v["b_d"], v["b_c"], v["period"])
+    return reference.limit_error_over_condition(float(limit), v["b_d"], v["b_c"], v["period"])
+
+
+QUANTITIES: dict[str, Check] = {
+    "Z_d": _check(lambda v: device_impedance(v["omega"], _device(v), v["period"]), reference.rigid, _RIGID),
+    "Z_d, flexible": _check(
         lambda v: device_impedance(v["omega"], _flexible(v), v["period"]),
         reference.flexible,
         _FLEXIBLE,
     ),
-    "Z_e": (
+    "Z_e": _check(
         lambda v: environment_impedance(v["omega"], _environment(v), v["period"]),
         reference.environment,
         (*_W, *_ENVIRONMENT),
     ),
-    "Z_c, Eq. 6": (
+    "Z_c, Eq. 6": _check(
         lambda v: coupling_impedance(v["omega"], _coupling(v), v["period"]),
         reference.coupling_backward,
         (*_W, *_COUPLING),
     ),
-    "1/Z_c, Eq. 6": (
+    "1/Z_c, Eq. 6": _check(
         lambda v: coupling_admittance(v["omega"], _coupling(v), v["period"]),
         reference.admittance_backward,
         (*_W, *_COUPLING),
     ),
-    "ZOH, Eq. 8": (lambda v: hold(*_at(v)), reference.hold_average, _W),
-    "ZOH, true": (lambda v: hold(*_at(v), kind="true"), reference.hold_true, _W),
-    "v_e/v_h": (
+    "ZOH, Eq. 8": _check(lambda v: hold(*_at(v)), reference.hold_average, _W),
+    "ZOH, true": _check(lambda v: hold(*_at(v), kind="true"), reference.hold_true, _W),
+    "v_e/v_h": _check(
         lambda v: velocity_ratio(v["omega"], _environment(v), _coupling(v), v["period"]),
         reference.velocity_ratio,
         (*_W, *_ENVIRONMENT, *_COUPLING),
     ),
-    "Z_eff": (
+    "Z_eff": _check(
         lambda v: effective_impedance(v["omega"], _environment(v), _coupling(v), v["period"]).value,
         reference.effective,
         (*_W, *_ENVIRONMENT, *_COUPLING),
     ),
-    "Re Z_eff": (
+    "Re Z_eff": _check(
         lambda v: effective_impedance(v["omega"], _environment(v), _coupling(v), v["period"]).damping,
         lambda p: p.mp.mpc(reference.effective(p)).real,
         (*_W, *_ENVIRONMENT, *_COUPLING),
     ),
-    "Z_h": (_direct, reference.direct, (*_RIGID, *_ENVIRONMENT)),
-    "Z_h, flexible, true hold": (
+    "Z_h": _check(_direct, reference.direct, (*_RIGID, *_ENVIRONMENT)),
+    "Z_h, flexible, true hold": _check(
         _direct_flexible_true,
         reference.direct_flexible_true,
         (*_FLEXIBLE, *_ENVIRONMENT),
     ),
-    "Z_h_vc, Eq. 12": (_coupled("tustin"), reference.coupled, (*_RIGID, *_ENVIRONMENT, *_COUPLING)),
-    "Z_h_vc, Eq. 6": (_coupled("backward"), reference.coupled_backward, (*_RIGID, *_ENVIRONMENT, *_COUPLING)),
-    "abs(Z_h), k and b negative": (_magnitude, reference.magnitude, (*_RIGID, *_ENVIRONMENT)),
-    "box, upper": (
+    "Z_h_vc, Eq. 12": _check(_coupled("tustin"), reference.coupled, (*_RIGID, *_ENVIRONMENT, *_COUPLING)),
+    "Z_h_vc, Eq. 6": _check(
+        _coupled("backward"), reference.coupled_backward, (*_RIGID, *_ENVIRONMENT, *_COUPLING)
+    ),
+    "abs(Z_h), k and b negative": _check(_magnitude, reference.magnitude, (*_RIGID, *_ENVIRONMENT)),
+    "box, upper": _check(
         lambda v: _box(v)[1],
         reference.box_upper,
         (*_RIGID, *_ENVIRONMENT, *_COUPLING),
     ),
-    "box, lower": (
+    "box, lower": _check(
         lambda v: _box(v)[0],
         reference.box_lower,
         (*_RIGID, *_ENVIRONMENT, *_COUPLING),
     ),
-    "required damping at ω": (
+    "required damping at ω": _check(
         _required_at("backward", "average"),
         reference.required_at(reference.coupling_backward, reference.hold_average),
         (*_W, *_COUPLING),
     ),
-    "required damping at ω, true hold": (
+    "required damping at ω, true hold": _check(
         _required_at("tustin", "true"),
         reference.required_at(reference.coupling_tustin, reference.hold_true),
         (*_W, *_COUPLING),
     ),
-    "stability margin": (
+    "stability margin": _check(
         lambda v: stability_margin(v["omega"], _flexible(v), _coupling(v), v["period"]),
         reference.margin,
         (*_FLEXIBLE, *_COUPLING),
     ),
-    "required damping": (
+    "required damping": _check(
         lambda v: required_damping(_coupling(v), v["period"]).damping,
         reference.required,
         (*_W, *_COUPLING),
     ),
+    "largest stiffness": _stiffness_limit,
 }

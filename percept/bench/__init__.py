@@ -1,0 +1,1 @@
+"""Run time against error, on the machine at hand."""

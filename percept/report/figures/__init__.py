@@ -1,0 +1,1 @@
+"""Figures: each draws plain arrays on axes it is given."""
