@@ -9,12 +9,19 @@ import importlib
 from typing import Any
 
 _HOMES = {
+    "covers": ("coverage_sentence",),
     "intervals": ("Interval",),
+    "regions": ("EllipseRegion", "RectangleRegion"),
+    "classical.bias": ("Bias", "Equivalence", "bias", "equivalence_test"),
+    "classical.diagnostics": ("Influence", "Normality", "check_normality", "influence"),
     "classical.exact": ("MomentsAccumulator",),
+    "classical.joint": ("ellipse_region", "rectangle_region"),
     "classical.levels": ("OneMinus",),
     "classical.moments": ("Moments",),
     "classical.sample_intervals": ("prediction_interval", "t_interval", "tolerance_interval"),
+    "classical.spread": ("RelativeSpread", "coefficient_of_variation", "weber_fraction"),
     "classical.tolerance": ("howe_factor", "tolerance_factor"),
+    "classical.trials": ("SubjectMeans", "subject_means"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
 
-__all__ = ["finite_values", "positive_values", "sample", "subject_counts"]
+__all__ = ["finite_values", "positive_references", "positive_values", "sample", "subject_counts"]
 
 
 def finite_values(
@@ -164,6 +164,44 @@ def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
             f"At least 2 subjects are needed; there is {int(found.min())}.", hint="Add subjects."
         )
     return found.astype(np.int64)
+
+
+def positive_references(reference: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return reference values that something can be divided by.
+
+    Parameters
+    ----------
+    reference : array_like
+        What was shown; any unit.
+    shape : tuple of int
+        Shape of what will be divided.
+
+    Returns
+    -------
+    ndarray
+        A shape that broadcasts to `shape`.
+
+    Raises
+    ------
+    UsageError
+        Not finite numbers, or a shape that does not fit.
+    RefusalError
+        A reference of zero or below.
+    """
+    shown = finite_values(reference, name="references")
+    if (shown <= 0.0).any():
+        raise RefusalError(
+            "A reference of zero or below has no ratio.",
+            value=float(shown.min()),
+            hint="Leave this parameter of this environment out.",
+        )
+    try:
+        fits = np.broadcast_shapes(shown.shape, shape) == shape
+    except ValueError:
+        fits = False
+    if not fits:
+        raise UsageError(f"There are references of shape {shown.shape} for samples of shape {shape}.")
+    return shown
 
 
 def _numeric(found: NDArray[Any], name: str) -> NDArray[np.float64]:

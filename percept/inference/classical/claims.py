@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 from percept.errors import UsageError
 from percept.inference.classical.levels import Level, tail
 from percept.inference.intervals import Family, Joint, Side
 
-__all__ = ["Claim"]
+__all__ = ["Claim", "Parametric", "parametric_family"]
+
+Parametric: TypeAlias = Literal["normal", "lognormal"]
 
 
 @dataclass(frozen=True)
@@ -73,3 +76,16 @@ class Claim:
     def tails(self) -> int:
         """Over how many tails a level is spread."""
         return 2 if self.side == "both" else 1
+
+
+def parametric_family(family: Parametric) -> Parametric:
+    """Return `family` if it has parameters.
+
+    Raises
+    ------
+    UsageError
+        Anything but "normal" or "lognormal".
+    """
+    if family not in ("normal", "lognormal"):
+        raise UsageError('family must be "normal" or "lognormal" here.', value=family)
+    return family

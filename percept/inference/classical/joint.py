@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.checks import sample
+from percept.inference.classical.claims import Parametric, parametric_family
 from percept.inference.classical.levels import Level, tail
 from percept.inference.classical.moments import Moments, mean_and_sd
 from percept.inference.classical.sample_intervals import prediction_interval, t_interval, tolerance_interval
@@ -79,7 +79,7 @@ def ellipse_region(
     *,
     kind: Kind,
     level: Level = 0.99,
-    family: Literal["normal", "lognormal"] = "normal",
+    family: Parametric = "normal",
 ) -> EllipseRegion:
     """Work out Hotelling's ellipse, which holds stiffness and damping together at exactly `level`.
 
@@ -116,8 +116,7 @@ def ellipse_region(
         )
     if kind not in ("mean", "user"):
         raise UsageError('kind must be "mean" or "user".', value=kind)
-    if family not in ("normal", "lognormal"):
-        raise UsageError('An ellipse is of family "normal" or "lognormal".', value=family)
+    parametric_family(family)
     if isinstance(stiffness, Moments) or isinstance(damping, Moments):
         raise RefusalError(
             "Means and SDs say nothing on how stiffness and damping go together.",

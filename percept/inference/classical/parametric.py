@@ -16,7 +16,7 @@ from percept.inference.classical.quantiles import t_upper, t_within
 from percept.inference.classical.tolerance import tolerance_factor
 from percept.inference.intervals import Family, FloatOrArray, Interval, Kind
 
-__all__ = ["family_moments", "mean_interval", "share_interval", "user_interval"]
+__all__ = ["family_moments", "mean_interval", "refuse_weights", "share_interval", "user_interval"]
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def mean_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> In
 def user_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
     """Work out the prediction interval: mean ± t·SD·√(1 + 1/n)."""
     moments, approximate = family_moments(x, claim.family, axis=axis)
-    _refuse_weights(moments)
+    refuse_weights(moments)
     n = np.asarray(moments.n)
     factor = t_upper(claim.tail() / claim.tails, n - 1) * np.sqrt(1.0 + 1.0 / n)
     return _interval("user", moments, factor, claim, approximate)
@@ -92,7 +92,7 @@ def user_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> In
 def share_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
     """Work out the tolerance interval: mean ± factor·SD."""
     moments, approximate = family_moments(x, claim.family, axis=axis)
-    _refuse_weights(moments)
+    refuse_weights(moments)
     factor = tolerance_factor(
         moments.n,
         OneMinus(claim.tail("share")),
@@ -143,7 +143,8 @@ def _interval(
     )
 
 
-def _refuse_weights(moments: Moments) -> None:
+def refuse_weights(moments: Moments) -> None:
+    """Raise where moments are of a weighted mean, which says nothing on single users."""
     if moments.weighted:
         raise UsageError(
             "A weighted mean says nothing on single users.",

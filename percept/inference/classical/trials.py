@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 from percept.inference.classical.checks import finite_values, positive_values
+from percept.inference.classical.claims import Parametric, parametric_family
 from percept.inference.classical.exact import MomentsAccumulator
 from percept.inference.classical.moments import Moments
 
@@ -38,7 +39,7 @@ class SubjectMeans:
     values: NDArray[np.float64]
     trials: NDArray[np.int64]
     subjects: tuple[object, ...]
-    family: Literal["normal", "lognormal"]
+    family: Parametric
     trial_sd: float | None
 
     @property
@@ -84,9 +85,7 @@ class SubjectMeans:
         return Moments.from_weighted(self.values, weights, log=log, repeats=repeats)
 
 
-def subject_means(
-    values: ArrayLike, subjects: ArrayLike, *, family: Literal["normal", "lognormal"] = "normal"
-) -> SubjectMeans:
+def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Parametric = "normal") -> SubjectMeans:
     """Average the trials of each subject, however many each did.
 
     Parameters
@@ -110,9 +109,7 @@ def subject_means(
     RefusalError
         Zero or negative values under ``"lognormal"``.
     """
-    if family not in ("normal", "lognormal"):
-        raise UsageError('family must be "normal" or "lognormal".', value=family)
-    log = family == "lognormal"
+    log = parametric_family(family) == "lognormal"
     y = positive_values(values) if log else finite_values(values)
     who = np.asarray(subjects)
     if y.ndim != 1 or who.shape != y.shape:

@@ -1,0 +1,275 @@
+"""How many subjects the next study needs.
+
+Each plan finds the smallest n whose interval is, with a stated probability (the assurance), no wider than
+wanted. The width of a classical interval is a known multiple of the SD, and the SD of a normal sample is a χ
+variable: the assurance is a χ² probability, exact, and no simulation is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.classical.claims import Claim, Parametric, parametric_family
+from percept.inference.classical.levels import Level, OneMinus
+from percept.inference.classical.quantiles import normal_upper, t_upper
+from percept.inference.classical.tolerance import tolerance_factor
+from percept.inference.covers import percent
+from percept.inference.intervals import Joint, Kind
+
+__all__ = ["Plan", "plan_mean", "plan_share", "plan_user"]
+
+_MOST = 10_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """The number of subjects for a wanted width, and how sure it is.
+
+    Parameters
+    ----------
+    kind : {"mean", "user", "share"}
+        What the planned interval covers.
+    n : int
+        Subjects.
+    assurance : float
+        Probability that a study of `n` subjects reaches the width; at least the one wanted.
+    expected : float
+        Average over studies of the width, in the terms of `wanted`; under ``"lognormal"`` of its logarithm,
+        turned back.
+    wanted : float
+        Kind ``"mean"``: the half-width, in the unit of the SD (``"lognormal"``: as a fraction). Kinds
+        ``"user"`` and ``"share"``: width over that of the population's own interval.
+    level : float
+        Level of the interval; for ``"share"`` its confidence.
+    family : {"normal", "lognormal"}
+        Distribution between users.
+    """
+
+    kind: Kind
+    n: int
+    assurance: float
+    expected: float
+    wanted: float
+    level: float
+    family: Parametric = "normal"
+
+    @property
+    def covers(self) -> str:
+        """One plain sentence saying what the plan promises."""
+        width = {
+            "mean": f"the interval of the average user is at most ± {self.wanted:.4g} wide",
+            "user": f"the interval of the next user is at most {self.wanted:.4g} times that of all users",
+            "share": f"the interval of a share of users is at most {self.wanted:.4g} times that of all users",
+        }[self.kind]
+        return f"With {self.n} subjects, {width} in {percent(self.assurance, digits=4)} of studies."
+
+
+def plan_mean(
+    half_width: float,
+    *,
+    sd: float,
+    level: Level = 0.99,
+    assurance: float = 0.8,
+    family: Parametric = "normal",
+    joint: Joint = "marginal",
+) -> Plan:
+    """Find the n for which the t-interval of the mean has a wanted half-width.
+
+    Parameters
+    ----------
+    half_width : float
+        At most, in the unit of `sd`; under ``"lognormal"`` as a fraction, 0.1 for limits within a factor 1.1.
+    sd : float
+        SD between users to be expected; under ``"lognormal"`` their coefficient of variation.
+    level : float or OneMinus
+        Confidence level.
+    assurance : float
+        Probability of reaching the width; 0 to 1, exclusive.
+    family : {"normal", "lognormal"}
+        Distribution between users.
+    joint : {"marginal", "bonferroni"}
+        As `percept.inference.t_interval`.
+
+    Returns
+    -------
+    Plan
+        The smallest n, at least 2.
+
+    Raises
+    ------
+    UsageError
+        A width or SD that is not positive, a probability outside (0, 1), an unknown option.
+    RefusalError
+        More than ten million subjects needed.
+    """
+    _positive(half_width=half_width, sd=sd)
+    claim = Claim(level, parametric_family(family), joint)
+    if family == "lognormal":
+        wanted, spread = float(np.log1p(half_width)), float(np.sqrt(np.log1p(sd**2)))
+    else:
+        wanted, spread = half_width, sd
+
+    def factor(n: int) -> float:
+        return float(t_upper(claim.tail() / 2.0, n - 1) / np.sqrt(n))
+
+    n, reached = _smallest(factor, wanted / spread, assurance)
+    expected = factor(n) * _mean_sd(n) * spread
+    return Plan(
+        kind="mean",
+        n=n,
+        assurance=reached,
+        expected=float(np.expm1(expected)) if family == "lognormal" else expected,
+        wanted=half_width,
+        level=float(level),
+        family=family,
+    )
+
+
+def plan_user(
+    ratio: float, *, level: Level = 0.99, assurance: float = 0.8, joint: Joint = "marginal"
+) -> Plan:
+    """Find the n for which the prediction interval is close to the population's own.
+
+    Parameters
+    ----------
+    ratio : float
+        Width at most, over that of the interval which holds `level` of the users; above 1. On the log scale,
+        where the family is lognormal.
+    level : float or OneMinus
+        Level of the interval.
+    assurance : float
+        Probability of reaching the ratio.
+    joint : {"marginal", "bonferroni"}
+        As `percept.inference.prediction_interval`.
+
+    Returns
+    -------
+    Plan
+        The smallest n, at least 2.
+
+    Raises
+    ------
+    UsageError
+        A ratio of 1 or below, a probability outside (0, 1).
+    RefusalError
+        More than ten million subjects needed.
+    """
+    _above_one(ratio)
+    half_tail = Claim(level, joint=joint).tail() / 2.0
+    least = float(normal_upper(half_tail))
+
+    def factor(n: int) -> float:
+        return float(t_upper(half_tail, n - 1) * np.sqrt(1.0 + 1.0 / n))
+
+    n, reached = _smallest(factor, ratio * least, assurance)
+    return Plan(
+        kind="user",
+        n=n,
+        assurance=reached,
+        expected=factor(n) * _mean_sd(n) / least,
+        wanted=ratio,
+        level=float(level),
+    )
+
+
+def plan_share(
+    ratio: float,
+    *,
+    share: Level = 0.99,
+    confidence: Level = 0.95,
+    assurance: float = 0.8,
+    joint: Joint = "marginal",
+) -> Plan:
+    """Find the n for which the tolerance interval is close to the population's own.
+
+    Parameters
+    ----------
+    ratio : float
+        Width at most, over that of the interval which holds exactly `share` of the users; above 1. On the log
+        scale, where the family is lognormal.
+    share, confidence : float or OneMinus
+        As `percept.inference.tolerance_interval`.
+    assurance : float
+        Probability of reaching the ratio.
+    joint : {"marginal", "bonferroni"}
+        As `percept.inference.tolerance_interval`.
+
+    Returns
+    -------
+    Plan
+        The smallest n, at least 2.
+
+    Raises
+    ------
+    UsageError
+        A ratio of 1 or below, a probability outside (0, 1).
+    RefusalError
+        More than ten million subjects needed.
+    """
+    _above_one(ratio)
+    claim = Claim(share, joint=joint, share=share, confidence=confidence)
+    outside, doubt = OneMinus(claim.tail("share")), OneMinus(claim.tail("confidence"))
+    least = float(normal_upper(outside.tail / 2.0))
+
+    def factor(n: int) -> float:
+        return float(tolerance_factor(n, outside, doubt))
+
+    n, reached = _smallest(factor, ratio * least, assurance)
+    return Plan(
+        kind="share",
+        n=n,
+        assurance=reached,
+        expected=factor(n) * _mean_sd(n) / least,
+        wanted=ratio,
+        level=float(confidence),
+    )
+
+
+def _smallest(factor: Callable[[int], float], wanted: float, assurance: float) -> tuple[int, float]:
+    """Return the smallest n with P(factor(n)·SD ≤ wanted) ≥ assurance, unit variance, and that probability."""
+    if not 0.0 < assurance < 1.0:
+        raise UsageError("assurance must lie strictly between 0 and 1.", value=assurance)
+
+    def reached(n: int) -> float:
+        half = (n - 1.0) / 2.0
+        return float(special.gammainc(half, half * (wanted / factor(n)) ** 2))
+
+    few, enough = 1, 2
+    while reached(enough) < assurance:
+        if enough >= _MOST:
+            raise RefusalError(
+                f"More than {_MOST} subjects would be needed.", hint="Ask for a wider interval."
+            )
+        few, enough = enough, min(2 * enough, _MOST)
+    while enough - few > 1:
+        middle = (few + enough) // 2
+        if reached(middle) < assurance:
+            few = middle
+        else:
+            enough = middle
+    return enough, reached(enough)
+
+
+def _mean_sd(n: int) -> float:
+    """Return the expected SD of a sample of unit variance."""
+    half = (n - 1.0) / 2.0
+    return float(special.poch(half, 0.5) / np.sqrt(half))
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise UsageError(f"{name} must be a positive number.", value=value)
+
+
+def _above_one(ratio: float) -> None:
+    if not (np.isfinite(ratio) and ratio > 1.0):
+        raise UsageError(
+            "ratio must be above 1: no study gives a narrower interval than the population's own.",
+            value=ratio,
+        )
