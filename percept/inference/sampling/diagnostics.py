@@ -1,0 +1,108 @@
+"""Convergence measures: autocorrelation time, Monte Carlo error and rank R-hat across ensembles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, special, stats
+
+__all__ = ["autocorrelation_time", "monte_carlo_error", "rank_rhat"]
+
+Array = NDArray[np.float64]
+_WINDOW = 5.0  # Sokal's window, in autocorrelation times
+_BATCHES = (4, 20)  # fewest and most batches per ensemble
+
+
+def autocorrelation_time(series: Array) -> Array:
+    """Integrated autocorrelation time, averaged over ensembles and walkers.
+
+    The autocorrelation functions of all walkers are averaged before they are summed over Sokal's
+    window, so that runs of ten autocorrelation times are enough with 64 walkers or more.
+
+    Parameters
+    ----------
+    series : ndarray, shape (E, T, W, Q)
+        Q quantities over T kept positions of W walkers in E ensembles.
+
+    Returns
+    -------
+    ndarray, shape (Q,)
+        Times in kept positions; inf for a quantity that never changes.
+    """
+    _, length, _, count = series.shape
+    # One mean and scale for all walkers: a walker that is stuck elsewhere must show.
+    centred = series - series.mean(axis=(0, 1, 2))
+    padded = fft.next_fast_len(2 * length, real=True)
+    power = np.zeros((padded // 2 + 1, count))
+    for ensemble in centred:
+        spectrum = fft.rfft(ensemble, n=padded, axis=0)
+        power += (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
+    covariance = fft.irfft(power, n=padded, axis=0)[:length]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rho = covariance / covariance[0]
+    times = 2.0 * np.cumsum(rho, axis=0) - 1.0
+    window = np.arange(length)[:, None] >= _WINDOW * times
+    first = np.where(window.any(axis=0), window.argmax(axis=0), length - 1)
+    chosen = times[first, np.arange(count)]
+    return np.where(np.isfinite(chosen), np.maximum(chosen, 1.0), np.inf)
+
+
+def monte_carlo_error(influence: Array, times: Array) -> Array:
+    """Standard error of the estimates, from their influence functions.
+
+    Parameters
+    ----------
+    influence : ndarray, shape (E, T, W, Q)
+        Pull of each kept draw on each estimate.
+    times : ndarray, shape (Q,)
+        Autocorrelation times of the influences, in kept positions.
+
+    Returns
+    -------
+    ndarray, shape (Q,)
+        The larger of two errors: by batch means of the walker averages, which sees dependence
+        between walkers, and by the autocorrelation time, which is less noisy in short runs.
+    """
+    ensembles, length, walkers, count = influence.shape
+    longest = float(np.max(times, initial=1.0))
+    batches = int(np.clip(length / (3.0 * longest), *_BATCHES)) if np.isfinite(longest) else _BATCHES[0]
+    size = length // batches
+    averages = influence.mean(axis=2)[:, : size * batches].reshape(ensembles, batches, size, count).mean(axis=2)
+    by_batches = np.sqrt(averages.reshape(-1, count).var(axis=0, ddof=1) / (ensembles * batches))
+    draws = ensembles * length * walkers
+    by_time = np.sqrt(np.mean(influence**2, axis=(0, 1, 2)) * np.minimum(times, draws) / draws)
+    return np.maximum(by_batches, by_time)
+
+
+def rank_rhat(chains: Array) -> Array:
+    """Rank-normalised split R-hat, the larger of bulk and folded (Vehtari et al. 2021).
+
+    Parameters
+    ----------
+    chains : ndarray, shape (E, N, Q)
+        N draws of Q quantities per ensemble; ensembles are the chains, walkers never.
+
+    Returns
+    -------
+    ndarray, shape (Q,)
+        1 for a quantity that never changes.
+    """
+    half = chains.shape[1] // 2
+    split = np.concatenate([chains[:, :half], chains[:, chains.shape[1] - half :]])
+    folded = np.abs(split - np.median(split, axis=(0, 1)))
+    constant = np.ptp(split, axis=(0, 1)) == 0
+    return np.where(constant, 1.0, np.maximum(_rhat(_normal_scores(split)), _rhat(_normal_scores(folded))))
+
+
+def _normal_scores(values: Array) -> Array:
+    flat = values.reshape(-1, values.shape[-1])
+    ranks = stats.rankdata(flat, axis=0)
+    return np.asarray(special.ndtri((ranks - 0.375) / (len(flat) + 0.25))).reshape(values.shape)
+
+
+def _rhat(chains: Array) -> Array:
+    length = chains.shape[1]
+    within = chains.var(axis=1, ddof=1).mean(axis=0)
+    between = chains.mean(axis=1).var(axis=0, ddof=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt((length - 1) / length + between / within)
