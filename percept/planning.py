@@ -231,7 +231,7 @@ def plan_share(
 
 
 def _smallest(factor: Callable[[int], float], wanted: float, assurance: float) -> tuple[int, float]:
-    """Return the smallest n with P(factor(n)·SD ≤ wanted) ≥ assurance, unit variance, and that probability."""
+    """Return the smallest n with P(factor(n)·SD ≤ wanted) ≥ assurance for σ = 1, and what is reached."""
     if not 0.0 < assurance < 1.0:
         raise UsageError("assurance must lie strictly between 0 and 1.", value=assurance)
 
@@ -270,6 +270,6 @@ def _positive(**values: float) -> None:
 def _above_one(ratio: float) -> None:
     if not (np.isfinite(ratio) and ratio > 1.0):
         raise UsageError(
-            "ratio must be above 1: no study gives a narrower interval than the population's own.",
+            "ratio must be above 1, to which it tends with ever more subjects.",
             value=ratio,
         )
