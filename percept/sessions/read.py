@@ -1,12 +1,10 @@
-"""Files to Sessions."""
+"""Files to Sessions: every file read on its own, then checked together."""
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import io
-import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +12,19 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.options import ReadOptions
-from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS, Sessions, Source
+from percept.sessions import checks
+from percept.sessions.columns import resolve
+from percept.sessions.decode import decode
+from percept.sessions.dialect import Grid, read_grid
+from percept.sessions.options import ReadOptions, parse_columns
+from percept.sessions.part import Part, read_part
+from percept.sessions.problems import Problems
+from percept.sessions.recognise import refuse_binary, refuse_text
+from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS, Exclusion, Notice, Sessions, Source
+from percept.sessions.sources import Input, expand, is_workbook, load, names_from_file
+from percept.sessions.tables import excel_grid, frame_grid, parquet_grid
 
-__all__ = ["read_sessions", "sessions_from_frame"]
-
-_TEXT = ("subject", "session", "environment", "parameter")
-_MISSING = {"", "nan", "na", "null", "none", "-"}
+__all__ = ["read_grid_of", "read_sessions", "sessions_from_frame"]
 
 
 def read_sessions(
@@ -31,89 +35,231 @@ def read_sessions(
     Parameters
     ----------
     *paths : str or Path
-        Files, read in this order.
+        Files, folders, glob patterns, or "-" for standard input; CSV in any dialect, gz and zip archives of
+        them, Parquet and Excel.
     columns : mapping, optional
-        From canonical column name to the file's own.
+        From canonical name (subject, session, environment, trial, k_ref, b_ref, k_adj, b_adj) to the files'
+        own column name or a table {name, unit, path}; it goes before `options.columns`.
     options : ReadOptions, optional
-        How to read them.
+        How to read them; the scene's tables give one by `ReadOptions.from_mapping`.
 
     Returns
     -------
     Sessions
+        Values in N/m and N·s/m; rows in the order of the files.
 
     Raises
     ------
     UsageError
-        Unreadable input, naming file, row, column and value.
+        What cannot be read as it stands, each problem with file, row, column, value and what to do; a
+        :class:`~percept.sessions.problems.ReadError` lists up to ten and holds them all.
     """
+    options = options or ReadOptions()
+    if columns is not None:
+        options = replace(options, columns={**options.columns, **parse_columns(columns)})
+    study = _Study(options)
     if not paths:
-        raise UsageError("no file was given.", hint="Name at least one session file.")
-    names = {str(v if isinstance(v, str) else v["name"]): k for k, v in (columns or {}).items()}
-    frames, sources, files, rows = [], [], [], []
-    for index, path in enumerate(paths):
-        try:
-            data = Path(path).read_bytes()
-        except OSError as error:
-            raise UsageError("cannot be read: " + str(error.strerror), file=str(path)) from None
-        records = list(csv.reader(io.StringIO(data.decode("utf-8-sig"), newline="")))
-        frame = pd.DataFrame(records[1:], columns=[names.get(c.strip(), c.strip()) for c in records[0]])
-        sources.append(Source(str(path), hashlib.sha256(data).hexdigest(), len(frame)))
-        frames.append(_typed(frame, str(path)))
-        files += [index] * len(frame)
-        rows += range(2, len(frame) + 2)
-    return _checked(pd.concat(frames, ignore_index=True), tuple(sources), files, rows)
+        raise UsageError("no file was given.", hint="Name at least one session file or folder.")
+    files, ignored = expand(paths)
+    if ignored:
+        study.notices.append(Notice(f"{len(ignored)} files of other kinds in the folders are not read"))
+    for file in files:
+        with study.collecting():
+            for entry in load(file):
+                with study.collecting():
+                    study.add(entry)
+    return study.sessions()
 
 
 def sessions_from_frame(frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
-    """Build Sessions from a DataFrame; see `Sessions.from_frame`."""
-    text = frame.astype(object).where(frame.notna(), "").map(lambda v: v if isinstance(v, str) else repr(v))
-    for column in frame.columns:
-        text[column] = [
-            "" if v is None or (isinstance(v, float) and math.isnan(v)) else str(v)
-            for v in frame[column].tolist()
-        ]
-    typed = _typed(text, "<frame>")
-    rows = list(range(2, len(typed) + 2))
-    return _checked(typed, (Source("<frame>", "", len(typed)),), [0] * len(typed), rows)
+    """Build Sessions from a DataFrame, with the same checks as a file; see `Sessions.from_frame`."""
+    study = _Study(options or ReadOptions())
+    name = "<frame>"
+    study.take(frame_grid(frame, file=name), name, "", {})
+    return study.sessions()
 
 
-def _typed(frame: pd.DataFrame, file: str) -> pd.DataFrame:
-    frame = frame.copy()
-    for column in [c for c in (*TRIAL_COLUMNS, *SUMMARY_COLUMNS) if c in frame and c not in _TEXT]:
-        values = np.empty(len(frame))
-        for i, text in enumerate(frame[column]):
-            try:
-                values[i] = np.nan if text.strip().lower() in _MISSING else float(text)
-            except ValueError:
-                raise UsageError("not a number.", file=file, row=i + 2, column=column, value=text) from None
-        frame[column] = values
-    return frame
+def read_grid_of(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid:
+    """Cells of one input, whatever its format.
+
+    Parameters
+    ----------
+    entry : Input
+        Name and bytes.
+    options : ReadOptions
+        Declared encoding, delimiter, sheet and columns.
+    notices : list of Notice
+        Receives what was decided.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    UsageError
+        An input that is no table.
+    """
+    file, data = entry.name, entry.data
+    refuse_binary(data, file=file)
+    if data.startswith(b"PAR1"):
+        return parquet_grid(data, file=file)
+    if data.startswith(b"PK\x03\x04") and is_workbook(data, file):
+        return excel_grid(data, file=file, sheet=options.sheet)
+    decoded = decode(data, file=file, encoding=options.encoding)
+    if decoded.encoding == "cp1252" and options.encoding is None:
+        notices.append(Notice("not UTF-8; read as Windows-1252", file))
+    refuse_text(decoded.text, file=file)
+
+    def resolves(header: list[str]) -> bool:
+        try:
+            found = resolve(header, options.columns, file=file)
+        except UsageError:
+            return False
+        return found.form == "summary" or bool(found.present & {"k_adj", "b_adj"})
+
+    return read_grid(decoded.text, file=file, delimiter=options.delimiter, resolves=resolves)
 
 
-def _checked(table: pd.DataFrame, sources: tuple[Source, ...], files: list[int], rows: list[int]) -> Sessions:
-    provenance = pd.DataFrame({"file": files, "row": rows})
-    form = "summary" if "lower" in table and "parameter" in table else "trials"
-    needed = SUMMARY_COLUMNS if form == "summary" else ("subject", "environment")
-    for column in needed:
-        if column not in table:
-            raise UsageError("the column is missing.", file=sources[0].name, column=column)
-    if form == "summary":
-        table = table[list(SUMMARY_COLUMNS)].astype({"n": int})
-        return Sessions(table, "summary", sources, counts={"observations": len(table)}, provenance=provenance)
-    if "session" not in table:
-        table["session"] = "1"
-    if "trial" not in table:
-        table["trial"] = 1
-    for column in ("k_ref", "b_ref", "k_adj", "b_adj"):
-        if column not in table:
-            table[column] = np.nan
-    table = table[[*TRIAL_COLUMNS, *(c for c in table if c not in TRIAL_COLUMNS)]].astype({"trial": int})
-    again = table.duplicated(["subject", "session", "environment", "trial"])
-    if again.any():
-        at = int(np.argmax(again))
-        raise UsageError(
-            "a second row for the same subject, session, environment and trial.",
-            file=sources[files[at]].name,
-            row=rows[at],
-        )
-    return Sessions(table, "trials", sources, counts={"observations": len(table)}, provenance=provenance)
+@dataclass
+class _Study:
+    """The files read so far, and what was noticed."""
+
+    options: ReadOptions
+    parts: list[Part] = field(default_factory=list)
+    sources: list[Source] = field(default_factory=list)
+    notices: list[Notice] = field(default_factory=list)
+    problems: Problems = field(default_factory=Problems)
+
+    def collecting(self) -> _Collector:
+        """Context in which an error of ours becomes a problem, so that the next file is read too."""
+        return _Collector(self.problems)
+
+    def add(self, entry: Input) -> None:
+        """Read one input."""
+        twin = next((s.name for s in self.sources if s.sha256 == entry.sha256), None)
+        if twin is not None:
+            raise UsageError(
+                f"byte for byte the same file as {twin}.", file=entry.name, hint="Leave one of them out."
+            )
+        self.sources.append(Source(entry.name, entry.sha256, 0))
+        named = names_from_file(entry.name, self.options.filename)
+        self.take(read_grid_of(entry, self.options, self.notices), entry.name, entry.sha256, named)
+
+    def take(self, grid: Grid, name: str, sha256: str, named: Mapping[str, str]) -> None:
+        """Read the observations of one grid of cells."""
+        part = read_part(grid, file=name, options=self.options, named=named, problems=self.problems)
+        source = Source(name, sha256, len(grid.cells))
+        if self.sources and self.sources[-1].name == name:
+            self.sources[-1] = source
+        else:
+            self.sources.append(source)
+        part.frame["file"] = len(self.sources) - 1
+        self.parts.append(part)
+
+    def sessions(self) -> Sessions:
+        """Merge the files by column name and check them together."""
+        forms = {part.form for part in self.parts}
+        if len(forms) > 1:
+            at = next(i for i, part in enumerate(self.parts) if part.form != self.parts[0].form)
+            self.problems.add(
+                "trials and a published summary cannot be read together.",
+                file=self.sources[int(self.parts[at].frame["file"].iloc[0])].name,
+                hint="Read them one by one.",
+            )
+        self.problems.raise_if_any()
+        table = pd.concat([part.frame for part in self.parts], ignore_index=True)
+        counts: Counter[str] = Counter()
+        for part in self.parts:
+            counts.update(part.counts)
+            self.notices.extend(part.notices)
+        if not len(table):
+            left = ", ".join(f"{n} {why}" for why, n in counts.items())
+            raise UsageError("no row holds an adjustment.", file=self.sources[0].name, hint=f"Rows: {left}.")
+        merged = _summary if forms == {"summary"} else _trials
+        return merged(self, table, counts)
+
+    def place(self, table: pd.DataFrame) -> checks.Place:
+        """Where a row of the merged table stood."""
+        files, rows = table["file"].to_numpy(), table["row"].to_numpy()
+        return lambda at: {"file": self.sources[int(files[at])].name, "row": int(rows[at])}
+
+
+class _Collector:
+    def __init__(self, problems: Problems) -> None:
+        self._problems = problems
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> bool:
+        if isinstance(error, UsageError):
+            self._problems.extend(error)
+            return True
+        return False
+
+
+def _trials(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Sessions:
+    options, problems = study.options, study.problems
+    exclusions: list[Exclusion] = [e for part in study.parts for e in part.exclusions]
+    measured = set().union(*(part.parameters for part in study.parts))
+    parameters = [p for p in ("k", "b") if p in measured]
+    place = study.place(table)
+    checks.settle_references(table, options.environments, parameters, place, problems)
+    checks.check_duplicates(table, place, problems)
+    units = set().union(*(part.declared_units for part in study.parts))
+    study.notices += checks.check_plausible(table, parameters, units, place, problems)
+    problems.raise_if_any()
+    if options.unfinished == "exclude":
+        kept, unfinished = checks.drop_unfinished(table)
+        exclusions += unfinished
+        if unfinished:
+            counts["excluded: unfinished subject"] = len(table) - len(kept)
+        table = kept.reset_index(drop=True)
+        if not len(table):
+            raise UsageError(
+                "every subject lacks an environment that others have.",
+                column="sessions.unfinished",
+                hint='Leave out unfinished = "exclude".',
+            )
+    for what in ("subject", "session", "environment"):
+        study.notices += checks.look_alikes(table[what].unique(), what)
+    counts.update(checks.count_grid(table, parameters))
+    groups = [c for c in table.columns if c not in TRIAL_COLUMNS and c not in ("row", "file")]
+    return _finish(study, table, "trials", [*TRIAL_COLUMNS, *groups], exclusions, counts)
+
+
+def _summary(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Sessions:
+    checks.check_summary(table, study.place(table), study.problems)
+    study.problems.raise_if_any()
+    table["n"] = table["n"].astype(np.int64)
+    counts["observations"] = len(table)
+    return _finish(study, table, "summary", SUMMARY_COLUMNS, [], counts)
+
+
+def _finish(
+    study: _Study,
+    table: pd.DataFrame,
+    form: Any,
+    columns: Sequence[str],
+    exclusions: Sequence[Exclusion],
+    counts: Counter[str],
+) -> Sessions:
+    text = [c for c in ("subject", "session", "environment", "parameter") if c in columns]
+    tidy = table[list(columns)].copy()
+    for column in [*text, *(c for c in columns if c not in (*TRIAL_COLUMNS, *SUMMARY_COLUMNS))]:
+        # A file that lacks a group column leaves blanks, never the text "nan".
+        tidy[column] = tidy[column].fillna("").astype(str)
+    return Sessions(
+        table=tidy,
+        form=form,
+        sources=tuple(study.sources),
+        notices=tuple(_unique(study.notices)),
+        exclusions=tuple(exclusions),
+        counts=dict(counts),
+        provenance=table[["file", "row"]].astype(np.int64),
+    )
+
+
+def _unique(notices: Sequence[Notice]) -> Iterator[Notice]:
+    return iter(dict.fromkeys(notices))

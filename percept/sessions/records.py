@@ -142,8 +142,9 @@ class Sessions:
         row : int
             Physical line in `file`, the header being 1.
         """
-        place = self.provenance.loc[index]
-        return self.sources[int(place["file"])].name, int(place["row"])
+        at = self.provenance.index.get_loc(index)
+        file, row = (int(self.provenance[c].to_numpy()[at]) for c in ("file", "row"))
+        return self.sources[file].name, row
 
     def _repr_html_(self) -> str:
         counts = "".join(

@@ -1,0 +1,203 @@
+"""Checks across all files of a study: references, duplicates, look-alike ids, plausibility, the full grid."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from percept.sessions.problems import Problems, shown
+from percept.sessions.records import Exclusion, Notice
+
+__all__ = [
+    "check_duplicates",
+    "check_plausible",
+    "check_summary",
+    "count_grid",
+    "drop_unfinished",
+    "look_alikes",
+    "settle_references",
+]
+
+Place = Callable[[int], Mapping[str, object]]
+_CELL = ["subject", "session", "environment", "trial"]
+_FAR = 100.0
+
+
+def settle_references(
+    table: pd.DataFrame,
+    declared: Mapping[str, Mapping[str, float]],
+    parameters: Iterable[str],
+    place: Place,
+    problems: Problems,
+) -> None:
+    """Fill references from the scene, and hold every row of an environment to one reference.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Changed in place.
+    declared : mapping
+        The scene's environments.
+    parameters : iterable of {"k", "b"}
+        Those adjusted.
+    place : callable
+        From a position in `table` to file and row, as keyword arguments of an error.
+    problems : Problems
+        Receives environments without a reference, and references that differ.
+    """
+    codes, names = pd.factorize(table["environment"])
+    for p in parameters:
+        column = f"{p}_ref"
+        given = np.array([declared.get(str(name), {}).get(column, np.nan) for name in names])
+        values = table[column].to_numpy(dtype=float).copy()
+        first = np.full(len(names), np.nan)
+        at = np.flatnonzero(~np.isnan(values))[::-1]
+        first[codes[at]] = values[at]
+        expected = np.where(np.isnan(given), first, given)[codes]
+        differ = ~np.isnan(values) & (values != expected)
+        for at_row in np.flatnonzero(differ)[:1000]:
+            source = "the scene" if not np.isnan(given[codes[at_row]]) else "an earlier row"
+            problems.add(
+                f"environment {names[codes[at_row]]!r} has the reference {expected[at_row]!s} in {source}.",
+                column=column,
+                value=float(values[at_row]),
+                hint="An environment has one reference; correct it, or name the environments apart.",
+                **place(int(at_row)),
+            )
+        lacking = np.isnan(expected) & ~table[f"{p}_adj"].isna().to_numpy()
+        for code in np.unique(codes[lacking]):
+            at_row = int(np.flatnonzero(lacking & (codes == code))[0])
+            problems.add(
+                f"environment {names[code]!r} has no reference.",
+                column=column,
+                hint=f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …',
+                **place(at_row),
+            )
+        table[column] = expected
+
+
+def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> None:
+    """Find rows that stand twice for one subject, session, environment and trial."""
+    again = table.duplicated(_CELL).to_numpy()
+    if not again.any():
+        return
+    first = table.drop_duplicates(_CELL)[_CELL].assign(at=lambda t: t.index).set_index(_CELL)["at"]
+    for at in np.flatnonzero(again)[:1000]:
+        subject, session, environment, trial = (table[c].iloc[at] for c in _CELL)
+        origin = place(int(first.loc[(subject, session, environment, trial)]))
+        problems.add(
+            f"subject {subject!r}, session {session!r}, environment {environment!r}, trial {trial} "
+            f"stands already in {origin.get('file')}:{origin.get('row')}.",
+            hint='Name the trial column in [columns]; for a row per event declare [sessions] keep = "last"; '
+            "else remove one row.",
+            **place(int(at)),
+        )
+
+
+def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
+    """Ids that differ only in leading zeros, case or surrounding space; they are kept apart."""
+    same: dict[str, list[str]] = {}
+    for name in ids:
+        same.setdefault(name.strip().casefold().lstrip("0"), []).append(name)
+    return [
+        Notice(f"{what}s {shown(names)} look alike and are kept apart")
+        for names in same.values()
+        if len(names) > 1
+    ]
+
+
+def check_plausible(
+    table: pd.DataFrame,
+    parameters: Iterable[str],
+    declared_units: set[str],
+    place: Place,
+    problems: Problems,
+) -> list[Notice]:
+    """Compare adjustments with references: a median ratio of 100 or more means a unit is not as declared.
+
+    Where the unit of the adjustment or of the reference was declared, this gives a notice only.
+    """
+    notices: list[Notice] = []
+    for p in parameters:
+        adjusted = table[f"{p}_adj"].to_numpy(dtype=float)
+        reference = table[f"{p}_ref"].to_numpy(dtype=float)
+        known = (adjusted > 0) & (reference > 0)
+        if not known.any():
+            continue
+        ratio = float(np.exp(np.median(np.log(adjusted[known]) - np.log(reference[known]))))
+        if 1 / _FAR < ratio < _FAR:
+            continue
+        text = f"{p}_adj is typically {ratio:.3g} times {p}_ref: their units seem to differ."
+        if declared_units & {f"{p}_adj", f"{p}_ref"}:
+            notices.append(Notice(text, column=f"{p}_adj"))
+            continue
+        unit = "N/mm" if p == "k" else "N·s/mm"
+        problems.add(
+            text,
+            column=f"{p}_adj",
+            value=float(adjusted[np.flatnonzero(known)[0]]),
+            hint=f'Declare the units: [columns] {p}_adj = {{ name = "…", unit = "{unit}" }}.',
+            **place(int(np.flatnonzero(known)[0])),
+        )
+    return notices
+
+
+def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]:
+    """Leave out subjects who lack an environment that others have."""
+    environments = list(table["environment"].unique())
+    seen = table.groupby("subject", sort=False)["environment"].unique()
+    lacking = {s: [e for e in environments if e not in set(have)] for s, have in seen.items()}
+    exclusions = [
+        Exclusion(str(subject), f"all rows (no {shown(missing)})", "unfinished")
+        for subject, missing in lacking.items()
+        if missing
+    ]
+    return table[~table["subject"].isin([e.who for e in exclusions])], exclusions
+
+
+def count_grid(table: pd.DataFrame, parameters: Sequence[str]) -> Counter[str]:
+    """Count the observations and the holes of the full subject × environment × trial grid."""
+    counts: Counter[str] = Counter({"observations": len(table)})
+    if not len(table):
+        return counts
+    s, subjects = pd.factorize(table["subject"])
+    e, environments = pd.factorize(table["environment"])
+    filled = np.bincount(s * len(environments) + e, minlength=len(subjects) * len(environments))
+    counts["subjects"] = len(subjects)
+    counts["environments"] = len(environments)
+    counts["empty cells (subject × environment)"] = int((filled == 0).sum())
+    counts["missing repeats"] = int((filled.max() - filled[filled > 0]).sum())
+    for p in parameters:
+        counts[f"rows without {p}"] = int(table[f"{p}_adj"].isna().sum())
+    return counts
+
+
+def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None:
+    """Check a published table: parameter, order of limits, n, level, and one row for each interval."""
+    rules = (
+        ("parameter", ~table["parameter"].isin(["k", "b"]), 'must be "k" or "b".'),
+        ("environment", table["environment"].str.strip() == "", "is empty."),
+        ("upper", table["upper"] < table["lower"], "is below the lower limit."),
+        (
+            "n",
+            (table["n"] < 2) | (table["n"] != np.round(table["n"])),
+            "must be a whole number of at least 2.",
+        ),
+        ("level", (table["level"] <= 0) | (table["level"] >= 1), "must lie between 0 and 1, as in 0.99."),
+    )
+    for column, wrong, message in rules:
+        for at in np.flatnonzero(np.asarray(wrong)):
+            problems.add(
+                message, column=column, value=table[column].iloc[at], hint="Correct it.", **place(int(at))
+            )
+    for at in np.flatnonzero(table.duplicated(["environment", "parameter"]).to_numpy()):
+        problems.add(
+            "a second row for this environment and parameter.",
+            column="environment",
+            value=table["environment"].iloc[at],
+            hint="Remove one of them.",
+            **place(int(at)),
+        )

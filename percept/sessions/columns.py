@@ -1,0 +1,221 @@
+"""Which column is which: the scene's map first, then exact names, then known aliases, announced."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from percept.errors import UsageError
+from percept.sessions.options import CANONICAL, SUMMARY, ColumnRule
+from percept.sessions.problems import shown
+
+__all__ = ["ALIASES", "Resolution", "Slot", "resolve"]
+
+_WORDS = {
+    "subject": "participant participant_id participant_private_id subject_nr subject_id subject_number subj "
+    "sub ppid",
+    "session": "session_num session_number session_id session_nr visit",
+    "environment": "env environment_id ve virtual_environment reference_environment",
+    "trial": "trial_num trial_number trial_no trial_index trials_thisn",
+    "k_ref": "ref_k k_reference reference_k stiffness_ref ref_stiffness reference_stiffness",
+    "b_ref": "ref_b b_reference reference_b damping_ref ref_damping reference_damping",
+    "k_adj": "adj_k k_adjusted adjusted_k stiffness_adj adj_stiffness stiffness_adjusted adjusted_stiffness "
+    "k_final final_k stiffness_final final_stiffness",
+    "b_adj": "adj_b b_adjusted adjusted_b damping_adj adj_damping damping_adjusted adjusted_damping "
+    "b_final final_b damping_final final_damping",
+}
+ALIASES: Mapping[str, frozenset[str]] = {name: frozenset(words.split()) for name, words in _WORDS.items()}
+_NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
+_WIDE = ("{column}_{{environment}}", "{{environment}}_{column}")
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One set of adjustments in a row: the whole row of a long table, one environment's cells of a wide one.
+
+    Attributes
+    ----------
+    columns : mapping of str to int
+        From canonical name to a position in the header.
+    environment, trial : str, optional
+        Read from the column names of a wide table.
+    """
+
+    columns: Mapping[str, int]
+    environment: str | None = None
+    trial: str | None = None
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What stands where in one header.
+
+    Attributes
+    ----------
+    form : {"trials", "summary"}
+    slots : tuple of Slot
+        One for a long table, one per environment (and trial) for a wide one.
+    rules : mapping of str to ColumnRule
+        The rule each canonical column was found by, with the header's own name.
+    announced : tuple of str
+        Choices that rest on an alias or on a pattern of names.
+    """
+
+    form: str
+    slots: tuple[Slot, ...]
+    rules: Mapping[str, ColumnRule]
+    announced: tuple[str, ...]
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Canonical names that were found."""
+        return frozenset(self.rules)
+
+
+def resolve(header: Sequence[str], declared: Mapping[str, ColumnRule], *, file: str) -> Resolution:
+    """Find the canonical columns in a header.
+
+    Parameters
+    ----------
+    header : sequence of str
+        The file's column names.
+    declared : mapping of str to ColumnRule
+        The scene's `[columns]`.
+    file : str
+        For messages.
+
+    Returns
+    -------
+    Resolution
+        It may lack columns; whoever needs them says so.
+
+    Raises
+    ------
+    UsageError
+        A declared column that is not there, two candidates for one column, or a name that stands twice.
+    """
+    announced: list[str] = []
+    found: dict[str, ColumnRule] = {}
+    wide: dict[str, ColumnRule] = {}
+    names = set(header)
+    summary = _is_summary(names, declared)
+    wanted = SUMMARY if summary else CANONICAL
+    for canonical, rule in declared.items():
+        if canonical not in wanted:
+            continue
+        if "{environment}" in rule.name:
+            wide[canonical] = rule
+        else:
+            found[canonical] = _declared(canonical, rule, header, file)
+    claimed = {rule.name for rule in found.values()}
+    for canonical in wanted:
+        if canonical in found or canonical in wide:
+            continue
+        if canonical in names:
+            found[canonical] = ColumnRule(canonical)
+            continue
+        name = _alias(canonical, header, claimed, file)
+        if name is not None:
+            announced.append(f"column {name!r} is taken as {canonical}")
+            found[canonical] = ColumnRule(name)
+    if not summary and not wide and "environment" not in found:
+        wide = _wide_by_name(header, found)
+        announced += [f"columns {rule.name!r} are taken as {c}" for c, rule in wide.items()]
+    slots = _slots(header, found, wide, file)
+    return Resolution("summary" if summary else "trials", slots, {**found, **wide}, tuple(announced))
+
+
+def _is_summary(names: set[str], declared: Mapping[str, ColumnRule]) -> bool:
+    return all(c in names or c in declared for c in ("parameter", "lower", "upper"))
+
+
+def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str) -> ColumnRule:
+    if rule.name in header:
+        return rule
+    stem = rule.name
+    while rule.path is None and "." in stem:
+        stem = stem.rpartition(".")[0]
+        if stem in header:
+            return ColumnRule(stem, rule.unit, rule.name[len(stem) + 1 :])
+    close = get_close_matches(rule.name, header, n=3)
+    raise UsageError(
+        f"[columns] names {rule.name!r} for {canonical}, and no column has that name.",
+        file=file,
+        row=1,
+        column=rule.name,
+        hint=f"Did you mean {shown(close)}?" if close else f"The columns are {shown(header)}.",
+    )
+
+
+def _alias(canonical: str, header: Sequence[str], claimed: set[str], file: str) -> str | None:
+    known = ALIASES.get(canonical, frozenset())
+    candidates = [name for name in header if _plain(name) in known and name not in claimed]
+    candidates += [n for n in header if _plain(n) == canonical and n not in claimed]
+    if len(candidates) > 1:
+        raise UsageError(
+            f"{shown(candidates)} could each be {canonical}.",
+            file=file,
+            row=1,
+            column=canonical,
+            hint=f'Declare the one that is meant: [columns] {canonical} = "…".',
+        )
+    return candidates[0] if candidates else None
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.casefold()).strip("_")
+
+
+def _wide_by_name(header: Sequence[str], found: Mapping[str, ColumnRule]) -> dict[str, ColumnRule]:
+    """Patterns such as "k_adj_VE1" or "VE1_k_adj", where a header has them."""
+    for shape in _WIDE:
+        patterns = {c: shape.format(column=c) for c in _NUMBERS if c not in found}
+        wide = {
+            c: ColumnRule(pattern)
+            for c, pattern in patterns.items()
+            if any(_pattern(pattern).fullmatch(name) for name in header)
+        }
+        if wide.keys() & {"k_adj", "b_adj"}:
+            return wide
+    return {}
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    text = re.escape(name)
+    text = text.replace(r"\{environment\}", r"(?P<environment>.+)", 1)
+    return re.compile(text.replace(r"\{trial\}", r"(?P<trial>[0-9]+)", 1))
+
+
+def _slots(
+    header: Sequence[str], found: Mapping[str, ColumnRule], wide: Mapping[str, ColumnRule], file: str
+) -> tuple[Slot, ...]:
+    common = {canonical: _position(header, rule.name, file) for canonical, rule in found.items()}
+    if not wide:
+        return (Slot(common),)
+    places: dict[tuple[str, str | None], dict[str, int]] = {}
+    for canonical, rule in wide.items():
+        pattern = _pattern(rule.name)
+        for name in header:
+            match = pattern.fullmatch(name)
+            if match:
+                key = (match["environment"], match.groupdict().get("trial"))
+                places.setdefault(key, {})[canonical] = _position(header, name, file)
+    if not places:
+        raise UsageError(
+            "no column fits the pattern in [columns].",
+            file=file,
+            row=1,
+            column=next(iter(wide.values())).name,
+            hint=f"The columns are {shown(header)}.",
+        )
+    return tuple(Slot({**common, **own}, env, trial) for (env, trial), own in places.items())
+
+
+def _position(header: Sequence[str], name: str, file: str) -> int:
+    if header.count(name) > 1:
+        raise UsageError(
+            "two columns have this name.", file=file, row=1, column=name, hint="Rename or remove one of them."
+        )
+    return header.index(name)

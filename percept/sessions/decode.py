@@ -1,0 +1,100 @@
+"""Bytes to text: byte-order mark, then strict UTF-8, then Windows-1252 with a notice."""
+
+from __future__ import annotations
+
+import codecs
+from dataclasses import dataclass
+
+from percept.errors import UsageError
+
+__all__ = ["Decoded", "decode", "line_of"]
+
+_MARKS = (
+    # UTF-32's little-endian mark begins with UTF-16's, so it is looked for first.
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_MARK = "\ufeff"
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """Text of a file, the encoding it had, and whether a byte-order mark stood at its start."""
+
+    text: str
+    encoding: str
+    marked: bool
+
+
+def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
+    """Decode a file's bytes without guessing from their statistics.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    file : str
+        Its name, for messages.
+    encoding : str, optional
+        A declared encoding, used strictly and alone (a byte-order mark is still dropped).
+
+    Returns
+    -------
+    Decoded
+        Byte-order marks at the start of any line are dropped: appending writers leave them in mid-file.
+
+    Raises
+    ------
+    UsageError
+        Bytes that are not text in any of the encodings, or NUL characters.
+    """
+    mark, found = next(((m, name) for m, name in _MARKS if data.startswith(m)), (b"", None))
+    body = data[len(mark) :]
+    name = encoding or found or "utf-8"
+    if encoding or found:
+        text = _strict(body, name, file)
+    else:
+        try:
+            text = body.decode("utf-8")
+        except UnicodeDecodeError:
+            name = "cp1252"
+            text = _strict(body, name, file)
+    nul = text.find("\0")
+    if nul >= 0:
+        raise UsageError(
+            "a NUL character: this is a binary file, or UTF-16 without a byte-order mark.",
+            file=file,
+            row=line_of(text, nul),
+            hint='Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".',
+        )
+    if _MARK in text:
+        for newline in ("\n", "\r"):
+            while newline + _MARK in text:
+                text = text.replace(newline + _MARK, newline)
+        text = text.lstrip(_MARK)
+    return Decoded(text, name, bool(mark))
+
+
+def line_of(text: str, position: int) -> int:
+    """Physical line, from 1, of a character position; CR LF, LF and CR each end a line."""
+    before = text[:position]
+    return 1 + before.count("\n") + before.count("\r") - before.count("\r\n")
+
+
+def _strict(data: bytes, encoding: str, file: str) -> str:
+    try:
+        return data.decode(encoding)
+    except LookupError:
+        raise UsageError(f"unknown encoding {encoding!r}.", hint='Use a name such as "utf-8".') from None
+    except UnicodeDecodeError as error:
+        raise UsageError(
+            f"byte {error.start + 1} is not text in {encoding} (nor in UTF-8)."
+            if encoding == "cp1252"
+            else f"byte {error.start + 1} is not text in {encoding}.",
+            file=file,
+            row=1 + data[: error.start].count(b"\n"),
+            hint="Export the table again as CSV in UTF-8.",
+        ) from None

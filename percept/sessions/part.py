@@ -1,0 +1,398 @@
+"""One file's grid of text to its observations: rows selected, cells picked, numbers and units converted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from percept.errors import UsageError
+from percept.sessions.cells import CellError, pick
+from percept.sessions.columns import Resolution, Slot, resolve
+from percept.sessions.dialect import Grid
+from percept.sessions.numbers import Mark, decimal_mark, is_missing, parse_numbers
+from percept.sessions.options import ExcludeRule, ReadOptions
+from percept.sessions.problems import Problems, shown
+from percept.sessions.records import Exclusion, Notice
+from percept.sessions.units import convert
+
+__all__ = ["Part", "read_part"]
+
+_IDS = ("subject", "session", "environment")
+_NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
+
+
+@dataclass
+class Part:
+    """What one file gave.
+
+    Attributes
+    ----------
+    form : {"trials", "summary"}
+    frame : DataFrame
+        The canonical columns, the groups, and `row`, the physical row of each.
+    counts : Counter
+        Rows by what became of them.
+    exclusions, notices : list
+    parameters : set of str
+        "k" and "b" as far as the file has a column of adjustments.
+    declared_units : set of str
+        Columns whose unit was declared.
+    """
+
+    form: str
+    frame: pd.DataFrame
+    counts: Counter[str] = field(default_factory=Counter)
+    exclusions: list[Exclusion] = field(default_factory=list)
+    notices: list[Notice] = field(default_factory=list)
+    parameters: set[str] = field(default_factory=set)
+    declared_units: set[str] = field(default_factory=set)
+
+
+def read_part(
+    grid: Grid, *, file: str, options: ReadOptions, named: Mapping[str, str], problems: Problems
+) -> Part:
+    """Read the observations of one file.
+
+    Parameters
+    ----------
+    grid : Grid
+        Its cells.
+    file : str
+        Its name, for messages.
+    options : ReadOptions
+        How to read it.
+    named : mapping of str to str
+        Ids taken from the file's name.
+    problems : Problems
+        Receives every cell that cannot be read.
+
+    Returns
+    -------
+    Part
+
+    Raises
+    ------
+    UsageError
+        A column that is missing, ambiguous or double.
+    """
+    resolution = resolve(grid.header, options.columns, file=file)
+    part = Part(resolution.form, pd.DataFrame())
+    part.counts["rows read"] = len(grid.cells)
+    part.counts.update(grid.dropped)
+    part.notices += [Notice(text, file) for text in resolution.announced]
+    part.declared_units = {c for c, rule in resolution.rules.items() if rule.unit is not None}
+    if resolution.form == "summary":
+        part.frame = _summary(grid, resolution, file, options, problems)
+        return part
+    _require(resolution, grid.header, file, options, named)
+    part.parameters = {p for p in ("k", "b") if f"{p}_adj" in resolution.present}
+    unused = _unused(grid.header, resolution, options)
+    if unused:
+        part.notices.append(Notice(f"columns not used: {shown(unused)}", file))
+    reader = _Reader(grid, resolution, file, options, named, problems, part)
+    part.frame = reader.read()
+    return part
+
+
+def _require(
+    resolution: Resolution, header: Sequence[str], file: str, options: ReadOptions, named: Mapping[str, str]
+) -> None:
+    """Raise where a column that the analysis cannot do without is nowhere."""
+    present = resolution.present
+    wide = any(slot.environment is not None for slot in resolution.slots)
+    missing = [c for c in ("subject", "environment") if c not in present and c not in named]
+    if wide and "environment" in missing:
+        missing.remove("environment")
+    if not present & {"k_adj", "b_adj"}:
+        missing.append("k_adj (or b_adj)")
+    for p in ("k", "b"):
+        has = any(f"{p}_ref" in references for references in options.environments.values())
+        if f"{p}_adj" in present and f"{p}_ref" not in present and not has:
+            missing.append(f"{p}_ref")
+        if f"{p}_ref" in present and f"{p}_adj" not in present:
+            missing.append(f"{p}_adj")
+    if missing:
+        what = " and ".join(missing)
+        raise UsageError(
+            f"there is no column for {what}; the columns are {shown(header)}.",
+            file=file,
+            row=1,
+            column=missing[0].split(" ")[0],
+            hint="Name it in the scene's [columns]"
+            + (
+                ', or take it from file names with [sessions] filename = "{subject}".'
+                if "subject" in missing
+                else "."
+            )
+            + (" References can stand in [environments]." if any("_ref" in m for m in missing) else ""),
+        )
+
+
+def _unused(header: Sequence[str], resolution: Resolution, options: ReadOptions) -> list[str]:
+    used = {at for slot in resolution.slots for at in slot.columns.values()}
+    named = {*options.groups, *options.only, *(rule.column for rule in options.exclude), "group"}
+    return [name for at, name in enumerate(header) if at not in used and name and name not in named]
+
+
+class _Reader:
+    """The steps from cells to numbers; each narrows or converts `text`, the columns still in play."""
+
+    def __init__(
+        self,
+        grid: Grid,
+        resolution: Resolution,
+        file: str,
+        options: ReadOptions,
+        named: Mapping[str, str],
+        problems: Problems,
+        part: Part,
+    ) -> None:
+        self.grid = grid
+        self.resolution = resolution
+        self.file = file
+        self.options = options
+        self.problems = problems
+        self.part = part
+        self.groups = [*(["group"] if "group" in grid.header else []), *options.groups]
+        self.groups = list(dict.fromkeys(self.groups))
+        own = [*self.groups, *options.only, *(r.column for r in options.exclude if r.column not in _ALL)]
+        self.own = {name: self._own(name) for name in dict.fromkeys(own)}
+        slots = [self._slot(slot, named) for slot in resolution.slots]
+        count = len(slots)
+        self.rows = list(grid.rows) if count == 1 else [row for row in grid.rows for _ in range(count)]
+        self.text: dict[str, list[str]] = (
+            slots[0]
+            if count == 1
+            else {c: [v for row in zip(*(s[c] for s in slots), strict=True) for v in row] for c in slots[0]}
+        )
+
+    def _own(self, name: str) -> int:
+        if self.grid.header.count(name) != 1:
+            raise UsageError(
+                "the scene names a column that is not there, or is there twice.",
+                file=self.file,
+                row=1,
+                column=name,
+                hint=f"The columns are {shown(self.grid.header)}.",
+            )
+        return self.grid.header.index(name)
+
+    def _slot(self, slot: Slot, named: Mapping[str, str]) -> dict[str, list[str]]:
+        cells = self.grid.cells
+        every = {c for s in self.resolution.slots for c in s.columns}
+        out: dict[str, list[str]] = {}
+        for canonical in (c for c in _ALL if c in every):
+            at = slot.columns.get(canonical)
+            path = self.resolution.rules[canonical].path
+            if at is None:
+                out[canonical] = [""] * len(cells)
+            elif path is None:
+                out[canonical] = [record[at] for record in cells]
+            else:
+                out[canonical] = self._picked(canonical, at, path)
+        fixed = {**named, "environment": slot.environment, "trial": slot.trial}
+        for canonical, value in {**fixed, **named}.items():
+            if value is not None:
+                out[canonical] = [value] * len(cells)
+        for name, at in self.own.items():
+            out[f"own:{name}"] = [record[at] for record in cells]
+        return out
+
+    def _picked(self, canonical: str, at: int, path: str) -> list[str]:
+        out = []
+        for row, record in zip(self.grid.rows, self.grid.cells, strict=True):
+            try:
+                out.append(pick(record[at], path))
+            except CellError as error:
+                # Other kinds of trials put other things in the same column; those rows hold no adjustment
+                # only if the scene says so, hence a problem and not a blank.
+                self.problems.add(
+                    f"{error}.",
+                    file=self.file,
+                    row=row,
+                    column=self.grid.header[at],
+                    value=record[at],
+                    hint=f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only.",
+                )
+                out.append("")
+        return out
+
+    def read(self) -> pd.DataFrame:
+        for name, texts in self.options.only.items():
+            wanted = set(texts)
+            cells = self.text[f"own:{name}"]
+            self._keep([cell in wanted for cell in cells], f"{name} is not {' or '.join(texts)}")
+        for rule in self.options.exclude:
+            if rule.equals:
+                cells = self.text[rule.column if rule.column in _ALL else f"own:{rule.column}"]
+                self._exclude([cell in rule.equals for cell in cells], rule.why)
+        adjusted = [self.text[c] for c in ("k_adj", "b_adj") if c in self.text]
+        blank = [all(is_missing(cell) for cell in cells) for cells in zip(*adjusted, strict=True)]
+        self._exclude(blank, "no adjustment", log=self._is_trial)
+        self._check_ids()
+        numbers = self._numbers()
+        frame = self._frame(numbers)
+        return self._last(frame) if self.options.keep == "last" else frame
+
+    def _is_trial(self, at: int) -> bool:
+        return all(self.text.get(c, ["x"] * (at + 1))[at].strip() for c in ("subject", "environment"))
+
+    def _exclude(self, out: Sequence[bool], why: str, log: Callable[[int], bool] = lambda _: True) -> None:
+        for at in (at for at, gone in enumerate(out) if gone and log(at)):
+            self.part.exclusions.append(self._record(at, why))
+        self._keep([not gone for gone in out], f"excluded: {why}")
+
+    def _record(self, at: int, why: str) -> Exclusion:
+        text = self.text
+        who = text["subject"][at] if "subject" in text else ""
+        what = ", ".join(
+            f"{c} {text[c][at]}" for c in ("session", "environment", "trial") if c in text and text[c][at]
+        )
+        return Exclusion(who, what, why, self.file, self.rows[at])
+
+    def _keep(self, mask: Sequence[bool], reason: str) -> None:
+        gone = len(mask) - sum(mask)
+        if gone:
+            self.part.counts[reason] += gone
+            self.text = {c: [v for v, k in zip(t, mask, strict=True) if k] for c, t in self.text.items()}
+            self.rows = [row for row, k in zip(self.rows, mask, strict=True) if k]
+
+    def _check_ids(self) -> None:
+        for c in ("subject", "session", "environment", "trial"):
+            for at, cell in enumerate(self.text.get(c, ())):
+                if not cell.strip():
+                    self.problems.add(
+                        f"an adjustment without {c}.",
+                        file=self.file,
+                        row=self.rows[at],
+                        column=self._name(c),
+                        hint="Fill it in, or leave such rows out with [sessions] only or exclude.",
+                    )
+
+    def _name(self, canonical: str) -> str:
+        rule = self.resolution.rules.get(canonical)
+        return canonical if rule is None else rule.name
+
+    def _numbers(self) -> dict[str, npt.NDArray[np.float64]]:
+        names = [c for c in (*_NUMBERS, "trial") if c in self.text]
+        ranged = [f"own:{r.column}" for r in self.options.exclude if not r.equals and r.column not in _ALL]
+        labels = {c: self._name(c) for c in names} | {c: c[4:] for c in ranged}
+        mark = decimal_mark(
+            [(labels[c], self.text[c]) for c in labels],
+            self.rows,
+            file=self.file,
+            declared=self.options.decimal,
+            problems=self.problems,
+        )
+        out = {c: self._parse(c, label, mark) for c, label in labels.items()}
+        for c in (c for c in _NUMBERS if c in out):
+            out[c] = convert(out[c], self.resolution.rules[c].unit, c[0])
+        if "trial" in out:
+            self._check_whole(out["trial"])
+        for rule in self.options.exclude:
+            if not rule.equals:
+                self._out_of_range(rule, out)
+        return out
+
+    def _parse(self, column: str, label: str, mark: Mark) -> npt.NDArray[np.float64]:
+        return parse_numbers(
+            self.text[column], self.rows, mark=mark, file=self.file, column=label, problems=self.problems
+        )
+
+    def _check_whole(self, trial: npt.NDArray[np.float64]) -> None:
+        wrong = ~((np.abs(trial) < 2.0**53) & (trial == np.round(trial)))
+        for at in np.flatnonzero(wrong & ~np.isnan(trial)):
+            self.problems.add(
+                "a trial's number must be whole.",
+                file=self.file,
+                row=self.rows[at],
+                column=self._name("trial"),
+                value=self.text["trial"][at],
+                hint="Number the trials 1, 2, 3 …",
+            )
+
+    def _out_of_range(self, rule: ExcludeRule, numbers: dict[str, npt.NDArray[np.float64]]) -> None:
+        key = rule.column if rule.column in numbers else f"own:{rule.column}"
+        if key not in numbers:
+            raise UsageError("limits need a column of numbers.", column=f"sessions.exclude {rule.column}")
+        values = numbers[key]
+        out = np.zeros(len(values), dtype=bool)
+        if rule.below is not None:
+            out |= values < rule.below
+        if rule.above is not None:
+            out |= values > rule.above
+        self._exclude(out.tolist(), rule.why)
+        for c in numbers:
+            numbers[c] = numbers[c][~out]
+
+    def _frame(self, numbers: Mapping[str, npt.NDArray[np.float64]]) -> pd.DataFrame:
+        count = len(self.rows)
+        columns: dict[str, Any] = {
+            c: np.array(self.text[c], dtype=object) if c in self.text else np.full(count, "1", dtype=object)
+            for c in _IDS
+        }
+        blank = np.full(count, np.nan)
+        columns |= {c: numbers.get(c, blank) for c in ("k_ref", "b_ref")}
+        trial = numbers.get("trial", np.ones(count))
+        columns["trial"] = np.where(np.abs(trial) < 2.0**53, trial, 0).astype(np.int64)
+        columns |= {c: numbers.get(c, blank) for c in ("k_adj", "b_adj")}
+        columns |= {g: np.array(self.text[f"own:{g}"], dtype=object) for g in self.groups}
+        columns["row"] = np.array(self.rows, dtype=np.int64)
+        return pd.DataFrame(columns)
+
+    def _last(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Keep, per trial, the last value of each parameter; the row is that of the last event."""
+        keys = [*_IDS, "trial"]
+        last = frame.groupby(keys, sort=False, as_index=False).last()
+        gone = len(frame) - len(last)
+        if gone:
+            self.part.counts["earlier event of a trial"] += gone
+        return last[list(frame.columns)]
+
+
+_ALL = ("subject", "session", "environment", "trial", "k_ref", "b_ref", "k_adj", "b_adj")
+
+
+def _summary(
+    grid: Grid, resolution: Resolution, file: str, options: ReadOptions, problems: Problems
+) -> pd.DataFrame:
+    columns = resolution.slots[0].columns
+    missing = [c for c in ("environment", "reference", "n", "level") if c not in columns]
+    if missing:
+        raise UsageError(
+            f"a summary needs the column {missing[0]}; the columns are {shown(grid.header)}.",
+            file=file,
+            row=1,
+            column=missing[0],
+            hint="Add it, or name it in the scene's [columns].",
+        )
+    text = {c: [record[at] for record in grid.cells] for c, at in columns.items()}
+    numbers = [c for c in ("reference", "lower", "upper", "n", "level") if c in text]
+    mark = decimal_mark(
+        [(c, text[c]) for c in numbers], grid.rows, file=file, declared=options.decimal, problems=problems
+    )
+    frame: dict[str, Any] = {c: np.array(text[c], dtype=object) for c in ("environment", "parameter")}
+    for c in numbers:
+        frame[c] = parse_numbers(text[c], grid.rows, mark=mark, file=file, column=c, problems=problems)
+        for at in np.flatnonzero(np.isnan(frame[c])):
+            if is_missing(text[c][at]):
+                problems.add(
+                    "a summary leaves no cell empty.",
+                    file=file,
+                    row=grid.rows[at],
+                    column=c,
+                    hint="Fill it in.",
+                )
+    units = resolution.rules["reference"].unit, resolution.rules["lower"].unit, resolution.rules["upper"].unit
+    if any(unit is not None for unit in units):
+        raise UsageError(
+            "units of a summary are N/m and N·s/m.", file=file, column="columns", hint="Convert the table."
+        )
+    frame["row"] = np.array(grid.rows, dtype=np.int64)
+    return pd.DataFrame(frame)

@@ -1,0 +1,225 @@
+"""Paths to bytes: files, folders, globs, standard input, and the members of gz and zip archives."""
+
+from __future__ import annotations
+
+import glob
+import gzip
+import hashlib
+import io
+import re
+import sys
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+from percept.errors import UsageError
+
+__all__ = ["LIMIT", "SUFFIXES", "Input", "expand", "is_workbook", "load", "names_from_file"]
+
+SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".gz", ".zip", ".parquet", ".xlsx")
+# An archive that claims or gives more than this is refused: unpacked files of any size can be read in chunks.
+LIMIT = 1 << 30
+
+
+@dataclass(frozen=True)
+class Input:
+    """One table to read: its name for messages, and its bytes."""
+
+    name: str
+    data: bytes
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hexadecimal SHA-256 of the bytes."""
+        return hashlib.sha256(self.data).hexdigest()
+
+
+def expand(paths: Sequence[str | Path]) -> tuple[list[str], list[str]]:
+    """Expand folders and globs to files.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Files, folders (searched below, hidden files left out), glob patterns, or "-" for standard input.
+
+    Returns
+    -------
+    files : list of str
+        In the order given; those of one folder or pattern sorted by name. A file named twice is taken once.
+    ignored : list of str
+        Files of folders whose suffix is not one of `SUFFIXES`.
+
+    Raises
+    ------
+    UsageError
+        A path that does not exist, or a folder or pattern without a table.
+    """
+    files: dict[str, str] = {}
+    ignored: list[str] = []
+    for given in paths:
+        text = str(given)
+        path = Path(text)
+        if text == "-":
+            found = ["-"]
+        elif path.is_dir():
+            inside = sorted(p for p in path.rglob("*") if p.is_file() and not _hidden(p, path))
+            found = [str(p) for p in inside if p.suffix.lower() in SUFFIXES]
+            ignored += [str(p) for p in inside if p.suffix.lower() not in SUFFIXES]
+            if not found:
+                raise UsageError(
+                    f"the folder holds no table ({', '.join(SUFFIXES)}).", file=text, hint="Check the path."
+                )
+        elif path.exists():
+            found = [text]
+        elif any(sign in text for sign in "*?["):
+            found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207 - a pattern may be absolute
+            if not found:
+                raise UsageError(
+                    "no file fits the pattern.", file=text, hint="Check it, and quote it in a shell."
+                )
+        else:
+            raise UsageError("there is no such file.", file=text, hint="Check the path.")
+        for name in found:
+            files.setdefault(name if name == "-" else str(Path(name).resolve()), name)
+    return list(files.values()), ignored
+
+
+def _hidden(path: Path, folder: Path) -> bool:
+    return any(part.startswith((".", "~$", "__MACOSX")) for part in path.relative_to(folder).parts)
+
+
+def load(name: str) -> Iterator[Input]:
+    """Read one path; an archive gives its members, in memory only.
+
+    Raises
+    ------
+    UsageError
+        An unreadable file, a broken, encrypted or nested archive, or one that unpacks to more than `LIMIT`.
+    """
+    try:
+        data = sys.stdin.buffer.read() if name == "-" else Path(name).read_bytes()
+    except OSError as error:
+        raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
+    label = "standard input" if name == "-" else name
+    if data.startswith(b"\x1f\x8b"):
+        yield Input(label, _gunzip(data, label))
+    elif data.startswith(b"PK\x03\x04") and not is_workbook(data, label):
+        yield from _members(data, label)
+    else:
+        yield Input(label, data)
+
+
+def is_workbook(data: bytes, name: str) -> bool:
+    """Whether a zip archive is an Excel workbook."""
+    with _open(data, name) as archive:
+        return "xl/workbook.xml" in archive.namelist()
+
+
+def _open(data: bytes, name: str) -> zipfile.ZipFile:
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError) as error:
+        raise UsageError(f"a broken zip archive: {error}.", file=name, hint="Pack it again.") from None
+    for member in archive.infolist():
+        if member.file_size > LIMIT:
+            raise UsageError(
+                f"a member claims {member.file_size} bytes; more than {LIMIT} are not unpacked.",
+                file=name,
+                value=member.filename[:60],
+                hint="If it is real, unpack it and read the file itself.",
+            )
+    return archive
+
+
+def _members(data: bytes, name: str) -> Iterator[Input]:
+    with _open(data, name) as archive:
+        members = sorted(
+            (m for m in archive.infolist() if not m.is_dir() and not _skip(m.filename)),
+            key=lambda m: m.filename,
+        )
+        if not members:
+            raise UsageError(f"the archive holds no table ({', '.join(SUFFIXES[:4])}).", file=name)
+        for member in members:
+            label = f"{name}!{member.filename}"
+            if member.flag_bits & 1:
+                raise UsageError("the archive is encrypted.", file=label, hint="Unpack it first.")
+            try:
+                with archive.open(member) as stream:
+                    content = stream.read(LIMIT + 1)
+            except (
+                zipfile.BadZipFile,
+                zlib.error,
+                OSError,
+                NotImplementedError,
+                EOFError,
+                RuntimeError,
+            ) as error:
+                raise UsageError(
+                    f"a broken zip member: {error}.", file=label, hint="Pack it again."
+                ) from None
+            yield Input(label, content)
+
+
+def _skip(member: str) -> bool:
+    parts = PurePosixPath(member).parts
+    return any(p.startswith((".", "__MACOSX")) and p != ".." for p in parts) or not member.lower().endswith(
+        SUFFIXES[:4]
+    )
+
+
+def _gunzip(data: bytes, name: str) -> bytes:
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+            content = stream.read(LIMIT + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise UsageError(f"a broken gz file: {error}.", file=name, hint="Pack it again.") from None
+    if len(content) > LIMIT:
+        raise UsageError(
+            f"unpacks to more than {LIMIT} bytes.", file=name, hint="Unpack it and read the file itself."
+        )
+    return content
+
+
+def names_from_file(name: str, pattern: str | None) -> dict[str, str]:
+    """Ids in a file's name, by the scene's pattern.
+
+    Parameters
+    ----------
+    name : str
+        Path or archive member; its folder and suffixes are left out.
+    pattern : str or None
+        Such as "sub-{subject}_ses-{session}".
+
+    Returns
+    -------
+    dict of str to str
+
+    Raises
+    ------
+    UsageError
+        A name that does not fit, or fits in more than one way.
+    """
+    if pattern is None:
+        return {}
+    stem = PurePosixPath(re.split(r"[!/\\]", name)[-1]).name
+    while (lower := stem.lower()).endswith(SUFFIXES):
+        stem = stem[: lower.rindex(".")]
+    text = re.escape(pattern)
+    readings = []
+    for repeat in ("+", "+?"):
+        found = re.fullmatch(re.sub(r"\\\{(\w+)\\\}", rf"(?P<\1>.{repeat})", text), stem)
+        readings.append(found.groupdict() if found else {})
+    if not readings[0]:
+        raise UsageError(
+            f"the name does not fit the pattern {pattern!r}.", file=name, hint="Correct [sessions] filename."
+        )
+    if readings[0] != readings[1]:
+        raise UsageError(
+            f"the name fits the pattern {pattern!r} in more than one way.",
+            file=name,
+            hint="Put separators into [sessions] filename that do not occur in the ids.",
+        )
+    return readings[0]
