@@ -41,7 +41,8 @@ def series(warp: Warp, first: Element, second: Element) -> Shown:
     at_dc, at_nyquist = warp.sin == 0, warp.cos == 0
     # The rate at the ends is not used there; 0 keeps it finite.
     inertia = np.multiply(first.mass, np.where(at_nyquist, 0.0, warp.rate) ** 2)
-    stiffness = times(w1, first.stiffness - inertia) + times(w2, second.stiffness)
+    with np.errstate(invalid="ignore"):
+        stiffness = times(w1, first.stiffness - inertia) + times(w2, second.stiffness)
     stiffness = np.where(np.isnan(stiffness), np.inf, stiffness)
     damping = times(w1, first.damping) + times(w2, second.damping)
     if not (at_dc | at_nyquist).any():

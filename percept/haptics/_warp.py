@@ -15,6 +15,7 @@ HOLDS = ("average", "true")
 # π is _PI + _PI_LOW to 107 bits, so that π − ωT keeps its digits next to Nyquist.
 _PI = float(np.pi)
 _PI_LOW = 1.2246467991473532e-16
+_DC_SLACK = 1e-100
 _NYQUIST_SLACK = 4 * float(np.spacing(np.pi))
 
 
@@ -91,7 +92,7 @@ def warp(omega: ArrayLike, period: float) -> Warp:
     Parameters
     ----------
     omega : array_like
-        rad/s, −π/T to π/T; within 4 ulp of π/T is Nyquist itself.
+        rad/s, −π/T to π/T; ωT within 4 ulp of π is Nyquist itself, below 1e-100 it is DC.
     period : float
         T, s.
 
@@ -111,6 +112,8 @@ def warp(omega: ArrayLike, period: float) -> Warp:
             value=float(omega[above][0]),
             hint="Lower omega, or shorten the period.",
         )
+    # Slower than anything, and nothing below overflows on its way to the limit.
+    theta = np.where(size < _DC_SLACK, 0.0 * theta, theta)
     half = theta / 2
     # π − θ is exact where θ is near π, and its sine then keeps every digit that ωT has.
     cos = np.where(size > np.pi / 2, np.sin(((_PI - size) + _PI_LOW) / 2), np.cos(half))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import FloatArray, Scalars, nonnegative_array, one_of, ratio, stored
+from percept.haptics._arrays import FloatArray, Scalars, nonnegative_array, one_of, ratio, stored, times
 from percept.haptics._warp import HOLDS, checked_period, warp
 from percept.haptics.impedance import DISCRETIZATIONS, device_parts
 from percept.haptics.parameters import AnyDevice
@@ -164,8 +164,8 @@ def max_coupling_stiffness_at(
     viscous, elastic = gain * grid.one_minus_cos / 2, gain * grid.cos**2 / (8 * (1 + grid.cos))
     spare = available - viscous * b_c
     if discretization == "tustin":
-        stretch = np.sqrt(b_c) * np.sqrt(ratio(np.maximum(spare, 0.0), elastic, empty=np.inf))
-        return np.where(np.isnan(stretch), 0.0, stretch / grid.period)[()]
+        stretch = times(np.sqrt(b_c), np.sqrt(ratio(np.maximum(spare, 0.0), elastic, empty=np.inf)))
+        return (np.where(spare < 0, 0.0, stretch) / grid.period)[()]
     a, half_b = viscous / 4 + elastic, (viscous * b_c - available / 2) / 2
     # a·K² + 2·half_b·K − b_c·spare = 0, in the form that adds terms of one sign.
     root = np.hypot(half_b, np.sqrt(a) * np.sqrt(b_c) * np.sqrt(np.maximum(spare, 0.0)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.haptics._arrays import FloatArray, Scalars, one_of, ratio, stored
+from percept.haptics._arrays import FloatArray, Scalars, one_of, ratio, stored, times
 from percept.haptics._warp import HOLDS, checked_period, warp
 from percept.haptics.impedance import device_parts, tustin_damping
 from percept.haptics.parameters import AnyDevice, Coupling
@@ -73,7 +73,7 @@ def required_damping_at(
     stretch = np.multiply(coupling.stiffness, grid.period)
     # Only positive terms, and K²/β as K·(K/β): K² alone may leave the range of a double.
     elastic = gain * grid.cos**2 / (8 * (1 + grid.cos))
-    elastic = np.where(elastic == 0, 0.0, elastic * (stretch * ratio(stretch, beta, empty=0.0)))
+    elastic = times(elastic, stretch * ratio(stretch, beta, empty=0.0))
     return (np.multiply(beta, gain * grid.one_minus_cos / 2) + elastic)[()]
 
 

@@ -1,0 +1,37 @@
+"""The haptics module stands on numpy alone, and its public names are fixed."""
+
+import subprocess
+import sys
+
+import percept.haptics
+
+PUBLIC = """
+AbsoluteStability AnyDevice Band BestDamping Coupling CouplingDesign Device EffectiveImpedance Environment
+FrequencyResponse Mode QualifyingRegion RequiredDamping StableRegion TabulatedDevice TwoPort
+absolute_stability
+best_coupling_damping corner_crossings corner_curves coupling_admittance coupling_bound coupling_impedance
+design_couplings device_impedance effective_impedance environment_impedance hold llewellyn magnitude_envelope
+magnitude_envelope_ellipse magnitude_envelope_log_ellipse max_coupling_stiffness max_coupling_stiffness_at
+passivity_damping perceived_impedance perceived_magnitude phase_envelope phase_envelope_ellipse
+qualifying_region required_damping required_damping_at stability_margin stable_region two_port velocity_ratio
+"""
+
+
+def test_public_names_are_these():
+    assert percept.haptics.__all__ == PUBLIC.split()
+
+
+def test_imports_numpy_only():
+    code = (
+        "import sys; before = set(sys.modules); import percept.haptics;"
+        "print(*sorted({name.split('.')[0] for name in set(sys.modules) - before}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) - set(sys.stdlib_module_names) == {"percept", "numpy"}
+
+
+def test_brings_no_other_part_of_percept():
+    code = "import sys, percept.haptics; print(*(n for n in sys.modules if n.startswith('percept.')))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    parts = {name.split(".")[1] for name in done.stdout.split()}
+    assert parts == {"haptics", "errors"}
