@@ -1,0 +1,59 @@
+"""Every function against the textbook formula in 120 digits, within 1e-13 times its condition."""
+
+import os
+
+import numpy as np
+import pytest
+
+from percept.bench import _haptics_reference as reference
+from percept.bench.haptics_digits import QUANTITIES, digits_kept
+from percept.haptics import Coupling, required_damping_at
+
+CASES = int(os.environ.get("PERCEPT_SWEEP_CASES", "60"))
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    return digits_kept(CASES)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_promise_is_kept(sweep, quantity):
+    rows = [row for row in sweep if row.quantity == quantity]
+    assert sum(row.cases for row in rows) == CASES
+    worst = max(rows, key=lambda row: row.worst)
+    assert worst.worst <= 1, worst
+
+
+def test_sweep_reaches_nyquist_and_low_frequency(sweep):
+    decades = {row.decade for row in sweep}
+    assert 1 in decades
+    assert min(decades) <= -7
+
+
+def test_sweep_is_repeatable():
+    assert digits_kept(3, quantities=("Z_h",)) == digits_kept(3, quantities=("Z_h",))
+
+
+def test_plain_complex_arithmetic_would_be_caught():
+    # Eqs 6, 8 and 10 as they are written lose everything at low ω; the comparison must say so.
+    values = {"omega": 1e-6, "period": 1e-3, "k_c": 110e3, "b_c": 100.0}
+    z = np.exp(1j * values["omega"] * values["period"])
+    z_c = values["b_c"] + values["k_c"] * values["period"] * z / (z - 1)
+    zoh = (z + 1) / (2 * z)
+    naive = (1 - np.cos(np.angle(zoh))) * abs(zoh) / (2 * (1 / z_c).real)
+    exact = reference.required_at(reference.coupling_backward, reference.hold_average)
+    assert reference.error_over_condition(naive, exact, values) > 0.1
+    ours = required_damping_at(values["omega"], Coupling(110e3, 100.0), 1e-3)
+    assert reference.error_over_condition(float(ours), exact, values) < 1e-15
+    assert f"{float(ours):.15g}" == "4.87903225806452"
+    assert float(ours) == pytest.approx(4.879032258064516, rel=1e-15)
+
+
+def test_nan_and_wrong_infinities_are_caught():
+    values = {"omega": 1.0, "period": 1e-3, "m": 1.0, "b_d": 5.0}
+    for wrong in (np.nan, np.inf):
+        assert reference.error_over_condition(wrong, reference.rigid, values) == np.inf
+    values["omega"] = np.pi / 1e-3
+    assert reference.error_over_condition(1e20, reference.rigid, values, at_nyquist=True) == np.inf
+    assert reference.error_over_condition(np.inf, reference.rigid, values, at_nyquist=True) == 0

@@ -1,0 +1,144 @@
+"""Required damping, margins, the bound of Fig. 4: known numbers, searches, and limiting cases."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from percept.haptics import (
+    Coupling,
+    Device,
+    Mode,
+    coupling_admittance,
+    coupling_bound,
+    coupling_impedance,
+    required_damping,
+    required_damping_at,
+    stability_margin,
+)
+
+T = 1e-3
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "discretization", "damping", "omega"),
+    [
+        (110e3, "backward", "20.2548", "2022.65"),
+        (50e3, "backward", "15.8384", "2073.2"),
+        (110e3, "tustin", "14.0492", None),
+        (50e3, "tustin", "12.7705", None),
+    ],
+)
+def test_published_couplings(stiffness, discretization, damping, omega):
+    need = required_damping(Coupling(stiffness, 100.0), T, discretization=discretization)
+    assert f"{need.damping:.6g}" == damping
+    if omega:
+        assert f"{need.omega:.6g}" == omega
+
+
+def test_true_hold_asks_most_at_nyquist():
+    need = required_damping(Coupling(110e3, 100.0), T, hold="true")
+    assert f"{need.damping:.2f}" == "49.34"
+    assert need.omega == np.pi / T
+
+
+def test_low_frequency_keeps_fifteen_digits():
+    value = float(required_damping_at(1e-6, Coupling(110e3, 100.0), T))
+    assert abs(value - 4.879032258064516) <= 1e-15 * value
+
+
+OMEGA = np.concatenate([[0.0], np.geomspace(1e-3, np.pi / T, 40_001), np.linspace(0, np.pi / T, 40_001)])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    stretch=st.floats(1e-4, 1e4),
+    damping=st.one_of(st.just(0.0), st.floats(1e-4, 1e4)),
+    discretization=st.sampled_from(["backward", "tustin"]),
+    kind=st.sampled_from(["average", "true"]),
+)
+def test_closed_form_is_the_maximum_over_omega(stretch, damping, discretization, kind):
+    coupling = Coupling(stretch / T, damping)
+    options = {"discretization": discretization, "hold": kind}
+    need = required_damping(coupling, T, **options)
+    seen = required_damping_at(OMEGA, coupling, T, **options).max()
+    if np.isinf(need.damping):
+        assert discretization == "tustin"
+        assert damping == 0
+        assert np.isinf(seen)
+        return
+    assert seen <= need.damping * (1 + 1e-14)
+    # The densest part of the grid has 40 000 points: a parabola's top is missed by less than 1e-8.
+    assert seen >= need.damping * (1 - 1e-7)
+    at_binding = required_damping_at(need.omega, coupling, T, **options)
+    assert at_binding == pytest.approx(need.damping, rel=1e-13)
+
+
+def test_binding_frequency_slides_into_dc():
+    # The maximum leaves ω = 0 where K² = 3.2β²; just before, its place needs care with 1 − cos.
+    beta = 100.0
+    for excess in (1e-3, 1e-6, 1e-9, 1e-12):
+        coupling = Coupling(np.sqrt(3.2 * (1 - excess)) * beta / T, beta)
+        need = required_damping(coupling, T, discretization="tustin")
+        assert 0 < need.omega
+        value = required_damping_at(
+            need.omega * np.array([0.5, 1.0, 1.5]), coupling, T, discretization="tustin"
+        )
+        assert value[1] >= value.max() * (1 - 4e-16)
+    past = required_damping(Coupling(np.sqrt(3.2 * (1 + 1e-9)) * beta / T, beta), T, discretization="tustin")
+    assert past.omega == 0
+    assert past.damping == pytest.approx(3.2 * beta / 16, rel=1e-8)
+
+
+def test_tustin_without_damping_is_never_stable():
+    need = required_damping(Coupling([0.0, 1e3], 0.0), T, discretization="tustin")
+    np.testing.assert_array_equal(need.damping, [0.0, np.inf])
+
+
+def test_backward_difference_is_tustin_with_more_damping():
+    omega = np.array([1e-3, 1.0, 500.0, 3000.0])
+    backward = coupling_impedance(omega, Coupling(110e3, 100.0), T)
+    tustin = coupling_impedance(omega, Coupling(110e3, 100.0 + 110e3 * T / 2), T, discretization="tustin")
+    np.testing.assert_array_equal(backward, tustin)
+
+
+def test_margin_is_the_ratio_of_both_sides_of_equation_10():
+    omega = np.geomspace(1.0, 3100.0, 50)
+    device = Device(1.0, 20.0, (Mode(0.05, 2e4, 0.3),))
+    coupling = Coupling(50e3, 100.0)
+    bound = coupling_bound(omega, device, T)
+    reached = coupling_admittance(omega, coupling, T).real
+    np.testing.assert_allclose(stability_margin(omega, device, coupling, T), reached / bound, rtol=1e-13)
+
+
+def test_flexible_peaks_draw_knots_above_300_rad_per_s():
+    peaks = [500.0, 900.0, 1600.0]
+    modes = tuple(Mode(0.08, 0.08 * ((2 / T) * np.tan(peak * T / 2)) ** 2, 1.5) for peak in peaks)
+    omega = np.linspace(10.0, 2000.0, 4000)
+    rigid, flexible = (coupling_bound(omega, Device(1.0, 16.0, m), T) for m in ((), modes))
+    relative = flexible / rigid
+    # Each resonance dissipates: the bound dips there and stays smooth below 300 rad/s.
+    dips = omega[1:-1][(relative[1:-1] < relative[:-2]) & (relative[1:-1] < relative[2:])]
+    np.testing.assert_allclose(dips, peaks, rtol=0.02)
+    assert (relative[omega < 300] > 0.9).all()
+    assert (relative < 0.1).sum() > 10
+
+
+def test_margin_where_nothing_is_asked_or_given():
+    omega = np.array([100.0, np.pi / T])
+    np.testing.assert_array_equal(
+        stability_margin(omega, Device(1.0, 0.0), Coupling(1e3, 1.0), T), [0.0, np.inf]
+    )
+    np.testing.assert_array_equal(coupling_bound(omega, Device(1.0, 0.0), T), [np.inf, 0.0])
+    np.testing.assert_array_equal(stability_margin(omega, Device(1.0, 1.0), Coupling(0.0, 0.0), T), np.inf)
+
+
+def test_broadcasts_omega_with_couplings():
+    omega = np.geomspace(1, 3000, 7)[:, None]
+    stiffness = np.array([1e3, 1e4, 1e5])
+    table = required_damping_at(omega, Coupling(stiffness, 100.0), T)
+    slow = [
+        [float(required_damping_at(float(w), Coupling(k, 100.0), T)) for k in stiffness] for w in omega[:, 0]
+    ]
+    np.testing.assert_array_equal(table, slow)
+    assert required_damping(Coupling(stiffness, 100.0), T).damping.shape == (3,)
