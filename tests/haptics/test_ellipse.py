@@ -1,0 +1,279 @@
+"""Ranges over ellipses: roots of a quartic in 60 digits, brute force, degenerate cases."""
+
+import mpmath
+import numpy as np
+import pytest
+
+from percept.errors import UsageError
+from percept.haptics import (
+    Device,
+    magnitude_envelope,
+    magnitude_envelope_ellipse,
+    magnitude_envelope_log_ellipse,
+    perceived_magnitude,
+    phase_envelope_ellipse,
+)
+
+T = 1e-3
+DEVICE = Device(1.0, 5.0)
+
+
+def quartic(omega, device, centre, shape, radius, period):
+    """Distances of the stationary points on the edge, and whether the origin is inside; 60 digits.
+
+    With u = e^{iφ} the derivative of |c + M(cos φ, sin φ)|² is a polynomial of degree four in u.
+    """
+    with mpmath.workdps(60):
+        half = mpmath.mpf(omega) * mpmath.mpf(period) / 2
+        rate = 2 / mpmath.mpf(period) * mpmath.tan(half)
+        y = mpmath.cos(half)
+        (kk, kb), (_, bb) = [[mpmath.mpf(float(v)) for v in row] for row in shape]
+        k, b = (mpmath.mpf(float(v)) for v in centre)
+        m, b_d, t = mpmath.mpf(device.mass), mpmath.mpf(device.damping), mpmath.mpf(period)
+        c = mpmath.matrix([y * (b + b_d - m * rate**2 * t / 2), y * (k / rate - rate * (m + b_d * t / 2))])
+        r = mpmath.mpf(radius)
+        l11 = mpmath.sqrt(kk)
+        l21 = kb / l11
+        l22 = mpmath.sqrt(bb - l21**2)
+        rows = [[y * r * l21, y * r * l22], [y * r * l11 / rate, mpmath.mpf(0)]]
+        # |c + M p|² with p = (cos φ, sin φ): α cos 2φ + β sin 2φ + γ cos φ + δ sin φ + const.
+        g11 = rows[0][0] ** 2 + rows[1][0] ** 2
+        g22 = rows[0][1] ** 2 + rows[1][1] ** 2
+        g12 = rows[0][0] * rows[0][1] + rows[1][0] * rows[1][1]
+        alpha, beta = (g11 - g22) / 2, g12
+        gamma = 2 * (c[0] * rows[0][0] + c[1] * rows[1][0])
+        delta = 2 * (c[0] * rows[0][1] + c[1] * rows[1][1])
+        j = mpmath.mpc(0, 1)
+        coefficients = [
+            beta + j * alpha,
+            (delta + j * gamma) / 2,
+            mpmath.mpf(0),
+            (delta - j * gamma) / 2,
+            beta - j * alpha,
+        ]
+        distances = []
+        for root in mpmath.polyroots(coefficients[::-1], maxsteps=500, extraprec=400, asc=True):
+            if abs(abs(root) - 1) < mpmath.mpf("1e-15"):
+                cos, sin = root.real / abs(root), root.imag / abs(root)
+                distances.append(
+                    mpmath.hypot(
+                        c[0] + rows[0][0] * cos + rows[0][1] * sin, c[1] + rows[1][0] * cos + rows[1][1] * sin
+                    )
+                )
+        u1 = -c[1] / rows[1][0]
+        u2 = (-c[0] - rows[0][0] * u1) / rows[0][1]
+        size = mpmath.hypot(abs(c[0]) + g11**0.5, abs(c[1]) + g22**0.5)
+        return min(distances), max(distances), u1**2 + u2**2 <= 1, size
+
+
+def random_ellipses(count, seed):
+    rng = np.random.default_rng(seed)
+    for index in range(count):
+        period = 10 ** rng.uniform(-5, -1)
+        omega = np.pi / period * 10 ** rng.uniform(-6, -1e-3)
+        device = Device(*10 ** rng.uniform([-3, -2], [3, 3]))
+        centre = rng.normal(size=2) * 10 ** rng.uniform([0, -2], [5, 3])
+        if index % 3 == 0:
+            # Around the point where Z_h vanishes.
+            rate = 2 / period * np.tan(omega * period / 2)
+            centre = np.array(
+                [
+                    rate**2 * (device.mass + device.damping * period / 2),
+                    device.mass * rate**2 * period / 2 - device.damping,
+                ]
+            ) * (1 + rng.normal(size=2) * 10 ** rng.uniform(-4, 0))
+        sd = np.abs(centre) * 10 ** rng.uniform(-4, 1, 2)
+        correlation = rng.choice([0.0, rng.uniform(-1, 1), 1 - 10 ** rng.uniform(-6, -1)])
+        cross = correlation * sd[0] * sd[1]
+        yield omega, device, centre, [[sd[0] ** 2, cross], [cross, sd[1] ** 2]], rng.uniform(0.1, 4), period
+
+
+def test_ends_are_the_stationary_points_on_the_edge():
+    inside = 0
+    for omega, device, centre, shape, radius, period in random_ellipses(60, 11):
+        lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, radius, period)
+        nearest, farthest, holds_origin, size = quartic(omega, device, centre, shape, radius, period)
+        inside += bool(holds_origin)
+        assert upper == pytest.approx(float(farthest), rel=1e-13)
+        if holds_origin:
+            assert lower == 0
+        else:
+            # The shape's own conditioning: its smaller axis is known to eps/(1 − ρ²).
+            correlation = shape[0][1] / np.sqrt(shape[0][0] * shape[1][1])
+            slack = 1e-14 * float(size) / max(1 - correlation**2, 1e-16) ** 0.5
+            assert lower == pytest.approx(float(nearest), rel=1e-12, abs=slack)
+    assert inside >= 5
+
+
+@pytest.mark.parametrize("omega", [0.1, 10.0, 31.7, 2000.0])
+def test_against_a_million_points_of_the_ellipse(omega):
+    rng = np.random.default_rng(2)
+    centre, shape = (980.0, 1.4), np.array([[36.0**2, 0.4 * 36 * 2.4], [0.4 * 36 * 2.4, 2.4**2]])
+    angle = rng.uniform(0, 2 * np.pi, 1_000_000)
+    reach = 2.5 * np.sqrt(rng.uniform(0, 1, 1_000_000))
+    k, b = np.array(centre)[:, None] + np.linalg.cholesky(shape) @ (
+        reach * np.array([np.cos(angle), np.sin(angle)])
+    )
+    seen = perceived_magnitude(omega, DEVICE, k, b, T)
+    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, centre, shape, 2.5, T)
+    assert lower <= seen.min() * (1 + 1e-12)
+    assert upper >= seen.max() * (1 - 1e-12)
+    assert upper == pytest.approx(seen.max(), rel=1e-3)
+    assert lower == pytest.approx(seen.min(), rel=1e-2, abs=1e-2 * seen.max())
+
+
+def test_inside_the_box_around_it_and_touching_its_sides():
+    omega = np.concatenate([[0.0], np.geomspace(1e-6, np.pi / T, 300)])
+    shape = [[100.0, 6.0], [6.0, 1.0]]
+    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, (15.0, 0.7), shape, 2.0, T)
+    box_lower, box_upper = magnitude_envelope(omega, DEVICE, (-5.0, 35.0), (-1.3, 2.7), T)
+    assert (lower >= box_lower * (1 - 1e-14)).all()
+    assert (upper <= box_upper * (1 + 1e-14)).all()
+    # At very low ω stiffness alone counts.
+    assert upper[1] == pytest.approx(box_upper[1], rel=1e-6)
+
+
+def test_limits_at_dc():
+    shape = [[100.0, 6.0], [6.0, 1.0]]
+    assert magnitude_envelope_ellipse(0.0, DEVICE, (25.0, 0.7), shape, 2.0, T) == (np.inf, np.inf)
+    lower, upper = magnitude_envelope_ellipse(0.0, DEVICE, (15.0, 0.7), shape, 2.0, T)
+    slow, _ = magnitude_envelope_ellipse(1e-7, DEVICE, (15.0, 0.7), shape, 2.0, T)
+    assert lower == pytest.approx(slow, rel=1e-6)
+    assert upper == np.inf
+    flat = magnitude_envelope_ellipse(0.0, DEVICE, (0.0, 0.7), [[0.0, 0.0], [0.0, 1.0]], 2.0, T)
+    np.testing.assert_allclose(flat, (5 + 0.7 - 2, 5 + 0.7 + 2))
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        [[0.0, 0.0], [0.0, 0.0]],
+        [[25.0, 0.0], [0.0, 0.0]],
+        [[0.0, 0.0], [0.0, 4.0]],
+        [[25.0, 10.0], [10.0, 4.0]],
+    ],
+)
+def test_flat_ellipses_are_segments_and_points(shape):
+    omega = np.array([0.5, 11.0, 3000.0])
+    u = np.linspace(-1, 1, 200_001)
+    # A correlation that is one in decimals is off by √eps in the square root of 1 − ρ².
+    k, b = 15.0 + 2 * np.sqrt(shape[0][0]) * u, 0.7 + 2 * np.sqrt(shape[1][1]) * u
+    seen = perceived_magnitude(omega[:, None], DEVICE, k, b, T)
+    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, (15.0, 0.7), shape, 2.0, T)
+    np.testing.assert_allclose(upper, seen.max(axis=1), rtol=1e-7)
+    np.testing.assert_allclose(lower, seen.min(axis=1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"shape": [[1.0, 2.0], [2.0, 1.0]]}, "symmetric and positive semidefinite.*covariance"),
+        ({"shape": [[1.0, 0.2], [0.1, 1.0]]}, "symmetric and positive semidefinite"),
+        ({"shape": [[-1.0, 0.0], [0.0, 1.0]]}, "symmetric and positive semidefinite"),
+        ({"shape": [1.0, 1.0]}, "2-by-2 shape"),
+        ({"radius": -1.0}, "radius must not be negative"),
+        ({"centre": (1.0,)}, "centre must be the pair"),
+        ({"centre": (1.0, np.nan)}, "centre must be finite"),
+    ],
+)
+@pytest.mark.parametrize(
+    "function", [magnitude_envelope_ellipse, magnitude_envelope_log_ellipse, phase_envelope_ellipse]
+)
+def test_wrong_ellipses_are_refused(function, change, message):
+    arguments = {"centre": (1.0, 1.0), "shape": [[1.0, 0.0], [0.0, 1.0]], "radius": 1.0} | change
+    with pytest.raises(UsageError, match=message):
+        function(1.0, DEVICE, period=T, **arguments)
+
+
+def curve(centre, shape, radius, count=40_001):
+    angle = np.linspace(0, 2 * np.pi, count)
+    return np.array(centre)[:, None] + radius * np.linalg.cholesky(shape) @ np.array(
+        [np.cos(angle), np.sin(angle)]
+    )
+
+
+def test_phase_range_of_ellipses():
+    from tests.haptics.test_envelope import compare_phase, naive
+
+    rng = np.random.default_rng(12)
+    seen = set()
+    for _ in range(60):
+        device = Device(*10 ** rng.uniform(-2, 1, 2))
+        omega = 10 ** rng.uniform(-1, 3.4)
+        centre = rng.normal(0, [1e3, 5.0])
+        sd = 10 ** rng.uniform([0, -2], [3.5, 1.2])
+        cross = rng.uniform(-0.99, 0.99) * sd[0] * sd[1]
+        shape = [[sd[0] ** 2, cross], [cross, sd[1] ** 2]]
+        lower, upper = phase_envelope_ellipse(omega, device, centre, shape, 1.5, T)
+        angles = np.angle(naive(omega, device, *curve(centre, shape, 1.5)))
+        seen.add(compare_phase(angles, lower, upper))
+    assert seen == {"turn", "range"}
+
+
+def test_phase_range_of_points_segments_and_dc():
+    point = phase_envelope_ellipse(10.0, DEVICE, (100.0, 1.0), [[0.0, 0.0], [0.0, 0.0]], 1.0, T)
+    assert point[0] == point[1]
+    segment = phase_envelope_ellipse(10.0, DEVICE, (0.0, 1.0), [[1e4, 0.0], [0.0, 0.0]], 1.0, T)
+    ends = [
+        phase_envelope_ellipse(10.0, DEVICE, (k, 1.0), np.zeros((2, 2)), 1.0, T)[0] for k in (-100.0, 100.0)
+    ]
+    np.testing.assert_allclose(segment, sorted(ends), atol=1e-14)
+    shape = [[100.0, 0.0], [0.0, 1.0]]
+    np.testing.assert_array_equal(
+        phase_envelope_ellipse(0.0, DEVICE, (25.0, 1.0), shape, 2.0, T), [-np.pi / 2] * 2
+    )
+    np.testing.assert_array_equal(
+        phase_envelope_ellipse(0.0, DEVICE, (15.0, 1.0), shape, 2.0, T), [-np.pi / 2, np.pi / 2]
+    )
+
+
+def test_log_ellipse_against_its_curve_and_its_inside():
+    rng = np.random.default_rng(13)
+    held = 0
+    for index in range(40):
+        omega = 10 ** rng.uniform(-1, 3.4)
+        device = Device(*10 ** rng.uniform([-2, -2], [1, 1]))
+        centre = rng.uniform([0, -2], [10, 4])
+        sd = rng.uniform(0.05, 1.2, 2)
+        if index % 2:
+            omega, device = 10 ** rng.uniform(2, 3.4), Device(1.0, 0.5)
+            rate = 2 / T * np.tan(omega * T / 2)
+            zero = (
+                rate**2 * (device.mass + device.damping * T / 2),
+                device.mass * rate**2 * T / 2 - device.damping,
+            )
+            if zero[1] > 0:
+                centre = np.log(zero) + rng.normal(size=2) * sd
+        cross = rng.uniform(-0.95, 0.95) * sd[0] * sd[1]
+        shape = np.array([[sd[0] ** 2, cross], [cross, sd[1] ** 2]])
+        lower, upper = magnitude_envelope_log_ellipse(omega, device, centre, shape, 1.5, T)
+        edge = perceived_magnitude(omega, device, *np.exp(curve(centre, shape, 1.5)), T)
+        assert upper >= edge.max() * (1 - 1e-13)
+        assert upper == pytest.approx(edge.max(), rel=1e-6)
+        radii = np.sqrt(rng.uniform(0, 1, 20_000))
+        within = np.array(centre)[:, None] + (curve(centre, shape, 1.5, 20_000) - centre[:, None]) * radii
+        filled = perceived_magnitude(omega, device, *np.exp(within), T)
+        assert lower <= min(edge.min(), filled.min()) * (1 + 1e-12)
+        if lower == 0:
+            held += 1
+            assert filled.min() < 0.2 * edge.max()
+        else:
+            assert lower == pytest.approx(edge.min(), rel=1e-3)
+    assert held >= 5
+
+
+def test_small_log_ellipse_is_an_ellipse():
+    shape = np.array([[1.0, 0.3], [0.3, 1.0]]) * 1e-8
+    centre = np.array([1000.0, 2.0])
+    omega = np.geomspace(0.1, 3000, 20)
+    by_log = magnitude_envelope_log_ellipse(omega, DEVICE, np.log(centre), shape, 2.0, T)
+    plain = magnitude_envelope_ellipse(omega, DEVICE, centre, shape * np.outer(centre, centre), 2.0, T)
+    np.testing.assert_allclose(by_log, plain, rtol=1e-6)
+
+
+def test_log_ellipse_at_the_ends_and_by_broadcasting():
+    lower, upper = magnitude_envelope_log_ellipse(
+        [0.0, np.pi / T], Device([[0.0], [1.0]], 5.0), (1.0, 1.0), np.eye(2), 1.0, T
+    )
+    np.testing.assert_array_equal(lower, [[np.inf, 5.0], [np.inf, np.inf]])
+    np.testing.assert_array_equal(upper, [[np.inf, 5.0], [np.inf, np.inf]])

@@ -1,0 +1,188 @@
+"""Exact range of abs(Z_h) and of its phase over a box: brute force, corners, crossings."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from percept.errors import UsageError
+from percept.haptics import (
+    Device,
+    Mode,
+    corner_crossings,
+    corner_curves,
+    magnitude_envelope,
+    perceived_magnitude,
+    phase_envelope,
+)
+
+T = 1e-3
+TABLE_1 = [
+    ((10.808, 19.02), (0.0356, 1.3335)),
+    ((944.85, 1017.2), (1.2404, 1.5316)),
+    ((8979.9, 9954.1), (8.188, 13.146)),
+    ((23316.0, 24968.0), (21.447, 27.549)),
+    ((39498.0, 47829.0), (79.933, 112.34)),
+]
+
+
+def naive(omega, device, k, b, mass=0.0):
+    """Eq. 13 in complex arithmetic, for a rigid device."""
+    h = omega * T / 2
+    s = 2j / T * np.tan(h)
+    return device.mass * s + device.damping + np.cos(h) * np.exp(-1j * h) * (mass * s + b + k / s)
+
+
+@pytest.mark.parametrize("limits", [*TABLE_1, ((-300.0, 500.0), (-8.0, 9.0)), ((5.0, 5.0), (1.0, 1.0))])
+@pytest.mark.parametrize("mass", [0.0, 0.2])
+def test_against_a_million_points_of_the_box(limits, mass):
+    (k_low, k_high), (b_low, b_high) = limits
+    device = Device(1.0, 5.0)
+    k = np.linspace(k_low, k_high, 1000)[:, None]
+    b = np.linspace(b_low, b_high, 1000)
+    for omega in (0.1, 11.4, 31.7, 99.8, 700.0, 3000.0):
+        seen = np.abs(naive(omega, device, k, b, mass))
+        lower, upper = magnitude_envelope(omega, device, *limits, T, mass=mass)
+        assert lower <= seen.min() * (1 + 1e-12)
+        assert upper >= seen.max() * (1 - 1e-12)
+        # One cell of the grid away at most.
+        cell = np.hypot((k_high - k_low) / 999 / omega, (b_high - b_low) / 999)
+        assert upper == pytest.approx(seen.max(), rel=1e-12)
+        assert seen.min() - lower <= cell + 1e-12 * seen.min()
+
+
+interval = st.tuples(st.floats(-1e4, 1e4), st.floats(0, 1e4)).map(lambda p: (p[0], p[0] + p[1]))
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    k=interval,
+    b=interval,
+    omega=st.floats(1e-3, 3141.0),
+    mass=st.floats(0, 10),
+    share=st.lists(st.floats(0, 1), min_size=2, max_size=2),
+    kind=st.sampled_from(["average", "true"]),
+)
+def test_no_point_and_no_corner_lies_outside(k, b, omega, mass, share, kind):
+    device = Device(mass, 5.0, (Mode(0.05, 2e4, 0.3),))
+    lower, upper = magnitude_envelope(omega, device, k, b, T, hold=kind)
+    inside = [low + part * (high - low) for (low, high), part in zip((k, b), share, strict=True)]
+    inside = [min(value, high) for value, (_, high) in zip(inside, (k, b), strict=True)]
+    values = [
+        perceived_magnitude(omega, device, *inside, T, hold=kind),
+        *corner_curves(omega, device, k, b, T, hold=kind),
+    ]
+    size = upper * 1e-14
+    assert all(lower - size <= value <= upper + size for value in values)
+
+
+@pytest.mark.parametrize(("limits", "omega"), list(zip(TABLE_1[:3], ("11.4", "31.7", "100"), strict=True)))
+def test_published_corner_curves_cross(limits, omega):
+    device = Device(1.0, 5.0)
+    (crossing,) = corner_crossings(device, *limits, T)
+    assert f"{crossing:.3g}" in (omega, "99.8")
+    at_low, at_high = corner_curves(crossing * np.array([0.99, 1.0, 1.01]), device, *limits, T)
+    assert at_low[0] < at_high[0]
+    assert at_low[1] == pytest.approx(at_high[1], rel=1e-12)
+    assert at_low[2] > at_high[2]
+    lower, upper = magnitude_envelope(crossing, device, *limits, T)
+    assert lower < at_low[1] < upper
+
+
+def test_third_crossing_rounds_to_a_hundred():
+    (crossing,) = corner_crossings(Device(1.0, 5.0), *TABLE_1[2], T)
+    assert round(crossing) == 100
+
+
+def test_crossings_are_all_there_are():
+    rng = np.random.default_rng(8)
+    omega = np.linspace(1e-2, np.pi / T * 0.999, 400_001)
+    for _ in range(20):
+        device = Device(*10 ** rng.uniform(-2, 1, 2))
+        k_low, b_low = rng.normal(0, [3e3, 3.0])
+        k, b = (k_low, k_low + 10 ** rng.uniform(0, 4)), (b_low, b_low + 10 ** rng.uniform(-1, 1))
+        found = corner_crossings(device, k, b, T, mass=0.1)
+        low, high = corner_curves(omega, device, k, b, T, mass=0.1)
+        seen = omega[:-1][np.diff(np.sign(high - low)) != 0]
+        expected = found[(found > omega[0]) & (found < omega[-1])]
+        np.testing.assert_allclose(seen, expected, atol=2 * (omega[1] - omega[0]))
+
+
+def test_no_crossing_without_mass_or_width():
+    assert corner_crossings(Device(0.0, 5.0), *TABLE_1[0], T).size == 0
+    assert corner_crossings(Device(1.0, 5.0), (5.0, 5.0), (1.0, 1.0), T).size == 0
+    assert corner_crossings(Device(0.0, 0.0), (1.0, 1.0), (1.0, 2.0), T).size == 0
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: corner_crossings(Device(1.0, 5.0, (Mode(1, 1, 1),)), *TABLE_1[0], T),
+        lambda: corner_crossings(Device([1.0, 2.0], 5.0), *TABLE_1[0], T),
+        lambda: corner_crossings(Device(1.0, 5.0), ([1.0, 2.0], 5.0), (1.0, 2.0), T),
+    ],
+)
+def test_crossings_are_for_one_rigid_device(call):
+    with pytest.raises(UsageError, match="one rigid device and one box"):
+        call()
+
+
+def edge(limits, count=20_000):
+    """Points around a box, closed."""
+    (k_low, k_high), (b_low, b_high) = limits
+    part = np.linspace(0, 1, count)
+    k = np.concatenate(
+        [
+            k_low + part * (k_high - k_low),
+            part * 0 + k_high,
+            k_high - part * (k_high - k_low),
+            part * 0 + k_low,
+        ]
+    )
+    b = np.concatenate(
+        [
+            part * 0 + b_low,
+            b_low + part * (b_high - b_low),
+            part * 0 + b_high,
+            b_high - part * (b_high - b_low),
+        ]
+    )
+    return k, b
+
+
+def compare_phase(angles, lower, upper):
+    """A closed path's phase, unwrapped, against a range; or a full turn."""
+    path = np.unwrap(angles)
+    if abs(path[-1] - path[0]) > 3:
+        assert (lower, upper) == (-np.pi, np.pi)
+        return "turn"
+    path += 2 * np.pi * np.round(((lower + upper) / 2 - path.mean()) / (2 * np.pi))
+    assert -np.pi < lower <= upper
+    assert lower <= path.min() + 1e-13
+    assert upper >= path.max() - 1e-13
+    assert path.min() - lower + upper - path.max() < 1e-3 * (upper - lower) + 1e-12
+    return "range"
+
+
+def test_phase_range_of_boxes():
+    rng = np.random.default_rng(9)
+    seen = set()
+    for _ in range(60):
+        device = Device(*10 ** rng.uniform(-2, 1, 2))
+        omega = 10 ** rng.uniform(-1, 3.4)
+        point = rng.normal(0, [1e3, 5.0])
+        half = 10 ** rng.uniform([0, -2], [4, 1.5])
+        limits = (point[0] - half[0], point[0] + half[0]), (point[1] - half[1], point[1] + half[1])
+        lower, upper = phase_envelope(omega, device, *limits, T)
+        seen.add(compare_phase(np.angle(naive(omega, device, *edge(limits))), lower, upper))
+    assert seen == {"turn", "range"}
+
+
+def test_phase_at_dc_is_a_quarter_turn():
+    np.testing.assert_array_equal(
+        phase_envelope(0.0, Device(1, 5), (1.0, 2.0), (0.0, 1.0), T), [-np.pi / 2] * 2
+    )
+    np.testing.assert_array_equal(
+        phase_envelope(0.0, Device(1, 5), (-1.0, 2.0), (0.0, 1.0), T), [-np.pi / 2, np.pi / 2]
+    )
+    np.testing.assert_array_equal(phase_envelope(0.0, Device(1, 5), (0.0, 0.0), (0.0, 1.0), T), [0.0, 0.0])
