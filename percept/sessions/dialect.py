@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from percept.errors import UsageError
 from percept.sessions.problems import clip
 from percept.sessions.tokens import Quoting, Records, SplitError, tokenise
 
-__all__ = ["DELIMITERS", "Dialect", "Grid", "read_grid"]
+__all__ = ["DELIMITERS", "Dialect", "Grid", "read_grid", "split_plain"]
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
 _SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
@@ -108,6 +108,39 @@ def read_grid(text: str, *, file: str, delimiter: str | None, resolves: Callable
         row=first_row,
         hint="Export it as CSV, or declare [sessions] delimiter.",
     )
+
+
+def split_plain(text: str, header: Sequence[str], *, delimiter: str, file: str, first_row: int) -> Grid:
+    """Split a stretch of a file without quotes, below a header that is known.
+
+    Parameters
+    ----------
+    text : str
+        Whole lines.
+    header : sequence of str
+        The file's header, which the lines are held to.
+    delimiter : str
+        One character.
+    file : str
+        For messages.
+    first_row : int
+        Physical row of the first line.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    UsageError
+        A line with another number of cells.
+    """
+    records = tokenise(text, delimiter=delimiter, quoting="plain", first_row=first_row)
+    cells, rows = [list(header), *records.cells], [1, *records.rows]
+    try:
+        return _rectangle(Records(cells, rows), Dialect(delimiter, "plain"), file)
+    except _Misfit as misfit:
+        raise misfit.error from None
 
 
 class _Misfit(Exception):  # noqa: N818 - a control value between two functions, never shown

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, Literal
 
 from percept.errors import UsageError
@@ -16,7 +15,6 @@ CANONICAL = ("subject", "session", "environment", "trial", "k_ref", "b_ref", "k_
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
 _PLACES = frozenset({"subject", "session", "environment"})
 _PLACE = re.compile(r"\{(\w+)\}")
-_EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -91,15 +89,15 @@ class ReadOptions:
         Sheet of an Excel workbook; the first by default.
     """
 
-    columns: Mapping[str, ColumnRule] = field(default_factory=lambda: _EMPTY)
-    environments: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: _EMPTY)
+    columns: Mapping[str, ColumnRule] = field(default_factory=dict)
+    environments: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     decimal: Literal[".", ","] | None = None
     delimiter: str | None = None
     encoding: str | None = None
     keep: Literal["last"] | None = None
     filename: str | None = None
     groups: tuple[str, ...] = ()
-    only: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: _EMPTY)
+    only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     exclude: tuple[ExcludeRule, ...] = ()
     unfinished: Literal["keep", "exclude"] = "keep"
     sheet: str | None = None
@@ -172,7 +170,7 @@ def parse_columns(table: Any) -> Mapping[str, ColumnRule]:
                 value=value,
             )
         rules[canonical] = ColumnRule(**entry)
-    return MappingProxyType(rules)
+    return rules
 
 
 def _table(value: Any, where: str) -> Mapping[str, Any]:
@@ -191,8 +189,8 @@ def _environments(value: Any) -> Mapping[str, Mapping[str, float]]:
             if key not in alias or isinstance(number, bool) or not isinstance(number, int | float):
                 raise UsageError("an environment has the numbers k_ref and b_ref.", column=where, value=key)
             references[alias[key]] = float(number)
-        out[str(name)] = MappingProxyType(references)
-    return MappingProxyType(out)
+        out[str(name)] = references
+    return out
 
 
 def _text(value: Any, key: str) -> str:
@@ -239,7 +237,7 @@ def _filename(value: Any, key: str) -> str:
 
 def _only(value: Any, key: str) -> Mapping[str, tuple[str, ...]]:
     table = _table(value, f"[sessions] {key}")
-    return MappingProxyType({str(name): _texts(texts, f"{key}.{name}") for name, texts in table.items()})
+    return {str(name): _texts(texts, f"{key}.{name}") for name, texts in table.items()}
 
 
 def _exclude(value: Any, key: str) -> tuple[ExcludeRule, ...]:
@@ -270,17 +268,15 @@ def _rule(value: Any, key: str) -> ExcludeRule:
     return ExcludeRule(column, why, equals, **{name: float(limit) for name, limit in limits.items()})
 
 
-_SESSION_KEYS: Mapping[str, Callable[[Any, str], Any]] = MappingProxyType(
-    {
-        "decimal": _one_of(".", ","),
-        "delimiter": _character,
-        "encoding": _text,
-        "keep": _one_of("last"),
-        "filename": _filename,
-        "groups": _texts,
-        "only": _only,
-        "exclude": _exclude,
-        "unfinished": _one_of("keep", "exclude"),
-        "sheet": _text,
-    }
-)
+_SESSION_KEYS: Mapping[str, Callable[[Any, str], Any]] = {
+    "decimal": _one_of(".", ","),
+    "delimiter": _character,
+    "encoding": _text,
+    "keep": _one_of("last"),
+    "filename": _filename,
+    "groups": _texts,
+    "only": _only,
+    "exclude": _exclude,
+    "unfinished": _one_of("keep", "exclude"),
+    "sheet": _text,
+}

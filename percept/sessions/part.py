@@ -21,7 +21,7 @@ from percept.sessions.problems import Problems, shown
 from percept.sessions.records import Exclusion, Notice
 from percept.sessions.units import convert
 
-__all__ = ["Part", "read_part"]
+__all__ = ["Part", "check_columns", "read_part"]
 
 _IDS = ("subject", "session", "environment")
 _NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
@@ -85,19 +85,39 @@ def read_part(
     part = Part(resolution.form, pd.DataFrame())
     part.counts["rows read"] = len(grid.cells)
     part.counts.update(grid.dropped)
-    part.notices += [Notice(text, file) for text in resolution.announced]
-    part.declared_units = {c for c, rule in resolution.rules.items() if rule.unit is not None}
+    check_columns(part, grid.header, resolution, file=file, options=options, named=named)
     if resolution.form == "summary":
         part.frame = _summary(grid, resolution, file, options, problems)
         return part
-    _require(resolution, grid.header, file, options, named)
-    part.parameters = {p for p in ("k", "b") if f"{p}_adj" in resolution.present}
-    unused = _unused(grid.header, resolution, options)
-    if unused:
-        part.notices.append(Notice(f"columns not used: {shown(unused)}", file))
     reader = _Reader(grid, resolution, file, options, named, problems, part)
     part.frame = reader.read()
     return part
+
+
+def check_columns(
+    part: Part,
+    header: Sequence[str],
+    resolution: Resolution,
+    *,
+    file: str,
+    options: ReadOptions,
+    named: Mapping[str, str],
+) -> None:
+    """Hold a header to what the analysis needs, and note in `part` what was found.
+
+    Raises
+    ------
+    UsageError
+        A column that is missing.
+    """
+    part.notices += [Notice(text, file) for text in resolution.announced]
+    part.declared_units = {c for c, rule in resolution.rules.items() if rule.unit is not None}
+    unused = _unused(header, resolution, options)
+    if unused:
+        part.notices.append(Notice(f"columns not used: {shown(unused)}", file))
+    if resolution.form == "trials":
+        _require(resolution, header, file, options, named)
+        part.parameters = {p for p in ("k", "b") if f"{p}_adj" in resolution.present}
 
 
 def _require(

@@ -1,0 +1,401 @@
+"""Files larger than memory: checked and reduced, block by block, to what the models need."""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from percept.errors import RefusalError, UsageError
+from percept.sessions.checks import look_alikes
+from percept.sessions.options import ReadOptions, parse_columns
+from percept.sessions.problems import Problems
+from percept.sessions.read import read_sessions
+from percept.sessions.records import Notice, Source
+from percept.sessions.sources import expand, names_from_file
+from percept.sessions.stream import NotPlain, open_stream
+
+__all__ = ["Reduced", "reduce_sessions"]
+
+_TRIALS = 1 << 31
+_ID = (1 << 21) - 1
+_Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """Sufficient statistics of a study's responses.
+
+    Attributes
+    ----------
+    cells : DataFrame
+        One row per subject and environment, in order of first appearance: `subject`, `environment`, `n`
+        (trials with every parameter), `mean_k`, `mean_b` (mean response, unit-free), and the sums of
+        squares and products about the means `scatter_kk`, `scatter_kb`, `scatter_bb`. Columns of a
+        parameter that was not measured are NaN.
+    references : DataFrame
+        `environment`, `k_ref` (N/m), `b_ref` (N·s/m).
+    family : {"lognormal", "normal"}
+        A response is log(adjusted/reference), or (adjusted − reference)/reference.
+    sources : tuple of Source
+    notices : tuple of Notice
+    counts : mapping of str to int
+        Rows by what became of them.
+    """
+
+    cells: pd.DataFrame
+    references: pd.DataFrame
+    family: Literal["lognormal", "normal"]
+    sources: tuple[Source, ...] = ()
+    notices: tuple[Notice, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+def reduce_sessions(
+    *paths: str | Path,
+    family: Literal["lognormal", "normal"] = "lognormal",
+    columns: Mapping[str, Any] | None = None,
+    options: ReadOptions | None = None,
+) -> Reduced:
+    """Read files of any size in bounded memory, with the checks of :func:`read_sessions`.
+
+    Parameters
+    ----------
+    *paths : str or Path
+        As for :func:`read_sessions`. Large plain files are read in blocks, others as a whole, one by one.
+    family : {"lognormal", "normal"}, optional
+        Scale of the responses.
+    columns, options
+        As for :func:`read_sessions`.
+
+    Returns
+    -------
+    Reduced
+
+    Raises
+    ------
+    UsageError
+        As :func:`read_sessions`.
+    RefusalError
+        An adjustment or reference that has no response in the family: zero or negative on the log scale,
+        or a zero reference.
+    """
+    options = options or ReadOptions()
+    if columns is not None:
+        options = replace(options, columns={**options.columns, **parse_columns(columns)})
+    if family not in ("lognormal", "normal"):
+        raise UsageError('family is "lognormal" or "normal".', value=family)
+    if not paths:
+        raise UsageError("no file was given.", hint="Name at least one session file or folder.")
+    state = _State(family, options)
+    for file in expand(paths)[0]:
+        state = _with_stream(state, file) or _with_whole(state, file)
+    return state.reduced()
+
+
+def _with_stream(before: _State, file: str) -> _State | None:
+    """Reduce a large plain file; None where it has to be read as a whole."""
+    problems = Problems()
+    named = names_from_file(file, before.options.filename)
+    stream = open_stream(file, options=before.options, named=named, problems=problems)
+    if stream is None:
+        return None
+    state = copy.deepcopy(before)
+    state.measure(stream.part.parameters, file)
+    try:
+        for frame in stream.frames():
+            if len(frame) and not len(problems):
+                state.add(frame, file)
+    except NotPlain:
+        return None
+    problems.raise_if_any()
+    state.finish(
+        [Source(file, stream.sha256, stream.part.counts["rows read"])],
+        stream.part.notices,
+        stream.part.counts,
+    )
+    return state
+
+
+def _with_whole(state: _State, file: str) -> _State:
+    sessions = read_sessions(file, options=state.options)
+    if sessions.form != "trials":
+        raise UsageError("a published summary is not reduced.", file=file, hint="Read it with read_sessions.")
+    state.measure(set(sessions.parameters), file)
+    state.add(sessions.table.assign(row=sessions.provenance["row"]), file)
+    whole = {
+        c: n for c, n in sessions.counts.items() if c not in ("observations", "subjects", "environments")
+    }
+    state.finish(sessions.sources, sessions.notices, whole)
+    return state
+
+
+class _Registry:
+    """Ids, or packed numbers, numbered in order of first appearance."""
+
+    def __init__(self) -> None:
+        self.names: list[Any] = []
+        self._number: dict[Any, int] = {}
+
+    def codes(self, column: Any) -> npt.NDArray[np.int64]:
+        """Numbers of a column: text, categories or integers."""
+        local, names = _local_codes(column)
+        lookup = np.full(max(1, len(names)), -1, dtype=np.int64)
+        for at in _by_first(local, len(names)):
+            name = names[at]
+            lookup[at] = self._number.setdefault(name, len(self.names))
+            if lookup[at] == len(self.names):
+                self.names.append(name)
+        return lookup[local]
+
+
+def _local_codes(column: Any) -> tuple[npt.NDArray[np.integer[Any]], Sequence[Any]]:
+    if isinstance(column, pd.Series) and isinstance(column.dtype, pd.CategoricalDtype):
+        return column.cat.codes.to_numpy(), column.cat.categories.tolist()
+    codes, names = pd.factorize(column)
+    return codes, names.tolist()
+
+
+def _by_first(codes: npt.NDArray[np.integer[Any]], count: int) -> list[int]:
+    """Codes that occur, in order of their first position."""
+    first = np.full(count, len(codes), dtype=np.int64)
+    # Writing backwards leaves each code's first position.
+    first[codes[::-1]] = np.arange(len(codes) - 1, -1, -1)
+    return [int(at) for at in np.argsort(first, kind="stable") if first[at] < len(codes)]
+
+
+class _State:
+    """Accumulators over blocks: means and scatters, the trials seen, the references."""
+
+    def __init__(self, family: str, options: ReadOptions) -> None:
+        self.family = family
+        self.options = options
+        self.subjects, self.sessions, self.environments = _Registry(), _Registry(), _Registry()
+        self.cells, self.visits = _Registry(), _Registry()
+        self.sources: list[Source] = []
+        self.notices: list[Notice] = []
+        self.counts: Counter[str] = Counter()
+        self.parameters: Sequence[str] = []
+        # Physical row (0: none yet) of each visit's trials.
+        self.rows = np.zeros((0, 0), dtype=np.int32)
+        self.references = {p: np.zeros(0) for p in ("k", "b")}
+        self.n = np.zeros(0)
+        self.means = np.zeros((2, 0))
+        self.scatters = np.zeros((3, 0))
+
+    def measure(self, parameters: set[str], file: str) -> None:
+        """Hold every file to the same parameters."""
+        ordered = [p for p in ("k", "b") if p in parameters]
+        if self.parameters and self.parameters != ordered:
+            raise UsageError(
+                "the files do not have the same parameters.", file=file, hint="Reduce them one by one."
+            )
+        self.parameters = ordered
+
+    def finish(self, sources: Sequence[Source], notices: Sequence[Notice], counts: Mapping[str, int]) -> None:
+        """Record the file the last blocks came from."""
+        for source in sources:
+            twin = next((s.name for s in self.sources if s.sha256 == source.sha256), None)
+            if twin is not None:
+                raise UsageError(
+                    f"byte for byte the same file as {twin}.", file=source.name, hint="Leave one of them out."
+                )
+        self.sources += sources
+        self.notices += notices
+        self.counts.update(counts)
+
+    def add(self, frame: pd.DataFrame, file: str) -> None:
+        """Check and add one block."""
+        rows = frame["row"].to_numpy()
+        subject, session, environment = (
+            registry.codes(frame[c])
+            for c, registry in (
+                ("subject", self.subjects),
+                ("session", self.sessions),
+                ("environment", self.environments),
+            )
+        )
+        # 21 bits each: two million ids of a kind.
+        visit = self.visits.codes((subject << 42) | (session << 21) | environment)
+        packed = np.array(self.visits.names, dtype=np.int64)
+        cell = self.cells.codes((packed >> 42 << 21) | (packed & _ID))[visit]
+        self._check_trials(visit, frame["trial"].to_numpy(), rows, file)
+        responses = [self._response(p, frame, environment, file) for p in self.parameters]
+        complete = ~np.isnan(responses).any(axis=0)
+        self.counts["observations"] += len(frame)
+        self.counts["rows without every parameter"] += int((~complete).sum())
+        if complete.all():
+            self._accumulate(cell, responses)
+        else:
+            self._accumulate(cell[complete], [y[complete] for y in responses])
+
+    def _check_trials(
+        self,
+        visit: npt.NDArray[np.int64],
+        trial: npt.NDArray[np.int64],
+        rows: npt.NDArray[np.int64],
+        file: str,
+    ) -> None:
+        """Find a trial that stands twice, with one number for each place in the visits × trials grid."""
+        shape = (len(self.visits.names), int(trial.max()) + 1)
+        if int(trial.min()) < 0 or shape[0] * shape[1] > _TRIALS:
+            raise UsageError(
+                "trial numbers are negative or too large to be checked in blocks.",
+                file=file,
+                row=int(rows[int(np.argmax(np.abs(trial)))]),
+                column="trial",
+                value=int(trial[int(np.argmax(np.abs(trial)))]),
+                hint="Number the trials of each subject and environment 1, 2, 3 …",
+            )
+        self.rows = _grown(self.rows, shape)
+        flat = self.rows.reshape(-1)
+        key = visit * self.rows.shape[1] + trial
+        earlier = flat[key] > 0
+        stamp = np.arange(1, len(key) + 1, dtype=np.int32)
+        if not earlier.any():
+            flat[key] = stamp
+            earlier = flat[key] != stamp
+        if earlier.any():
+            at = int(np.argmax(earlier))
+            raise UsageError(
+                f"trial {int(trial[at])} of this subject, session and environment stands twice.",
+                file=file,
+                row=int(rows[at]),
+                column="trial",
+                hint="Remove one of the rows, or number the trials.",
+            )
+
+    def _response(
+        self, p: str, frame: pd.DataFrame, environment: npt.NDArray[np.int64], file: str
+    ) -> _Floats:
+        adjusted = frame[f"{p}_adj"].to_numpy(dtype=float)
+        reference = self._reference(p, frame, environment, file)
+        wrong = (adjusted <= 0) | (reference <= 0) if self.family == "lognormal" else reference == 0
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            raise RefusalError(
+                f"no response in the family {self.family!r}.",
+                file=file,
+                row=int(frame["row"].iloc[at]),
+                column=f"{p}_adj",
+                value=float(adjusted[at]),
+                hint="Zero and negative values need the normal family; a zero reference has no ratio.",
+            )
+        if self.family == "lognormal":
+            return np.log(adjusted / reference)
+        return (adjusted - reference) / reference
+
+    def _reference(
+        self, p: str, frame: pd.DataFrame, environment: npt.NDArray[np.int64], file: str
+    ) -> _Floats:
+        """Give each row's reference; the scene's and the file's must be one number per environment."""
+        known = self.references[p]
+        names = self.environments.names[len(known) :]
+        declared = [self.options.environments.get(n, {}).get(f"{p}_ref", np.nan) for n in names]
+        known = np.concatenate([known, np.array(declared, dtype=float)])
+        given = frame[f"{p}_ref"].to_numpy(dtype=float)
+        if np.isnan(known).any():
+            first = np.full(len(known), np.nan)
+            at = np.flatnonzero(~np.isnan(given))[::-1]
+            first[environment[at]] = given[at]
+            known = np.where(np.isnan(known), first, known)
+        self.references[p] = known
+        expected = known[environment]
+        differ = (given != expected) & ~np.isnan(given) | np.isnan(expected)
+        if differ.any():
+            row = int(np.argmax(differ))
+            name = self.environments.names[environment[row]]
+            raise UsageError(
+                f"environment {name!r} has no reference or two of them (the other is {expected[row]!s}).",
+                file=file,
+                row=int(frame["row"].iloc[row]),
+                column=f"{p}_ref",
+                value=float(given[row]),
+                hint="An environment has one reference.",
+            )
+        return expected
+
+    def _accumulate(self, cell: npt.NDArray[np.int64], responses: Sequence[_Floats]) -> None:
+        """Merge a block into the cells' moments.
+
+        Within the block sums are taken about each cell's first response, so that nothing is lost to an
+        offset; blocks are merged by the pairwise update of Chan, Golub & LeVeque (1983).
+        """
+        count = len(self.cells.names)
+        self.n, self.means, self.scatters = (
+            np.concatenate([a, np.zeros((*a.shape[:-1], count - a.shape[-1]))], axis=-1)
+            for a in (self.n, self.means, self.scatters)
+        )
+        if not len(cell):
+            return
+        n = np.bincount(cell, minlength=count)
+        here = np.flatnonzero(n)
+        shift = np.zeros((len(responses), count))
+        for at, y in enumerate(responses):
+            shift[at, cell[::-1]] = y[::-1]
+        moved = [y - shift[at, cell] for at, y in enumerate(responses)]
+        sums = [np.bincount(cell, weights=y, minlength=count)[here] / n[here] for y in moved]
+        before, total = self.n[here], self.n[here] + n[here]
+        gaps = [shift[at, here] + sums[at] - self.means[at, here] for at in range(len(responses))]
+        for at, (i, j) in enumerate(((0, 0), (0, 1), (1, 1))):
+            if j >= len(responses):
+                continue
+            squares = np.bincount(cell, weights=moved[i] * moved[j], minlength=count)[here]
+            own = squares - n[here] * sums[i] * sums[j]
+            self.scatters[at, here] += own + gaps[i] * gaps[j] * (before * n[here] / total)
+        for at, gap in enumerate(gaps):
+            self.means[at, here] += gap * (n[here] / total)
+        self.n[here] = total
+
+    def reduced(self) -> Reduced:
+        """Lay the accumulators out as tables."""
+        packed = np.array(self.cells.names, dtype=np.int64)
+        cells = pd.DataFrame(
+            {
+                "subject": [self.subjects.names[i] for i in packed >> 21],
+                "environment": [self.environments.names[i] for i in packed & _ID],
+                "n": self.n.astype(np.int64),
+            }
+        )
+        where = {p: at for at, p in enumerate(self.parameters)}
+        blank = np.full(len(cells), np.nan)
+        for p in ("k", "b"):
+            cells[f"mean_{p}"] = self.means[where[p]] if p in where else blank
+        for pair in ("kk", "kb", "bb"):
+            if pair[0] in where and pair[1] in where:
+                cells[f"scatter_{pair}"] = self.scatters[where[pair[0]] + where[pair[1]]]
+            else:
+                cells[f"scatter_{pair}"] = blank
+        references = {"environment": self.environments.names}
+        for p in ("k", "b"):
+            known = self.references[p]
+            references[f"{p}_ref"] = list(known) if p in where else [np.nan] * len(self.environments.names)
+        for what, registry in (("subject", self.subjects), ("environment", self.environments)):
+            self.notices += look_alikes(registry.names, what)
+        return Reduced(
+            cells,
+            pd.DataFrame(references),
+            "lognormal" if self.family == "lognormal" else "normal",
+            tuple(self.sources),
+            tuple(dict.fromkeys(self.notices)),
+            dict(self.counts),
+        )
+
+
+def _grown(grid: npt.NDArray[np.int32], shape: tuple[int, int]) -> npt.NDArray[np.int32]:
+    """Grid of at least `shape`, doubling, so that growing costs little in all."""
+    if grid.shape[0] >= shape[0] and grid.shape[1] >= shape[1]:
+        return grid
+    rows, columns = (
+        have if have >= want else max(want, 2 * have) for have, want in zip(grid.shape, shape, strict=True)
+    )
+    out = np.zeros((rows, columns), dtype=np.int32)
+    out[: grid.shape[0], : grid.shape[1]] = grid
+    return out

@@ -1,0 +1,284 @@
+"""Large plain files in blocks: pandas' C parser where it changes nothing, the careful path elsewhere.
+
+pandas accepts what this reader does not ("True" for 1, short lines, "1e400"), so a block is taken from it
+only if its bytes and numbers exclude all of these; any other block is read again, cell by cell. Ids are read
+as objects: pandas makes the categories "001" and "1" of one column the same number.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import os
+from collections import deque
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from percept.errors import UsageError
+from percept.sessions.columns import Resolution, resolve
+from percept.sessions.decode import decode
+from percept.sessions.dialect import read_grid, split_plain
+from percept.sessions.numbers import MISSING, decimal_mark
+from percept.sessions.options import ReadOptions
+from percept.sessions.part import Part, check_columns, read_part
+from percept.sessions.problems import Problems
+from percept.sessions.units import convert
+
+__all__ = ["LARGE", "NotPlain", "Stream", "open_stream"]
+
+# Below this a file is read at once: the careful path takes about as long as starting this one.
+LARGE = 4 << 20
+_BLOCK = 8 << 20
+_HEAD = 1 << 16
+_IDS = ("subject", "session", "environment")
+_NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
+_NA = sorted({form for word in MISSING for form in (word, word.upper(), word.capitalize(), "NaN")})
+# Since pandas 3.1 the parser rounds correctly by default; before, it had to be asked.
+_EXACT: dict[str, Any] = (
+    {} if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
+)
+
+
+@dataclass
+class Stream:
+    """A large file, block by block.
+
+    Attributes
+    ----------
+    file : str
+        Its name.
+    part : Part
+        Counts, notices and exclusions so far; its frame stays empty.
+    sha256 : str
+        Of the whole file; "" until the last block was read.
+    """
+
+    file: str
+    part: Part
+    header: list[str]
+    delimiter: str
+    mark: Literal[".", ","]
+    resolution: Resolution
+    options: ReadOptions
+    named: Mapping[str, str]
+    problems: Problems
+    skip: int
+    sha256: str = ""
+    _row: int = field(default=2, repr=False)
+
+    def frames(self) -> Iterator[pd.DataFrame]:
+        """Yield the observations of each block: the canonical columns and `row`, ids as categories or text.
+
+        Raises
+        ------
+        NotPlain
+            A quote or a lone carriage return: the file must be read as a whole.
+        """
+        digest = hashlib.sha256()
+        pending: deque[tuple[Future[pd.DataFrame | None], bytes, int]] = deque()
+        workers = min(4, os.cpu_count() or 1)
+        with ThreadPoolExecutor(workers) as pool, Path(self.file).open("rb") as source:
+            digest.update(source.read(self.skip))
+            rest = b""
+            while True:
+                block = source.read(_BLOCK)
+                # The next block waits to be parsed while this one is hashed.
+                at = block.rfind(b"\n") + 1 if block else 0
+                whole, rest = (
+                    (rest + block[:at], block[at:]) if at else (rest if not block else b"", rest + block)
+                )
+                if not block and whole and not whole.endswith(b"\n"):
+                    rest = b""
+                if whole:
+                    lines = whole.count(b"\n") + (not whole.endswith(b"\n"))
+                    pending.append((pool.submit(self._fast, whole, lines), whole, self._row))
+                    self._row += lines
+                digest.update(block)
+                while pending and (len(pending) > workers or not block):
+                    future, raw, row = pending.popleft()
+                    yield self._finish(future.result(), raw, row)
+                if not block:
+                    break
+        self.sha256 = digest.hexdigest()
+
+    def _fast(self, raw: bytes, lines: int) -> pd.DataFrame | None:
+        """Parse a block with pandas; None where anything in it needs the careful path."""
+        if b'"' in raw or (b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n")):
+            raise NotPlain
+        cells = lines * (len(self.header) - 1)
+        if b"\0" in raw or raw.count(self.delimiter.encode()) != cells or not _is_utf8(raw):
+            return None
+        columns = self.resolution.slots[0].columns
+        names = {at: name for name, at in columns.items()}
+        kinds: dict[str, Any] = {name: object if name in _IDS else "float64" for name in columns}
+        if "trial" in columns:
+            kinds["trial"] = "int64"
+        try:
+            frame = pd.read_csv(
+                io.BytesIO(raw),
+                sep=self.delimiter,
+                header=None,
+                names=[names.get(at, at) for at in range(len(self.header))],
+                usecols=list(columns),
+                dtype=kinds,
+                decimal=self.mark,
+                keep_default_na=False,
+                na_values={name: _NA for name in columns if name in _NUMBERS},
+                quoting=csv.QUOTE_NONE,
+                skip_blank_lines=False,
+                engine="c",
+                **_EXACT,
+            )
+        except (ValueError, OverflowError):
+            return None
+        if len(frame) != lines:
+            return None
+        for c in _IDS:
+            if c in frame:
+                frame[c] = _coded(frame[c].to_numpy())
+        return frame if self._unchanged(frame) else None
+
+    def _unchanged(self, frame: pd.DataFrame) -> bool:
+        """Whether no value can be one that pandas made of something else."""
+        if any(not name.strip() for c in _IDS if c in frame for name in frame[c].cat.categories):
+            return False
+        adjusted = np.zeros(len(frame), dtype=bool)
+        for name in (c for c in _NUMBERS if c in frame):
+            values = frame[name].to_numpy()
+            # 0 may be an underflow, 0 and 1 a column of True and False, inf an overflow or a word.
+            if (values == 0).any() or np.isinf(values).any() or (values == 1).all():
+                return False
+            if name.endswith("_adj"):
+                adjusted |= ~np.isnan(values)
+        if "trial" in frame and bool((frame["trial"] <= 1).all()) and len(frame) > 1:
+            return False
+        return bool(adjusted.all())
+
+    def _finish(self, frame: pd.DataFrame | None, raw: bytes, row: int) -> pd.DataFrame:
+        if frame is None:
+            return self._careful(raw, row)
+        self.part.counts["rows read"] += len(frame)
+        for c in _IDS:
+            if c not in frame:
+                frame[c] = np.full(len(frame), self.named.get(c, "1"), dtype=object)
+        for c in _NUMBERS:
+            if c not in frame:
+                frame[c] = np.nan
+            elif self.resolution.rules[c].unit is not None:
+                frame[c] = convert(frame[c].to_numpy(), self.resolution.rules[c].unit, c[0])
+        if "trial" not in frame:
+            frame["trial"] = np.int64(1)
+        frame["row"] = np.arange(row, row + len(frame), dtype=np.int64)
+        return frame
+
+    def _careful(self, raw: bytes, row: int) -> pd.DataFrame:
+        text = decode(raw, file=self.file, encoding="utf-8").text
+        if not text.strip():
+            self.part.counts["blank line"] += text.count("\n")
+            return pd.DataFrame()
+        grid = split_plain(text, self.header, delimiter=self.delimiter, file=self.file, first_row=row)
+        options = replace(self.options, decimal=self.mark)
+        part = read_part(grid, file=self.file, options=options, named=self.named, problems=self.problems)
+        self.part.counts.update(part.counts)
+        self.part.exclusions += part.exclusions
+        return part.frame
+
+
+class NotPlain(Exception):  # noqa: N818 - a control value: the caller reads the file as a whole
+    """The file cannot be cut into blocks at its line ends."""
+
+
+def open_stream(
+    file: str, *, options: ReadOptions, named: Mapping[str, str], problems: Problems
+) -> Stream | None:
+    """Open a large file for reading in blocks.
+
+    Parameters
+    ----------
+    file : str
+        Path.
+    options : ReadOptions
+        How to read it.
+    named : mapping of str to str
+        Ids taken from the file's name.
+    problems : Problems
+        Receives every cell that cannot be read.
+
+    Returns
+    -------
+    Stream or None
+        None where the file is small, not plain UTF-8 without quotes, wide, a summary, or read by rules that
+        look at several rows or at other columns: it is read as a whole then.
+    """
+    path = Path(file)
+    if not path.is_file() or path.stat().st_size < LARGE or not _simple(options):
+        return None
+    with path.open("rb") as source:
+        head = source.read(_HEAD)
+    head = head[: head.rfind(b"\n") + 1]
+    mark = b"\xef\xbb\xbf"
+    body = head.removeprefix(mark)
+    if not body or b'"' in head or b"\0" in head or not _is_utf8(body) or body[:4].lower() == b"sep=":
+        return None
+    text = body.decode()
+    try:
+        grid = read_grid(
+            text, file=file, delimiter=options.delimiter, resolves=lambda h: _resolves(h, options, file)
+        )
+        resolution = resolve(grid.header, options.columns, file=file)
+    except UsageError:
+        return None
+    first = text.partition("\n")[0].rstrip("\r").split(grid.dialect.delimiter)
+    slots = resolution.slots
+    if resolution.form == "summary" or len(slots) > 1 or slots[0].environment is not None:
+        return None
+    if any(rule.path for rule in resolution.rules.values()) or [n.strip() for n in first] != grid.header:
+        return None
+    doubts = Problems()
+    columns = slots[0].columns
+    used = [(c, [r[at] for r in grid.cells]) for c, at in columns.items() if c in (*_NUMBERS, "trial")]
+    decimal = decimal_mark(used, grid.rows, file=file, declared=options.decimal, problems=doubts)
+    if len(doubts) or "group" in grid.header:
+        return None
+    part = Part("trials", pd.DataFrame())
+    check_columns(part, grid.header, resolution, file=file, options=options, named=named)
+    skip = len(head) - len(body) + body.index(b"\n") + 1
+    return Stream(
+        file, part, grid.header, grid.dialect.delimiter, decimal, resolution, options, named, problems, skip
+    )
+
+
+def _coded(ids: npt.NDArray[np.object_]) -> pd.Categorical:
+    """Categories of a column of texts, by its runs of equal ones: files are mostly sorted."""
+    starts = np.flatnonzero(np.concatenate([[True], ids[1:] != ids[:-1]]))
+    codes, names = pd.factorize(ids[starts])
+    return pd.Categorical.from_codes(np.repeat(codes, np.diff(np.append(starts, len(ids)))), pd.Index(names))
+
+
+def _simple(options: ReadOptions) -> bool:
+    plain = options.encoding in (None, "utf-8", "utf-8-sig")
+    return plain and not (options.keep or options.groups or options.only or options.exclude)
+
+
+def _resolves(header: list[str], options: ReadOptions, file: str) -> bool:
+    try:
+        return bool(resolve(header, options.columns, file=file).present & {"k_adj", "b_adj"})
+    except UsageError:
+        return False
+
+
+def _is_utf8(raw: bytes) -> bool:
+    if raw.isascii():
+        return True
+    try:
+        return "\ufeff" not in raw.decode()
+    except UnicodeDecodeError:
+        return False
