@@ -1,0 +1,16 @@
+"""Boundaries of perceived impedance, their bands and the law the bands follow."""
+
+from __future__ import annotations
+
+from percept.boundary.draws import pointwise_band, simultaneous_band
+from percept.boundary.records import Boundary
+from percept.haptics import corner_curves, magnitude_envelope, magnitude_envelope_ellipse
+
+__all__ = [
+    "Boundary",
+    "corner_curves",
+    "magnitude_envelope",
+    "magnitude_envelope_ellipse",
+    "pointwise_band",
+    "simultaneous_band",
+]

@@ -36,7 +36,7 @@ class Conditional:
     """
 
     def __init__(self, density: CollapsedDensity, scales: Scales) -> None:
-        problem = density.locations.build(scales, density.cell_blocks(scales), merge=False)
+        problem = density.regression.build(scales, density.cell_blocks(scales), merge=False)
         self._solved = factor(problem.design, problem.target)
         parameters = len(density.statistics.parameters)
         shape = (len(density.statistics.environments), scales.log_prior.size)

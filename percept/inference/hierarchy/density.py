@@ -65,7 +65,7 @@ class CollapsedDensity:
         self.priors = priors or Priors()
         self.resolution = resolution or Resolution()
         self.layout = Layout(statistics, self.priors, options or Options())
-        self.locations = LocationProblem(statistics, self.layout, self.priors)
+        self.regression = LocationProblem(statistics, self.layout, self.priors)
         trials = sum(p.subjects * p.trials.sum() for p in statistics.patterns)
         self._constant = statistics.constant - 0.5 * _LOG_2PI * len(statistics.parameters) * float(trials)
 
@@ -129,7 +129,7 @@ class CollapsedDensity:
                     (pattern.subjects - 1.0) * covariance.log_determinant()
                     + covariance.scatter_distance(pattern.rows)
                 )
-        problem = self.locations.build(scales, cells)
+        problem = self.regression.build(scales, cells)
         solved = factor(problem.design, problem.target)
         return value - 0.5 * (problem.log_determinant + solved.log_determinant + solved.distance)
 

@@ -256,7 +256,8 @@ class _Record:
         shape = components.shape[:3]
         estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]))
         influence = estimates.influence.reshape(*shape, -1)
-        watched = np.concatenate([influence, components], axis=3)
+        varying = np.ptp(components, axis=(0, 1, 2)) > 0
+        watched = np.concatenate([influence, components[..., varying]], axis=3)
         times = autocorrelation_time(watched)
         count = influence.shape[3]
         errors = monte_carlo_error(influence, times[:count])

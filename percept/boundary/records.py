@@ -1,0 +1,66 @@
+"""Realistic performance boundaries as records."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Boundary", "Shape"]
+
+Array = NDArray[np.float64]
+Shape = Literal["corner", "envelope", "pointwise", "simultaneous"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Boundary:
+    """Lower and upper curve of abs(Z_h) over omega that feel like one environment.
+
+    Attributes
+    ----------
+    environment : str
+        The reference condition.
+    kind : str
+        What is covered: "mean", "user" or "share".
+    method, family, joint : str
+        How the region or the draws behind it were made.
+    shape : str
+        "corner": both lower limits together and both upper together (Eqs 16-17); the curves can cross.
+        "envelope": exact smallest and largest magnitude over the region. "pointwise": quantiles of
+        draws at each omega. "simultaneous": holds whole curves at the level.
+    level : float
+        Level of the region, or of the curves.
+    omega : ndarray, shape (M,)
+        rad/s.
+    lower, upper : ndarray, shape (M,)
+        N·s/m.
+    reference : ndarray, shape (M,)
+        abs(Z_h) of the reference environment, without coupling, N·s/m.
+    coupled : ndarray, shape (M,), or None
+        abs(Z_h) of the reference through the virtual coupling (Eq. 11), N·s/m.
+    """
+
+    environment: str
+    kind: str
+    method: str
+    family: str
+    joint: str
+    shape: Shape
+    level: float
+    omega: Array
+    lower: Array
+    upper: Array
+    reference: Array
+    coupled: Array | None = None
+
+    @property
+    def band(self) -> Array:
+        """Upper minus lower, N·s/m; negative where corner curves have crossed."""
+        return self.upper - self.lower
+
+    def _repr_html_(self) -> str:
+        what = f"{self.method} {self.shape} boundary of {self.environment}, kind {self.kind}"
+        return f"<p>{html.escape(what)}: {self.omega.size} frequencies, level {self.level:g}</p>"

@@ -1,0 +1,76 @@
+"""The hierarchical model of one study, ready to sample."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.hierarchy.conditional import Conditional
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.laws import Laws
+from percept.inference.hierarchy.scales import Scales
+
+__all__ = ["Pooled"]
+
+Array = NDArray[np.float64]
+_CHUNK = 512
+_DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
+
+
+class Pooled:
+    """Environments and subjects partially pooled.
+
+    Parameters
+    ----------
+    density : CollapsedDensity
+        The study, its priors and options.
+    """
+
+    def __init__(self, density: CollapsedDensity) -> None:
+        self.density = density
+        statistics = density.statistics
+        self.cells = tuple((p, e) for p in statistics.parameters for e in statistics.environments)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+        return self.density.names
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, d), shape (W,)."""
+        return self.density(points)
+
+    def laws(self, points: Array) -> Laws:
+        """Laws of beta and spread of the population at coordinates (W, d)."""
+        parts = [
+            self._laws(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)
+        ]
+        return Laws.unpack(np.concatenate(parts))
+
+    def _laws(self, points: Array) -> Array:
+        law = Conditional(self.density, self._scales(points))
+        sd = np.sqrt(np.concatenate(law.covariance.diagonal()))
+        spread = np.sqrt(np.concatenate(law.population.diagonal()))
+        return Laws(np.concatenate(law.mean).T, sd.T, spread.T).pack()
+
+    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
+        parts = [self._draw(points[i : i + _CHUNK], rng) for i in range(0, len(points), _CHUNK)]
+        means, users = zip(*parts, strict=True)
+        return np.concatenate(means), np.concatenate(users)
+
+    def _draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        law = Conditional(self.density, self._scales(points))
+        beta = law.draw(rng)
+        user = beta.copy()
+        for column in law.population.factor_columns():
+            user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+        return beta.reshape(-1, len(points)).T, user.reshape(-1, len(points)).T
+
+    def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Named scales and correlations at coordinates: dimensions and values, draws first."""
+        named = self._scales(points).named
+        return {name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in named.items()}
+
+    def _scales(self, points: Array) -> Scales:
+        return self.density.layout.scales(np.ascontiguousarray(points.T))

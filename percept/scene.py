@@ -1,0 +1,199 @@
+"""What to analyse: device, coupling, frequencies, inference and model, from TOML to frozen records."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from percept.errors import UsageError
+
+__all__ = [
+    "CouplingTable",
+    "DeviceTable",
+    "FrequencyTable",
+    "InferenceTable",
+    "ModeTable",
+    "ModelTable",
+    "ReportTable",
+    "Scene",
+]
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Probability = Annotated[float, Field(gt=0, lt=1)]
+Kind = Literal["mean", "user", "share"]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ModeTable(_Table):
+    """A flexible mode: a mass (kg) on a spring (N/m) and damper (N·s/m)."""
+
+    mass: Positive
+    stiffness: NonNegative
+    damping: NonNegative = 0.0
+
+
+class DeviceTable(_Table):
+    """The haptic device: mass (kg) and damping (N·s/m) with flexible modes, or a measured response.
+
+    `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m); `period` is in s.
+    """
+
+    mass: NonNegative | None = None
+    damping: NonNegative | None = None
+    modes: tuple[ModeTable, ...] = ()
+    response: str | None = None
+    period: Positive
+    hold: Literal["average", "true"] = "average"
+
+    @model_validator(mode="after")
+    def _one_description(self) -> Self:
+        rigid = self.mass is not None and self.damping is not None
+        if rigid == (self.response is not None):
+            raise ValueError("give either mass and damping, or response")
+        return self
+
+
+class CouplingTable(_Table):
+    """The virtual coupling: stiffness (N/m) and damping (N·s/m)."""
+
+    stiffness: Positive
+    damping: NonNegative
+
+
+class FrequencyTable(_Table):
+    """The perceivable range, rad/s, and how many frequencies a curve has."""
+
+    lower: Positive = 0.1
+    upper: Positive = 100.0
+    points: Annotated[int, Field(ge=2, le=100_000)] = 241
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.lower < self.upper:
+            raise ValueError("lower must be below upper")
+        return self
+
+
+class InferenceTable(_Table):
+    """Levels, family and accuracy of the intervals; `share` defaults to `level`."""
+
+    level: Probability = 0.99
+    share: Probability | None = None
+    confidence: Probability = 0.95
+    family: Literal["lognormal", "normal"] = "lognormal"
+    method: Literal["both", "classical", "bayesian"] = "both"
+    kinds: tuple[Kind, ...] = ("mean", "user", "share")
+    parameters: tuple[Literal["k", "b"], ...] | None = None
+    tolerance: Probability = 0.01
+    seed: Annotated[int, Field(ge=0)] = 1
+    walkers: Annotated[int, Field(ge=64)] | None = None
+    most_steps: Annotated[int, Field(ge=200)] = 20_000
+
+    @property
+    def held_share(self) -> float:
+        """Share P of kind `share`."""
+        return self.level if self.share is None else self.share
+
+
+class ModelTable(_Table):
+    """The hierarchical model: pooling, priors and simpler variants.
+
+    `scale` gives a parameter whose references include zero a unit to divide by (normal family);
+    `resolution` is the step of the adjustment, for cells without scatter; both in N/m and N·s/m.
+    """
+
+    pooling: Literal["partial", "none"] = "partial"
+    prior: Literal["default", "reference"] = "default"
+    priors: dict[str, float] = Field(default_factory=dict)
+    subject_effect: bool = True
+    weber: bool = False
+    common_spread: bool = False
+    scale: dict[Literal["k", "b"], Positive] = Field(default_factory=dict)
+    resolution: dict[Literal["k", "b"], Positive] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _pooling_and_prior(self) -> Self:
+        if (self.pooling == "none") != (self.prior == "reference"):
+            raise ValueError('pooling = "none" and prior = "reference" go together')
+        return self
+
+
+class ReportTable(_Table):
+    """What the page shows: zoom windows (rad/s) per environment."""
+
+    zoom: dict[str, tuple[Positive, Positive]] = Field(default_factory=dict)
+
+
+class Scene(_Table):
+    """An analysis: every table is optional, and what depends on a missing one is skipped.
+
+    Parameters are keyword arguments named after the tables of the TOML form. `columns`, `sessions`
+    and `environments` are handed to the session reader, which checks them.
+    """
+
+    device: DeviceTable | None = None
+    coupling: CouplingTable | None = None
+    frequency: FrequencyTable = FrequencyTable()
+    inference: InferenceTable = InferenceTable()
+    model: ModelTable = ModelTable()
+    report: ReportTable = ReportTable()
+    columns: dict[str, Any] = Field(default_factory=dict)
+    sessions: dict[str, Any] = Field(default_factory=dict)
+    environments: dict[str, Any] = Field(default_factory=dict)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a scene from TOML.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        UsageError
+            If the file cannot be read, is not TOML, or a key or value is wrong; with the place.
+        """
+        name = str(path)
+        try:
+            tables = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+        except OSError as error:
+            raise UsageError(f"cannot be read: {error.strerror}.", file=name) from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise UsageError(f"is not TOML: {error}.", file=name) from error
+        return cls.from_tables(tables, file=name)
+
+    @classmethod
+    def from_tables(cls, tables: dict[str, Any], *, file: str | None = None) -> Self:
+        """Build from nested tables, as TOML gives them; errors name `file`, table and key."""
+        try:
+            return cls.model_validate(tables)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(str(part) for part in first["loc"]) or None
+            message = first["msg"].removeprefix("Value error, ")
+            value = None if isinstance(first["input"], dict) else first["input"]
+            raise UsageError(f"{message[:1].lower()}{message[1:]}.", file=file, column=place, value=value) from error
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain nested tables, without those that are empty or None."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+    def with_inference(self, **changes: Any) -> Scene:
+        """Return a copy with some keys of `[inference]` replaced, checked again; None leaves a key as it is."""
+        kept = {key: value for key, value in changes.items() if value is not None}
+        tables = self.model_dump(exclude_none=True)
+        tables["inference"] = {**tables["inference"], **kept}
+        return Scene.from_tables(tables)

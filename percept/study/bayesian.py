@@ -1,0 +1,262 @@
+"""The hierarchical fit of a study: from sessions to a sampled posterior."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError
+from percept.inference.classical.moments import Moments
+from percept.inference.hierarchy.density import CollapsedDensity, Resolution
+from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.laws import Laws, Model
+from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.product import Product
+from percept.inference.hierarchy.scales import Options
+from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
+from percept.inference.hierarchy.unpooled import Unpooled
+from percept.inference.sampling.run import Progress, Run, Settings, sample
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.classical import cell_moments
+from percept.study.responses import ResponseScale, Trials, decades, references, trials
+from percept.study.units import NAMES, UNITS
+
+__all__ = ["Fit", "Prepared", "fit", "prepare"]
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prepared:
+    """A model of a study, not yet sampled.
+
+    Attributes
+    ----------
+    model : Model
+        The posterior.
+    scale : ResponseScale
+        The way from responses to N/m and N·s/m.
+    counts : ndarray of int, shape (C,)
+        Subjects behind each cell.
+    repeats : bool
+        Whether any cell holds more than one trial.
+    trials : Trials or None
+        The trials; None for published limits.
+    """
+
+    model: Model
+    scale: ResponseScale
+    counts: NDArray[np.int64]
+    repeats: bool
+    trials: Trials | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fit:
+    """A sampled posterior and its interval limits.
+
+    Attributes
+    ----------
+    prepared : Prepared
+        What was sampled.
+    run : Run
+        Draws, diagnostics and verdict.
+    limits : dict of str to tuple of ndarray
+        Lower and upper limits (C,) per kind, N/m or N·s/m.
+    estimate : ndarray, shape (C,)
+        Posterior mean of the population's mean on the model's scale, in N/m or N·s/m.
+    """
+
+    prepared: Prepared
+    run: Run
+    limits: dict[str, tuple[Array, Array]]
+    estimate: Array
+
+
+def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Build the model that the data and the scene ask for.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        The study, in either form.
+    scene : Scene
+        Family, priors and options.
+    parameters : tuple of str
+        "k", "b" or both.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    RefusalError
+        As `trials`; no scatter between subjects or between trials in some cell and no resolution.
+    """
+    if scene.model.pooling == "none":
+        return _unpooled(sessions, scene, parameters)
+    if sessions.form == "summary":
+        return _from_limits(sessions, scene, parameters)
+    data = trials(sessions, scene, parameters)
+    statistics = from_trials(
+        data.response,
+        data.subject,
+        data.environment,
+        data.x,
+        parameters=parameters,
+        environments=data.environments,
+        subjects=data.subjects,
+    )
+    resolution = _resolution(statistics, scene, data)
+    density = CollapsedDensity(statistics, _priors(scene), _options(scene), resolution)
+    counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
+    return Prepared(Pooled(density), data.scale, counts, statistics.repeats, data)
+
+
+def fit(
+    prepared: Prepared, scene: Scene, *, progress: Callable[[Progress], None] | None = None
+) -> Fit:
+    """Sample a prepared model to the scene's tolerance.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        The model.
+    scene : Scene
+        Kinds, levels, accuracy and seed.
+    progress : callable, optional
+        Told the state after every round.
+
+    Returns
+    -------
+    Fit
+    """
+    asked = scene.inference
+    estimands = IntervalEstimands(
+        prepared.model,
+        kinds=asked.kinds,
+        level=asked.level,
+        share=asked.held_share,
+        confidence=asked.confidence,
+    )
+    settings = Settings(
+        tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
+    )
+    run = sample(prepared.model, estimands, settings, progress=progress)
+    laws = Laws.unpack(run.components.reshape(-1, run.components.shape[-1]))
+    native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
+    limits = {kind: (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)}
+    return Fit(prepared, run, limits, prepared.scale.native(laws.mean.mean(axis=0)))
+
+
+def _priors(scene: Scene) -> Priors:
+    try:
+        return Priors(**scene.model.priors)
+    except TypeError:
+        known = {field.name for field in dataclasses.fields(Priors)}
+        unknown = sorted(set(scene.model.priors) - known)
+        raise RefusalError(
+            f"no such prior; the names are {', '.join(sorted(known))}.", column=f"model.priors.{unknown[0]}"
+        ) from None
+
+
+def _options(scene: Scene) -> Options:
+    model = scene.model
+    return Options(
+        subject_effect=model.subject_effect, weber=model.weber, common_spread=model.common_spread
+    )
+
+
+def _resolution(statistics: Statistics, scene: Scene, data: Trials) -> Resolution:
+    """Step²/12 on the response scale where the scene declares a step; refuse cells without scatter."""
+    steps = scene.model.resolution
+    for p, parameter in enumerate(statistics.parameters):
+        if parameter in steps:
+            continue
+        still = np.flatnonzero((statistics.sd[p] == 0) & (statistics.df[p] > 0))
+        _refuse_still(statistics, parameter, still, "all subjects adjusted alike")
+        within = (statistics.trial_rows[p] ** 2).sum(axis=0)
+        still = np.flatnonzero((within == 0) & (statistics.trial_df > 0))
+        _refuse_still(statistics, parameter, still, "no subject's trials differ")
+    if not steps:
+        return Resolution()
+    unit = data.reference if scene.inference.family == "lognormal" else data.scale.unit.reshape(data.reference.shape)
+    size = np.array([steps.get(p, 0.0) for p in statistics.parameters])  # type: ignore[call-overload]
+    variance = (size[:, None] / unit) ** 2 / 12.0
+    return Resolution(between=variance, trial=variance)
+
+
+def _refuse_still(statistics: Statistics, parameter: str, still: NDArray[np.intp], what: str) -> None:
+    if not len(still):
+        return
+    names = ", ".join(statistics.environments[j] for j in still)
+    raise RefusalError(
+        f"{what} in {NAMES[parameter]} of {names}: zero scatter has no proper posterior.",
+        column=f"{parameter}_adj",
+        hint=f"Give the step of the adjustment in {UNITS[parameter]}: [model] resolution.{parameter}.",
+    )
+
+
+def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Published limits: a model of each parameter by itself, since limits hold no correlation."""
+    environments = sessions.environments
+    reference = references(sessions, parameters, environments)
+    x = decades(reference)
+    family = scene.inference.family
+    moments = {(p, e): m for p, e, m in cell_moments(sessions, parameters, family)}
+    models: list[Model] = []
+    counts: list[int] = []
+    for p, parameter in enumerate(parameters):
+        cells = [_published(moments[parameter, e], parameter, e) for e in environments]
+        if family == "lognormal":
+            cells = [cell.lognormal() for cell in cells]
+        mean = np.array([float(cell.mean) for cell in cells])
+        sd = np.array([float(cell.sd) for cell in cells])
+        n = np.array([int(cell.n) for cell in cells])
+        if family == "lognormal":
+            mean = mean - np.log(reference[p])
+        else:
+            mean, sd = (mean - reference[p]) / reference[p], sd / reference[p]
+        statistics = from_summary(mean, sd, n, x[p], parameter=parameter, environments=environments)
+        models.append(Pooled(CollapsedDensity(statistics, _priors(scene), _options(scene))))
+        counts += n.tolist()
+    log = family == "lognormal"
+    scale = ResponseScale(log, reference.ravel(), np.ones(reference.size) if log else reference.ravel())
+    return Prepared(Product(models), scale, np.array(counts), False, None)
+
+
+def _published(moments: Moments | None, parameter: str, environment: str) -> Moments:
+    if moments is None:
+        raise RefusalError(
+            f"there is no positive published mean of {NAMES[parameter]} in {environment}.",
+            hint='Set family = "normal", or [inference] parameters to the one that is complete.',
+        )
+    if float(moments.sd) == 0:
+        raise RefusalError(
+            f"the published limits of {NAMES[parameter]} in {environment} coincide: zero scatter has no proper posterior."
+        )
+    return moments
+
+
+def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Each cell by itself, standardised by its own exact mean and SD."""
+    family = scene.inference.family
+    cells, origin, unit, counts, repeats = [], [], [], [], False
+    for parameter, environment, found in cell_moments(sessions, parameters, family):
+        moments = _published(found, parameter, environment)
+        if family == "lognormal" and moments.scale == "linear":
+            moments = moments.lognormal()
+        cells.append((parameter, environment))
+        origin.append(float(moments.mean))
+        unit.append(float(moments.sd))
+        counts.append(int(moments.n))
+        repeats = repeats or bool(moments.repeats)
+    log = family == "lognormal"
+    scale = ResponseScale(log, np.exp(origin) if log else np.array(origin), np.array(unit))
+    return Prepared(Unpooled(tuple(cells), np.array(counts)), scale, np.array(counts), repeats, None)

@@ -1,0 +1,42 @@
+"""A measured device response Z_d(omega) from a CSV."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from percept.errors import UsageError
+from percept.haptics import TabulatedDevice
+
+__all__ = ["read_response"]
+
+_COLUMNS = ("omega", "real", "imaginary")
+
+
+def read_response(path: str) -> TabulatedDevice:
+    """Read a table of omega (rad/s) and Z_d, real and imaginary (N·s/m).
+
+    Parameters
+    ----------
+    path : str
+        A CSV file with a header.
+
+    Returns
+    -------
+    TabulatedDevice
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read or lacks a column.
+    """
+    try:
+        table = pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot be read: {error}.", file=path) from error
+    missing = [name for name in _COLUMNS if name not in table.columns]
+    if missing:
+        raise UsageError(f"the column is missing; there are {', '.join(table.columns)}.", file=path, column=missing[0])
+    return TabulatedDevice(
+        omega=table["omega"].to_numpy(dtype=float),
+        impedance=table["real"].to_numpy(dtype=float) + 1j * table["imaginary"].to_numpy(dtype=float),
+    )

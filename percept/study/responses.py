@@ -1,0 +1,187 @@
+"""From sessions to the unit-free responses of the hierarchical model, and back to N/m and N·s/m."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.units import NAMES
+
+__all__ = ["ResponseScale", "Trials", "references", "trials"]
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ResponseScale:
+    """The map between responses and parameters, per cell (parameter-major).
+
+    Attributes
+    ----------
+    log : bool
+        Whether a response is a logarithm.
+    origin, unit : ndarray, shape (C,)
+        Parameter value of response zero, and per unit of response: origin + unit y, or
+        origin exp(unit y) where `log`; in N/m or N·s/m.
+    """
+
+    log: bool
+    origin: Array
+    unit: Array
+
+    def native(self, response: Array) -> Array:
+        """Responses (..., C) in N/m or N·s/m."""
+        if self.log:
+            return self.origin * np.exp(self.unit * response)
+        return self.origin + self.unit * response
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trials:
+    """Trials of the parameters asked for, as arrays.
+
+    Attributes
+    ----------
+    response : ndarray, shape (M, P)
+        Unit-free responses.
+    adjusted : ndarray, shape (M, P)
+        Adjusted values, N/m or N·s/m.
+    subject, environment : ndarray of int, shape (M,)
+        Codes.
+    subjects, environments : tuple of str
+        Labels.
+    reference : ndarray, shape (P, J)
+        References, N/m or N·s/m.
+    x : ndarray, shape (P, J)
+        log10 of each reference over their geometric mean; zero where a reference is zero.
+    scale : ResponseScale
+        The way back.
+    dropped : int
+        Trials left out because one of the parameters is missing.
+    """
+
+    response: Array
+    adjusted: Array
+    subject: NDArray[np.intp]
+    environment: NDArray[np.intp]
+    subjects: tuple[str, ...]
+    environments: tuple[str, ...]
+    reference: Array
+    x: Array
+    scale: ResponseScale
+    dropped: int
+
+
+def references(sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]) -> Array:
+    """Reference of each parameter in each environment, shape (P, J), N/m or N·s/m."""
+    table = sessions.table
+    if sessions.form == "summary":
+        keyed = table.set_index(["parameter", "environment"])["reference"]
+        return np.array([[float(keyed.get((p, e), np.nan)) for e in environments] for p in parameters])
+    first = table.groupby("environment", sort=False)[[f"{p}_ref" for p in parameters]].first()
+    return first.loc[list(environments)].to_numpy(dtype=float).T
+
+
+def decades(reference: Array) -> Array:
+    """log10 of references over their geometric mean, shape (P, J); zeros where one is not positive."""
+    rows = []
+    for row in reference:
+        if np.all(row > 0):
+            logs = np.log10(row)
+            rows.append(logs - logs.mean())
+        else:
+            rows.append(np.zeros_like(row))
+    return np.array(rows)
+
+
+def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials:
+    """Take the trials with all parameters asked for, in unit-free responses.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Trial form.
+    scene : Scene
+        Family and scales.
+    parameters : tuple of str
+        "k", "b" or both.
+
+    Returns
+    -------
+    Trials
+
+    Raises
+    ------
+    RefusalError
+        Fewer than two subjects; zero or negative adjustments under lognormal; a zero reference
+        without a scale.
+    """
+    columns = [f"{p}_adj" for p in parameters]
+    complete = sessions.table[columns].notna().all(axis=1)
+    table = sessions.table[complete]
+    subjects = tuple(dict.fromkeys(table["subject"]))
+    environments = tuple(dict.fromkeys(table["environment"]))
+    if len(subjects) < 2:
+        found = f"only one, {subjects[0]!r}, is" if subjects else "none is"
+        raise RefusalError(
+            f"at least two subjects are needed to tell users apart; {found} in the data.",
+            hint="Add the sessions of more subjects.",
+        )
+    adjusted = table[columns].to_numpy(dtype=float)
+    lognormal = scene.inference.family == "lognormal"
+    if lognormal:
+        _refuse_not_positive(sessions, table.index.to_numpy(), adjusted, columns)
+    reference = references(sessions, parameters, environments)
+    environment = table["environment"].map({e: i for i, e in enumerate(environments)}).to_numpy(dtype=np.intp)
+    subject = table["subject"].map({s: i for i, s in enumerate(subjects)}).to_numpy(dtype=np.intp)
+    unit = _units(reference, parameters, environments, scene)
+    at = reference[:, environment].T
+    response = np.log(adjusted / at) if lognormal else (adjusted - at) / unit[:, environment].T
+    scale = ResponseScale(
+        lognormal, reference.ravel(), np.ones(reference.size) if lognormal else unit.ravel()
+    )
+    return Trials(
+        response, adjusted, subject, environment, subjects, environments,
+        reference, decades(reference), scale, int((~complete).sum()),
+    )  # fmt: skip
+
+
+def _units(reference: Array, parameters: tuple[str, ...], environments: tuple[str, ...], scene: Scene) -> Array:
+    """What a response is measured in: the reference, or the scene's scale where a reference is zero."""
+    unit = reference.copy()
+    for p, name in enumerate(parameters):
+        if np.all(reference[p] > 0):
+            continue
+        at = environments[int(np.argmin(reference[p]))]
+        if scene.inference.family == "lognormal" or name not in scene.model.scale:
+            raise RefusalError(
+                f"the reference {NAMES[name]} of {at} is {reference[p].min():g}, which has no ratio.",
+                column=f"{name}_ref",
+                hint=f'Set family = "normal" and [model] scale.{name}, or analyse the other parameter '
+                f"alone with [inference] parameters.",
+            )
+        unit[p] = scene.model.scale[name]  # type: ignore[index]
+    return unit
+
+
+def _refuse_not_positive(
+    sessions: Sessions, index: NDArray[np.generic], adjusted: Array, columns: list[str]
+) -> None:
+    wrong = np.argwhere(adjusted <= 0)
+    if not len(wrong):
+        return
+    row, column = wrong[0]
+    file, line = sessions.locate(int(index[row]))
+    raise RefusalError(
+        f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
+        file=file,
+        row=line,
+        column=columns[column],
+        value=float(adjusted[row, column]),
+        hint='Set family = "normal", or exclude the trial in the scene.',
+    )

@@ -1,0 +1,351 @@
+"""Study: everything an analysis can give, each part evaluated when it is first asked for."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from percept import haptics
+from percept.errors import RefusalError
+from percept.inference.intervals import Interval
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.classical import FAMILIES, cell_interval, cell_moments
+from percept.study.responses import references
+from percept.study.units import NAMES, UNITS
+
+if TYPE_CHECKING:
+    from percept.boundary.band import BandStudy
+    from percept.boundary.records import Boundary
+    from percept.inference.sampling.run import Progress
+    from percept.study.bayesian import Fit
+    from percept.study.boundaries import Bench
+    from percept.study.coupling import CouplingStudy
+
+__all__ = ["Study"]
+
+Array = NDArray[np.float64]
+_COLUMNS = (
+    "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
+    "lower", "upper", "estimate", "n", "unit", "reference", "covers",
+)  # fmt: skip
+_BAND_OMEGA = 10.0
+_CURVE_DRAWS = 16_384
+
+
+class Study:
+    """An analysis of sessions under a scene.
+
+    Nothing is computed before it is asked for; what the scene does not need is never computed, and
+    `skipped` says why.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        What the reader gave.
+    scene : Scene, optional
+        What to analyse; defaults throughout.
+    progress : callable, optional
+        Told the state of the sampler after every round.
+
+    Raises
+    ------
+    RefusalError
+        From the properties, where the data cannot carry the analysis.
+    """
+
+    def __init__(
+        self,
+        sessions: Sessions,
+        scene: Scene | None = None,
+        *,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> None:
+        self.sessions = sessions
+        self.scene = scene or Scene()
+        self._progress = progress
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters analysed: those the scene names, or all that were adjusted."""
+        present = self.sessions.parameters
+        asked = self.scene.inference.parameters
+        if not present:
+            raise RefusalError("no adjusted value is left in the data.")
+        missing = sorted(set(asked or ()) - set(present))
+        if missing:
+            raise RefusalError(
+                f"the scene asks for {NAMES[missing[0]]}, which no session has.", column=f"{missing[0]}_adj"
+            )
+        return tuple(asked) if asked else present
+
+    @property
+    def environments(self) -> tuple[str, ...]:
+        """Environments, in order of first appearance."""
+        return self.sessions.environments
+
+    @cached_property
+    def reference(self) -> dict[tuple[str, str], float]:
+        """Reference per (parameter, environment), N/m or N·s/m."""
+        values = references(self.sessions, self.parameters, self.environments)
+        return {
+            (p, e): float(values[i, j])
+            for i, p in enumerate(self.parameters)
+            for j, e in enumerate(self.environments)
+        }
+
+    @cached_property
+    def intervals(self) -> pd.DataFrame:
+        """Intervals of every method, kind and family, one row each, in N/m and N·s/m."""
+        rows = []
+        if self.scene.inference.method != "bayesian":
+            rows += list(self._classical_rows())
+        if self.fit is not None and self.fit.run.gate.passed:
+            rows += list(self._bayesian_rows(self.fit))
+        return pd.DataFrame(rows, columns=list(_COLUMNS))
+
+    def _classical_rows(self) -> Iterator[dict[str, Any]]:
+        joints = ("marginal", "bonferroni") if len(self.parameters) == 2 else ("marginal",)
+        for family in FAMILIES:
+            for parameter, environment, moments in cell_moments(self.sessions, self.parameters, family):
+                if moments is None:
+                    continue
+                for kind in self.scene.inference.kinds:
+                    for joint in joints:
+                        interval = cell_interval(moments, kind, family, self.scene, parameter, joint)
+                        yield self._row(interval, parameter, environment)
+
+    def _bayesian_rows(self, fit: Fit) -> Iterator[dict[str, Any]]:
+        asked = self.scene.inference
+        for kind, (lower, upper) in fit.limits.items():
+            for c, (parameter, environment) in enumerate(fit.prepared.model.cells):
+                interval = Interval(
+                    kind=kind,  # type: ignore[arg-type]
+                    method="bayesian",
+                    family=asked.family,
+                    level=asked.level,
+                    lower=float(lower[c]),
+                    upper=float(upper[c]),
+                    estimate=float(fit.estimate[c]),
+                    n=int(fit.prepared.counts[c]),
+                    share=asked.held_share if kind == "share" else None,
+                    confidence=asked.confidence if kind == "share" else None,
+                    repeats=fit.prepared.repeats,
+                    approximate=self.sessions.form == "summary" and asked.family == "lognormal",
+                    unit=UNITS[parameter],
+                )
+                yield self._row(interval, parameter, environment)
+
+    def _row(self, interval: Interval, parameter: str, environment: str) -> dict[str, Any]:
+        return {
+            "environment": environment,
+            "parameter": parameter,
+            "reference": self.reference[parameter, environment],
+            **interval.as_dict(),
+        }
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """The sampled hierarchical model; None where only the classical method is asked for."""
+        if self.scene.inference.method == "classical":
+            return None
+        from percept.study.bayesian import fit, prepare
+
+        return fit(prepare(self.sessions, self.scene, self.parameters), self.scene, progress=self._progress)
+
+    @cached_property
+    def posterior(self) -> Any:
+        """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
+        if self.fit is None or not self.fit.run.gate.passed:
+            return None
+        from percept.study.posterior import posterior_tree
+
+        return posterior_tree(self.fit, seed=self.scene.inference.seed)
+
+    @property
+    def diagnostics(self) -> dict[str, Any] | None:
+        """Verdict of the gate and what it rests on; None without a fit."""
+        if self.fit is None:
+            return None
+        run = self.fit.run
+        ensembles, _, walkers, dimension = run.points.shape
+        return {
+            "gate": run.gate,
+            "steps": run.steps,
+            "ensembles": ensembles,
+            "walkers": walkers,
+            "dimension": dimension,
+            "tolerance": run.settings.tolerance,
+        }
+
+    @cached_property
+    def device(self) -> haptics.AnyDevice | None:
+        """The scene's device; None without one."""
+        table = self.scene.device
+        if table is None:
+            return None
+        if table.response is not None:
+            from percept.study.response_table import read_response
+
+            return read_response(table.response)
+        assert table.mass is not None and table.damping is not None  # noqa: S101
+        modes = tuple(haptics.Mode(m.mass, m.stiffness, m.damping) for m in table.modes)
+        return haptics.Device(mass=table.mass, damping=table.damping, modes=modes)
+
+    @cached_property
+    def coupling_element(self) -> haptics.Coupling | None:
+        """The scene's virtual coupling; None without one."""
+        table = self.scene.coupling
+        return None if table is None else haptics.Coupling(stiffness=table.stiffness, damping=table.damping)
+
+    @cached_property
+    def omega(self) -> Array:
+        """Frequencies of the curves, rad/s."""
+        table = self.scene.frequency
+        return np.geomspace(table.lower, table.upper, table.points)
+
+    @cached_property
+    def boundaries(self) -> tuple[Boundary, ...]:
+        """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
+        return self.boundaries_at(self.omega)
+
+    def boundaries_at(self, omega: Array, environments: tuple[str, ...] | None = None) -> tuple[Boundary, ...]:
+        """Boundaries at frequencies of one's own.
+
+        Parameters
+        ----------
+        omega : ndarray, shape (M,)
+            rad/s, up to Nyquist.
+        environments : tuple of str, optional
+            Which environments; all by default.
+
+        Returns
+        -------
+        tuple of Boundary
+        """
+        if self.device is None or self.parameters != ("k", "b"):
+            return ()
+        from percept.study.boundaries import draw_boundaries, region_boundaries
+
+        chosen = self.environments if environments is None else environments
+        intervals = self.intervals[self.intervals["environment"].isin(chosen)]
+        bench = self._bench(omega)
+        found = list(region_boundaries(bench, intervals))
+        for kind, draws in self._curve_draws.items():
+            kept = {e: draws[e] for e in chosen}
+            asked = self.scene.inference
+            found += draw_boundaries(bench, kept, kind=kind, family=asked.family, level=asked.level)
+        return tuple(found)
+
+    def _bench(self, omega: Array) -> Bench:
+        from percept.study.boundaries import Bench
+
+        table = self.scene.device
+        assert table is not None and self.device is not None  # noqa: S101
+        environments = {
+            e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
+            for e in self.environments
+        }
+        return Bench(omega, self.device, table.period, table.hold, environments, self.coupling_element)
+
+    @cached_property
+    def _curve_draws(self) -> dict[str, dict[str, tuple[Array, Array]]]:
+        """Draws of (k, b) per kind and environment, several per kept set of scales."""
+        fit = self.fit
+        if fit is None or not fit.run.gate.passed or self.scene.model.pooling == "none":
+            return {}
+        from percept.study.posterior import thinned_points
+
+        points, _ = thinned_points(fit)
+        repeats = max(1, round(_CURVE_DRAWS / len(points)))
+        rng = np.random.default_rng(np.random.SeedSequence(self.scene.inference.seed, spawn_key=(102,)))
+        means, users = fit.prepared.model.draw(np.repeat(points, repeats, axis=0), rng)
+        draws = {"mean": fit.prepared.scale.native(means), "user": fit.prepared.scale.native(users)}
+        column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
+        return {
+            kind: {e: (values[:, column["k", e]], values[:, column["b", e]]) for e in self.environments}
+            for kind, values in draws.items()
+            if kind in self.scene.inference.kinds
+        }
+
+    @cached_property
+    def band(self) -> BandStudy | None:
+        """Band of the environment's own impedance and its law; None with one parameter or environment."""
+        if self.parameters != ("k", "b") or len(self.environments) < 2:
+            return None
+        from percept.study.bands import band_study
+
+        return band_study(self.intervals, omega=_BAND_OMEGA, level=self.scene.inference.level)
+
+    @cached_property
+    def coupling(self) -> CouplingStudy | None:
+        """Stability and realism of the coupling; None without a device and a coupling."""
+        if self.device is None or self.coupling_element is None or self.scene.device is None:
+            return None
+        from percept.study.coupling import study_coupling
+
+        bench = self._bench(self.omega)
+        return study_coupling(
+            self.device,
+            self.coupling_element,
+            self.scene.device.period,
+            bench.references if self.parameters == ("k", "b") else {},
+            self.boundaries,
+            hold=self.scene.device.hold,
+        )
+
+    @cached_property
+    def comparison(self) -> pd.DataFrame | None:
+        """Classical and Bayesian intervals of equal family and kind, paired; None with one method."""
+        if self.fit is None or self.scene.inference.method != "both" or not self.fit.run.gate.passed:
+            return None
+        keys = ["environment", "parameter", "kind", "family"]
+        rows = self.intervals[self.intervals["joint"] == "marginal"]
+        pair = [
+            rows[rows["method"] == method][[*keys, "lower", "upper", "estimate"]]
+            for method in ("classical", "bayesian")
+        ]
+        both = pair[0].merge(pair[1], on=keys, suffixes=("_classical", "_bayesian"))
+        classical, bayesian = (both[f"upper_{m}"] - both[f"lower_{m}"] for m in ("classical", "bayesian"))
+        both["width_ratio"] = bayesian / classical
+        both["shift"] = both["estimate_bayesian"] / both["estimate_classical"] - 1.0
+        return both
+
+    @cached_property
+    def skipped(self) -> tuple[tuple[str, str], ...]:
+        """What was not computed, and why."""
+        found = []
+        if self.scene.inference.method == "classical":
+            found.append(("hierarchical model", "only the classical method was asked for"))
+        elif self.fit is not None and not self.fit.run.gate.passed:
+            found.append(("Bayesian intervals", " ".join(self.fit.run.gate.reasons)))
+        if len(self.parameters) == 1:
+            found.append(("boundaries and band", f"only {NAMES[self.parameters[0]]} was adjusted"))
+        elif self.device is None:
+            found.append(("boundaries of Z_h", "the scene has no [device]"))
+        if self.scene.coupling is None:
+            found.append(("coupling: Z_h_vc and stability", "the scene has no [coupling]"))
+        elif self.device is None:
+            found.append(("coupling: Z_h_vc and stability", "the scene has no [device]"))
+        if len(self.environments) == 1:
+            found.append(("trend over environments and band law", "there is one environment"))
+        if self.sessions.form == "summary":
+            found.append(("subject effects and k-b correlation", "published limits do not hold them"))
+        if len(self.parameters) == 2:
+            found.append(("ellipse of kind share", "there is no exact ellipse of a share of users"))
+        for parameter, environment, moments in cell_moments(self.sessions, self.parameters, "lognormal"):
+            if moments is None and self.scene.inference.method != "bayesian":
+                why = "a value is zero or negative"
+                found.append((f"classical lognormal intervals of {parameter} in {environment}", why))
+        return tuple(found)
+
+    def _repr_html_(self) -> str:
+        shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True)
+        skipped = "".join(f"<li>{html.escape(what)}: {html.escape(why)}</li>" for what, why in self.skipped)
+        return f"{shown}<p>Skipped:</p><ul>{skipped}</ul>"
