@@ -1,0 +1,9 @@
+"""The report of a study: page, report.json, tables, figures and posterior."""
+
+from __future__ import annotations
+
+from percept.report.document import build_document
+from percept.report.plain import dumps
+from percept.report.write import write_report
+
+__all__ = ["build_document", "dumps", "write_report"]

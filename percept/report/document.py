@@ -1,0 +1,164 @@
+"""The document of a report: everything a study found, as report.json holds it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+from percept.report.plain import plain
+
+if TYPE_CHECKING:
+    from percept.study import Study
+
+__all__ = ["SCHEMA", "build_document", "zoom_windows"]
+
+SCHEMA = "percept-report/1"
+
+# Where the paper looks closely, and how closely where the scene does not say.
+_ZOOM_AT = 10.0
+_ZOOM_BY = 0.02
+
+_PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
+_CELL = ("environment", "parameter", "reference", "n", "mean", "sd", "unit")
+UNITS = {"k": "N/m", "b": "N·s/m"}
+
+
+def build_document(study: Study, *, seed: int | None = None) -> dict[str, Any]:
+    """Build the document that the page, the tables and the figures are made from.
+
+    Parameters
+    ----------
+    study : Study
+        What it has not computed yet is computed now.
+    seed : int, optional
+        The seed that was used, where it is not the scene's.
+
+    Returns
+    -------
+    dict
+        ``schema``, ``provenance``, ``data``, ``zoom``, ``intervals``, ``boundaries``, ``coupling``, ``band``,
+        ``comparison``, ``diagnostics``, ``skipped``: JSON values only (see `percept.report.plain`), in the
+        units of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
+    """
+    boundaries = [_boundary(boundary) for boundary in study.boundaries]
+    return {
+        "schema": SCHEMA,
+        "provenance": _provenance(study, seed),
+        "data": _data(study),
+        "zoom": zoom_windows(study.scene, [row["environment"] for row in boundaries]),
+        "intervals": plain(study.intervals),
+        "boundaries": boundaries,
+        "coupling": plain(study.coupling),
+        "band": plain(study.band),
+        "comparison": plain(study.comparison),
+        "diagnostics": plain(study.diagnostics),
+        "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
+    }
+
+
+def zoom_windows(scene: Any, environments: list[str]) -> dict[str, list[float]]:
+    """Return the window of ω that each environment's close view shows.
+
+    Parameters
+    ----------
+    scene : Scene
+        ``scene.report.zoom`` is a pair of rad/s for all environments or a mapping of environment to pair;
+        an environment without one gets 10 rad/s ± 2 %.
+    environments : list of str
+        Repeats are dropped.
+
+    Returns
+    -------
+    dict
+        Environment to ``[lower, upper]``, rad/s.
+    """
+    asked = getattr(getattr(scene, "report", None), "zoom", None)
+    usual = [_ZOOM_AT * (1 - _ZOOM_BY), _ZOOM_AT * (1 + _ZOOM_BY)]
+    windows: dict[str, list[float]] = {}
+    for environment in dict.fromkeys(environments):
+        window = asked.get(environment, usual) if isinstance(asked, Mapping) else asked or usual
+        windows[environment] = [float(edge) for edge in window]
+    return windows
+
+
+def _provenance(study: Study, seed: int | None) -> dict[str, Any]:
+    import percept
+
+    scene = plain(study.scene.to_dict())
+    return {
+        "versions": {"percept": percept.__version__, "python": platform.python_version(), **_versions()},
+        "seed": seed if seed is not None else getattr(study.scene.inference, "seed", None),
+        "files": [
+            {"name": PurePath(source.name).name, "sha256": source.sha256, "rows": source.rows}
+            for source in study.sessions.sources
+        ],
+        "scene": scene,
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for package in _PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _data(study: Study) -> dict[str, Any]:
+    sessions = study.sessions
+    table = sessions.table
+    return {
+        "form": sessions.form,
+        "simulated": bool("source" in table and (table["source"] == "simulated").any()),
+        "subjects": len(sessions.subjects),
+        "rows": len(table),
+        "environments": list(sessions.environments),
+        "parameters": list(sessions.parameters),
+        "counts": plain(sessions.counts),
+        "notices": [_located(notice, "text") for notice in sessions.notices],
+        "exclusions": [_located(row, "who", "what", "why") for row in sessions.exclusions],
+        "cells": _cells(sessions),
+    }
+
+
+def _located(record: Any, *names: str) -> dict[str, Any]:
+    place = {"file": PurePath(record.file).name if record.file else None, "row": record.row}
+    return {name: plain(getattr(record, name)) for name in names} | place
+
+
+def _cells(sessions: Any) -> list[dict[str, Any]]:
+    """Return the adjustments of each environment and parameter, one mean per subject."""
+    if sessions.form != "trials":
+        return []
+    cells = []
+    for environment, rows in sessions.table.groupby("environment", sort=False):
+        for parameter in sessions.parameters:
+            values = rows.groupby("subject", sort=False)[f"{parameter}_adj"].mean().dropna()
+            cells.append(
+                {
+                    "environment": environment,
+                    "parameter": parameter,
+                    "reference": plain(rows[f"{parameter}_ref"].iloc[0]),
+                    "n": len(values),
+                    "mean": plain(values.mean()),
+                    "sd": plain(values.std(ddof=1)),
+                    "values": plain(values.to_numpy()),
+                    "unit": UNITS[parameter],
+                }
+            )
+    return cells
+
+
+def _boundary(boundary: Any) -> dict[str, Any]:
+    record: dict[str, Any] = plain(boundary)
+    # On most grids the mean, user and share of one environment share what does not depend on the kind.
+    return record
+
+
+def _pair(entry: Any) -> tuple[Any, Any]:
+    return (entry.what, entry.why) if hasattr(entry, "what") else (entry[0], entry[1])

@@ -1,0 +1,152 @@
+"""Curves of abs(Z_h): the whole range, a close view, and limits against the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.report.figures.canvas import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["Limits", "draw_magnitude", "draw_ratio", "refined"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """A pair of curves to draw.
+
+    Attributes
+    ----------
+    label : str
+        For the legend.
+    method : {"classical", "bayesian"}
+        Decides colour and form: classical limits are lines, Bayesian ones a filled band.
+    lower, upper : ndarray, shape (n,)
+        N·s/m.
+    """
+
+    label: str
+    method: str
+    lower: FloatArray
+    upper: FloatArray
+
+
+def refined(
+    omega: FloatArray, curve: FloatArray, window: tuple[float, float], points: int = 121
+) -> FloatArray:
+    """Return a curve on an even grid of a window, by a cubic through its logarithms.
+
+    Parameters
+    ----------
+    omega, curve : ndarray, shape (n,)
+        rad/s, increasing, and values; positive and finite inside and beside the window.
+    window : tuple of float
+        rad/s, inside the range of `omega`.
+    points : int
+        How many.
+
+    Returns
+    -------
+    ndarray, shape (points,)
+    """
+    from scipy.interpolate import CubicSpline
+
+    near = np.flatnonzero((omega >= window[0]) & (omega <= window[1]))
+    first, last = np.searchsorted(omega, window[0]), np.searchsorted(omega, window[1])
+    low, high = max(min(first, *near) - 4 if near.size else first - 4, 0), min(last + 4, omega.size)
+    kept = slice(low, high)
+    spline = CubicSpline(np.log(omega[kept]), np.log(curve[kept]))
+    return np.exp(spline(np.log(np.linspace(*window, points))))
+
+
+def draw_magnitude(
+    ax: Axes,
+    omega: FloatArray,
+    limits: Sequence[Limits],
+    reference: FloatArray,
+    coupled: FloatArray | None = None,
+    *,
+    log: bool = True,
+) -> None:
+    """Draw boundaries, the reference and the coupled impedance, in the manner of Fig. 7.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+        Where to draw.
+    omega : ndarray, shape (n,)
+        rad/s.
+    limits : sequence of Limits
+        In drawing order.
+    reference, coupled : ndarray, shape (n,)
+        abs(Z_h) and abs(Z_h_vc) of the reference environment, N·s/m.
+    log : bool
+        Logarithmic axes.
+    """
+    _draw_limits(ax, omega, limits)
+    ax.plot(omega, reference, color=COLOURS["ink"], dashes=(7, 3), linewidth=1.0, label="reference, Z$_h$")
+    if coupled is not None:
+        ax.plot(
+            omega, coupled, color=COLOURS["coupled"], dashes=(2.5, 1.5), label="with coupling, Z$_{h,vc}$"
+        )
+    if log:
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+    ax.set_xlim(omega[0], omega[-1])
+    ax.set_xlabel("angular frequency ω (rad/s)")
+    ax.set_ylabel("|Z$_h$| (N·s/m)")
+
+
+def draw_ratio(
+    ax: Axes,
+    omega: FloatArray,
+    limits: Sequence[Limits],
+    reference: FloatArray,
+    coupled: FloatArray | None = None,
+) -> None:
+    """Draw boundaries divided by the reference's abs(Z_h), over the whole range.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+        Where to draw.
+    omega : ndarray, shape (n,)
+        rad/s.
+    limits : sequence of Limits
+        N·s/m, in drawing order.
+    reference, coupled : ndarray, shape (n,)
+        N·s/m.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = [
+            Limits(one.label, one.method, one.lower / reference, one.upper / reference) for one in limits
+        ]
+        seen = None if coupled is None else coupled / reference
+    _draw_limits(ax, omega, shares)
+    ax.axhline(1.0, color=COLOURS["ink"], dashes=(7, 3), linewidth=1.0)
+    if seen is not None:
+        ax.plot(omega, seen, color=COLOURS["coupled"], dashes=(2.5, 1.5))
+    ax.set_xscale("log")
+    ax.set_xlim(omega[0], omega[-1])
+
+
+def _draw_limits(ax: Axes, omega: FloatArray, limits: Sequence[Limits]) -> None:
+    for one in limits:
+        colour = COLOURS[one.method]
+        if one.method == "classical":
+            ax.plot(omega, one.lower, color=colour, label=one.label)
+            ax.plot(omega, one.upper, color=colour)
+        else:
+            # The corner curves cross; the band between them is what is meant.
+            low, high = np.minimum(one.lower, one.upper), np.maximum(one.lower, one.upper)
+            ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=one.label)
+            ax.plot(omega, low, color=colour, linewidth=0.7)
+            ax.plot(omega, high, color=colour, linewidth=0.7)

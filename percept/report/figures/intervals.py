@@ -1,0 +1,131 @@
+"""Intervals of the adjustments against their references, both methods beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.report.figures.canvas import COLOURS, plain_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["Bar", "draw_intervals"]
+
+KINDS = ("mean", "user", "share")
+METHODS = ("classical", "bayesian")
+_WIDTH = {"mean": 3.2, "user": 1.6, "share": 0.7}
+_MARK = {"classical": "o", "bayesian": "D"}
+
+
+@dataclass(frozen=True, eq=False)
+class Bar:
+    """An interval to draw, relative to its reference.
+
+    Attributes
+    ----------
+    environment : str
+    kind : {"mean", "user", "share"}
+    method : {"classical", "bayesian"}
+    lower, upper, estimate : float
+        Divided by the reference; dimensionless.
+    """
+
+    environment: str
+    kind: str
+    method: str
+    lower: float
+    upper: float
+    estimate: float
+
+
+def draw_intervals(
+    ax: Axes,
+    environments: Sequence[str],
+    bars: Sequence[Bar],
+    values: Sequence[NDArray[np.float64]],
+    *,
+    log: bool,
+) -> None:
+    """Draw a group of bars per environment: kinds by thickness, methods by colour and mark.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+        Where to draw.
+    environments : sequence of str
+        From top to bottom.
+    bars : sequence of Bar
+        In any order.
+    values : sequence of ndarray
+        The subjects' adjustments divided by the reference, one array per environment; may be empty.
+    log : bool
+        Logarithmic axis; what is zero or negative runs to the edge.
+    """
+    place = {environment: -index for index, environment in enumerate(environments)}
+    present = [method for method in METHODS if any(bar.method == method for bar in bars)]
+    ends = np.array([edge for bar in bars for edge in (bar.lower, bar.upper)], dtype=float)
+    ends = ends[np.isfinite(ends) & ((ends > 0) | (not log))]
+    for bar in bars:
+        y = place[bar.environment] + _offset(bar.kind, bar.method, present)
+        low = ends.min() / 2 if log and bar.lower <= 0 else bar.lower
+        ax.plot(
+            [low, bar.upper],
+            [y, y],
+            color=COLOURS[bar.method],
+            linewidth=_WIDTH[bar.kind],
+            label=f"{bar.method}, {bar.kind}" if bar.environment == environments[0] else None,
+        )
+        if bar.kind == "mean":
+            ax.plot(
+                [bar.estimate],
+                [y],
+                marker=_MARK[bar.method],
+                markersize=3.4,
+                markerfacecolor=COLOURS["paper"],
+                markeredgecolor=COLOURS[bar.method],
+                linestyle="none",
+            )
+    for environment, seen in zip(environments, values, strict=True):
+        ax.plot(
+            seen,
+            np.full(len(seen), place[environment] - 0.42),
+            marker="|",
+            markersize=5,
+            color=COLOURS["quiet"],
+            linestyle="none",
+            label="one subject" if environment == environments[0] and len(seen) else None,
+        )
+    ax.axvline(1.0, color=COLOURS["ink"], dashes=(7, 3), linewidth=0.8)
+    if log:
+        ax.set_xscale("log")
+        ax.set_xlim(ends.min() / 1.15, ends.max() * 1.15)
+        _plain_ticks(ax)
+    ax.set_yticks(list(place.values()), [plain_text(name) for name in environments])
+    ax.set_ylim(-len(environments) + 0.4, 0.6)
+    ax.grid(visible=False, axis="y")
+    ax.tick_params(axis="y", length=0)
+
+
+def _offset(kind: str, method: str, present: Sequence[str]) -> float:
+    step = 0.72 / (len(KINDS) * len(present))
+    rank = KINDS.index(kind) * len(present) + present.index(method)
+    return 0.38 - step * rank
+
+
+def _plain_ticks(ax: Axes) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    low, high = ax.get_xlim()
+    decades = np.log10(high / low)
+    marks = (1.0, 2.0, 5.0) if decades < 3 else (1.0,)
+    if decades < 0.7:
+        marks = tuple(np.arange(1, 10, 0.5 if decades > 0.3 else 0.2))
+    ax.xaxis.set_major_locator(LogLocator(base=10, subs=marks))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,154 @@
+"""Numbers as a reader sees them: rounded here and nowhere else, each with its place in report.json."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any
+
+from percept.errors import UsageError
+
+__all__ = ["Number", "at", "number", "percentage", "rounded"]
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_INFINITE = {"inf": "∞", "-inf": "−∞"}
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number on the page.
+
+    Attributes
+    ----------
+    text : str
+        As it is read.
+    exact : str
+        Every digit; empty where there is no number.
+    place : str
+        Its JSON pointer in report.json.
+    """
+
+    text: str
+    exact: str
+    place: str
+
+
+def rounded(value: float, digits: int = 5) -> str:
+    """Write a number to significant digits, in powers of ten where it is very large or very small.
+
+    Parameters
+    ----------
+    value : float
+        Finite or infinite.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        ``"8979.9"``, ``"1.2000 × 10⁻⁵"``, ``"∞"``; a true minus sign.
+    """
+    if math.isinf(value):
+        return _INFINITE["inf" if value > 0 else "-inf"]
+    if value == 0:
+        return "0"
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    power = int(exponent)
+    if -4 <= power < max(digits, 6):
+        # Decimal, because rounding to a count of decimals would round the rounded once more.
+        text = f"{Decimal(f'{mantissa}e{power}'):f}"
+    else:
+        text = f"{mantissa} × 10{str(power).translate(_SUPERSCRIPT)}"
+    return text.replace("-", "−")
+
+
+def percentage(value: float, digits: int = 3) -> str:
+    """Write a fraction as a percentage.
+
+    Parameters
+    ----------
+    value : float
+        A fraction; 0.647 becomes ``"64.7 %"``.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+    """
+    return f"{rounded(100 * value, digits)}\u202f%"
+
+
+def at(document: Any, place: str) -> Any:
+    """Return what stands at a JSON pointer.
+
+    Parameters
+    ----------
+    document : object
+        A plain document.
+    place : str
+        JSON pointer (RFC 6901), such as ``"/intervals/3/lower"``.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    UsageError
+        Where the pointer leads nowhere.
+    """
+    value = document
+    for step in place.split("/")[1:]:
+        name = step.replace("~1", "/").replace("~0", "~")
+        try:
+            if isinstance(value, Mapping):
+                value = value[name]
+            elif isinstance(value, Sequence) and not isinstance(value, str):
+                value = value[int(name)]
+            else:
+                raise KeyError(name)
+        except (KeyError, IndexError, ValueError) as error:
+            raise UsageError("the report has nothing at this place.", value=place) from error
+    return value
+
+
+def number(document: Any, place: str, *, digits: int = 5, style: str = "plain") -> Number:
+    """Return the number at a place of the document, as it is shown.
+
+    Parameters
+    ----------
+    document : object
+        A plain document.
+    place : str
+        JSON pointer.
+    digits : int
+        Significant digits.
+    style : {"plain", "percent", "count"}
+        A fraction may be shown as a percentage; a count is shown whole.
+
+    Returns
+    -------
+    Number
+        A dash where the document has None or lacks the place's last name.
+
+    Raises
+    ------
+    UsageError
+        Where what stands there is no number.
+    """
+    parent, _, last = place.rpartition("/")
+    owner = at(document, parent)
+    value = owner.get(last) if isinstance(owner, Mapping) else at(document, place)
+    if value is None:
+        return Number("–", "", place)
+    if isinstance(value, str) and value in _INFINITE:
+        return Number(_INFINITE[value], value, place)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise UsageError("a number was expected at this place of the report.", column=place, value=value)
+    if style == "count":
+        return Number(f"{value:,}".replace(",", "\u202f"), repr(value), place)
+    text = percentage(value, digits) if style == "percent" else rounded(float(value), digits)
+    return Number(text, repr(value), place)

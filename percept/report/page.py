@@ -1,0 +1,82 @@
+"""The page: parts and figures of a document in one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from percept.report.figures.canvas import Drawing, inline_svg
+from percept.report.numbers import number
+from percept.report.sections import build_parts
+
+__all__ = ["render_page"]
+
+
+def render_page(document: Mapping[str, Any], drawings: Mapping[str, Drawing], *, date: str) -> str:
+    """Render the page of a document.
+
+    Parameters
+    ----------
+    document : mapping
+        As `percept.report.document.build_document` returns it; every number on the page is in it.
+    drawings : mapping of str to Drawing
+        The figures the page may show, by name.
+    date : str
+        Printed at the head.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+
+    def shown(place: str, *, digits: int = 5, style: str = "plain") -> Markup:
+        found = number(document, place, digits=digits, style=style)
+        if not found.exact:
+            return Markup('<span class="none">–</span>')
+        return Markup('<data value="{}" data-at="{}">{}</data>').format(found.exact, found.place, found.text)
+
+    def figure(name: str) -> Markup:
+        return Markup(inline_svg(drawings[name]))
+
+    template = _environment().get_template("page.html.j2")
+    return template.render(
+        document=document,
+        parts=build_parts(document),
+        date=date,
+        n=shown,
+        figure=figure,
+        drawings=drawings,
+        style=_asset("page.css"),
+        script=_asset("page.js"),
+    )
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("percept.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["embedded"] = _embedded
+    return environment
+
+
+def _asset(name: str) -> Markup:
+    text = resources.files("percept.report").joinpath("templates", name).read_text(encoding="utf-8")
+    return Markup(text)
+
+
+def _embedded(value: Any) -> Markup:
+    """Write JSON that cannot end the script element it stands in."""
+    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028"))

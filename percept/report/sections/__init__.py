@@ -1,0 +1,52 @@
+"""The sections of the page, in reading order: each takes the document and returns its part, or None."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from percept.report.sections import (
+    band,
+    boundaries,
+    comparison,
+    coupling,
+    data,
+    diagnostics,
+    intervals,
+    methods,
+    provenance,
+    skipped,
+    summary,
+)
+from percept.report.sections.part import Part
+
+__all__ = ["Part", "build_parts"]
+
+_ORDER = (
+    summary,
+    intervals,
+    boundaries,
+    coupling,
+    band,
+    comparison,
+    diagnostics,
+    data,
+    methods,
+    provenance,
+    skipped,
+)
+
+
+def build_parts(document: Mapping[str, Any]) -> list[Part]:
+    """Return the parts a document needs; what it has nothing for is absent.
+
+    Parameters
+    ----------
+    document : mapping
+        As `percept.report.document.build_document` returns it.
+
+    Returns
+    -------
+    list of Part
+    """
+    return [part for section in _ORDER if (part := section.build(document)) is not None]

@@ -1,0 +1,52 @@
+"""Find records of a document by what they are, in order of preference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["array", "distinct", "first", "matching"]
+
+Record = Mapping[str, Any]
+
+
+def array(values: Sequence[Any] | None) -> NDArray[np.float64]:
+    """Return a list of the document as floats: "inf" is infinite, None is NaN, no list is empty."""
+    return np.array([np.nan if value is None else float(value) for value in values or ()], dtype=float)
+
+
+def distinct(records: Iterable[Record], name: str) -> list[Any]:
+    """Return the different values of a field, in order of first appearance."""
+    return list(dict.fromkeys(record[name] for record in records))
+
+
+def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:
+    """Return the records whose fields have these values."""
+    return [record for record in records if all(record.get(name) == value for name, value in wanted.items())]
+
+
+def first(records: Iterable[Record], **preferred: Sequence[Any]) -> Record | None:
+    """Return the record that stands highest in every preference, earlier fields weighing more.
+
+    Parameters
+    ----------
+    records : iterable of mapping
+        Candidates.
+    **preferred : sequence
+        Accepted values of each field, best first; other values are not accepted.
+
+    Returns
+    -------
+    mapping or None
+    """
+    accepted = [
+        record for record in records if all(record.get(name) in values for name, values in preferred.items())
+    ]
+    return min(
+        accepted,
+        key=lambda record: [list(values).index(record[name]) for name, values in preferred.items()],
+        default=None,
+    )

@@ -1,0 +1,96 @@
+"""Tables of a report as CSV: every digit, units in the header."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from percept.report.select import distinct, matching
+
+__all__ = ["csv_tables"]
+
+_UNITS = {"k": "N/m", "b": "N·s/m"}
+_RISKY = ("=", "+", "-", "@", "\t", "\r")
+_INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
+
+
+def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the tables of a document.
+
+    Parameters
+    ----------
+    document : mapping
+        As `percept.report.document.build_document` returns it.
+
+    Returns
+    -------
+    dict
+        File name to CSV text: one table of intervals per parameter, boundaries, and what else there is.
+        Numbers read back to the same doubles. Text that a spreadsheet would take for a formula gets an
+        apostrophe in front.
+    """
+    tables = {}
+    for parameter in distinct(document["intervals"], "parameter"):
+        rows = matching(document["intervals"], parameter=parameter)
+        unit = _UNITS[parameter]
+        limits = {name: f"{name} ({unit})" for name in ("lower", "upper", "estimate", "reference")}
+        heads = {name: name for name in _INTERVAL} | limits | {"n": "n", "covers": "covers"}
+        tables[f"intervals_{parameter}.csv"] = _table(heads, rows)
+    if document["boundaries"]:
+        tables["boundaries.csv"] = _boundaries(document["boundaries"])
+    cells = document["data"]["cells"]
+    for parameter in distinct(cells, "parameter"):
+        unit = _UNITS[parameter]
+        heads = {"environment": "environment", "n": "n"}
+        heads |= {name: f"{name} ({unit})" for name in ("reference", "mean", "sd")}
+        tables[f"data_{parameter}.csv"] = _table(heads, matching(cells, parameter=parameter))
+    band = document["band"] or {}
+    if band.get("rows"):
+        heads = {name: name for name in ("environment", "method", "kind")}
+        heads |= {"impedance": "impedance (N·s/m)", "band": "band (N·s/m)", "relative": "relative"}
+        tables["band.csv"] = _table(heads, band["rows"])
+    if document["comparison"]:
+        rows = document["comparison"]
+        tables["comparison.csv"] = _table({name: name for name in rows[0]}, rows)
+    return tables
+
+
+def _boundaries(records: Sequence[Mapping[str, Any]]) -> str:
+    labels = ("environment", "kind", "method", "family", "joint", "shape", "level")
+    curves = {
+        "omega": "omega (rad/s)",
+        "lower": "lower (N·s/m)",
+        "upper": "upper (N·s/m)",
+        "reference": "reference (N·s/m)",
+        "coupled": "coupled (N·s/m)",
+    }
+    rows = []
+    for record in records:
+        columns = {name: record.get(name) or [None] * len(record["omega"]) for name in curves}
+        for point in zip(*columns.values(), strict=True):
+            rows.append({name: record[name] for name in labels} | dict(zip(curves, point, strict=True)))
+    return _table({name: name for name in labels} | curves, rows)
+
+
+def _table(heads: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(heads.values())
+    for row in rows:
+        writer.writerow(_cell(row.get(name)) for name in heads)
+    return text.getvalue()
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (int, float)):
+        return repr(value)
+    text = str(value)
+    if text in ("inf", "-inf"):
+        return text
+    return f"'{text}" if text.startswith(_RISKY) else text

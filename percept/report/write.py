@@ -1,0 +1,121 @@
+"""Write a report: complete files only, none of the user's removed."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from percept.errors import UsageError
+from percept.report.document import build_document
+from percept.report.plain import dumps
+
+if TYPE_CHECKING:
+    from percept.study import Study
+
+__all__ = ["write_report"]
+
+Progress = Callable[[str], None]
+
+
+def write_report(
+    study: Study,
+    out_dir: str | Path,
+    *,
+    seed: int | None = None,
+    formats: Sequence[str] = ("svg",),
+    date: str | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write the page, report.json, tables, figures and the posterior of a study.
+
+    Everything is first written beside `out_dir`, then moved into it file by file, the page last: a run that
+    fails leaves nothing behind, and files of other names in `out_dir` stay as they are.
+
+    Parameters
+    ----------
+    study : Study
+        What it has not computed yet is computed now.
+    out_dir : str or Path
+        Folder, made where it does not exist.
+    seed : int, optional
+        The seed that was used, where it is not the scene's.
+    formats : sequence of {"svg", "pdf", "png"}
+        Of the figures' files; none: only those inside the page.
+    date : str, optional
+        Printed on the page; today where not given. It is in no other file.
+    progress : callable, optional
+        Called with the name of each step.
+
+    Returns
+    -------
+    Path
+        The page, ``out_dir/report.html``.
+
+    Raises
+    ------
+    UsageError
+        Where `out_dir` is a file or cannot be written.
+    PerceptError
+        What the study refuses.
+    """
+    out = Path(out_dir)
+    step = progress or (lambda _: None)
+    if out.exists() and not out.is_dir():
+        raise UsageError("the report needs a folder, and this is a file.", file=str(out_dir))
+    step("results")
+    document = build_document(study, seed=seed)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    except OSError as error:
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+    try:
+        _fill(aside, study, document, formats, date or datetime.date.today().isoformat(), step)
+        return _move(aside, out)
+    except OSError as error:
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _fill(
+    folder: Path, study: Study, document: dict[str, object], formats: Sequence[str], date: str, step: Progress
+) -> None:
+    from percept.report.figures.canvas import render
+    from percept.report.figures.catalogue import drawings
+    from percept.report.page import render_page
+    from percept.report.tables import csv_tables
+
+    (folder / "report.json").write_text(dumps(document), encoding="utf-8")
+    step("tables")
+    (folder / "tables").mkdir()
+    for name, text in csv_tables(document).items():
+        (folder / "tables" / name).write_text(text, encoding="utf-8")
+    step("figures")
+    found = drawings(document)
+    if formats and found:
+        (folder / "figures").mkdir()
+        for drawing in found.values():
+            for form in formats:
+                (folder / "figures" / f"{drawing.name}.{form}").write_bytes(render(drawing, form))
+    if study.posterior is not None:
+        step("posterior")
+        study.posterior.to_netcdf(folder / "posterior.nc")
+    step("page")
+    (folder / "report.html").write_text(render_page(document, found, date=date), encoding="utf-8")
+
+
+def _move(aside: Path, out: Path) -> Path:
+    """Move every file to its place, the page last: where it is, the rest is."""
+    page = aside / "report.html"
+    others = sorted(path for path in aside.rglob("*") if path.is_file() and path != page)
+    for path in [*others, page]:
+        target = out / path.relative_to(aside)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(path, target)
+    return out / "report.html"
