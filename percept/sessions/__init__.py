@@ -2,8 +2,27 @@
 
 from __future__ import annotations
 
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
+from percept.sessions.problems import ReadError
 from percept.sessions.read import read_sessions
 from percept.sessions.records import Exclusion, Notice, Sessions, Source
+from percept.sessions.reduce import Reduced, reduce_sessions
+from percept.sessions.validation import Validation, format_validation, propose_columns, validate
 
-__all__ = ["Exclusion", "Notice", "ReadOptions", "Sessions", "Source", "read_sessions"]
+__all__ = [
+    "ColumnRule",
+    "ExcludeRule",
+    "Exclusion",
+    "Notice",
+    "ReadError",
+    "ReadOptions",
+    "Reduced",
+    "Sessions",
+    "Source",
+    "Validation",
+    "format_validation",
+    "propose_columns",
+    "read_sessions",
+    "reduce_sessions",
+    "validate",
+]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import pandas as pd
@@ -145,6 +146,20 @@ class Sessions:
         at = self.provenance.index.get_loc(index)
         file, row = (int(self.provenance[c].to_numpy()[at]) for c in ("file", "row"))
         return self.sources[file].name, row
+
+    def to_csv(self, path: str | Path, *, for_spreadsheets: bool = False) -> None:
+        """Write the table as a CSV file that reads back to the same table.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; it is replaced if it exists.
+        for_spreadsheets : bool, optional
+            Put an apostrophe before text that a spreadsheet would run as a formula.
+        """
+        from percept.sessions.write import write_csv
+
+        write_csv(self, path, for_spreadsheets=for_spreadsheets)
 
     def _repr_html_(self) -> str:
         counts = "".join(

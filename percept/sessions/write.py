@@ -1,0 +1,59 @@
+"""Sessions to CSV and back: every double in full, every id as it is."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from percept.sessions.records import Sessions
+
+__all__ = ["neutralised", "to_csv_text", "write_csv"]
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def neutralised(text: str) -> str:
+    """Text that a spreadsheet shows and does not run: an apostrophe before what begins a formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
+def to_csv_text(sessions: Sessions, *, for_spreadsheets: bool = False) -> str:
+    """Write the table as UTF-8 CSV text, quotes doubled, lines ended by LF.
+
+    Parameters
+    ----------
+    sessions : Sessions
+    for_spreadsheets : bool, optional
+        Neutralise text cells that a spreadsheet would run as formulas. Such a file is for looking at: an id
+        beginning with = + - @ does not read back the same.
+
+    Returns
+    -------
+    str
+        Numbers are the shortest texts that read back as the same doubles; a missing value is empty.
+    """
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    clean = neutralised if for_spreadsheets else str
+    # The columns of a parameter without any adjustment are left out: it was not measured.
+    absent = [c for p in ("k", "b") if p not in sessions.parameters for c in (f"{p}_ref", f"{p}_adj")]
+    table = sessions.table.drop(columns=absent if sessions.form == "trials" else [])
+    writer.writerow([clean(str(name)) for name in table.columns])
+    columns = [[_cell(value, clean) for value in table[name].tolist()] for name in table.columns]
+    writer.writerows(zip(*columns, strict=True))
+    return out.getvalue()
+
+
+def write_csv(sessions: Sessions, path: str | Path, *, for_spreadsheets: bool = False) -> None:
+    """Write :func:`to_csv_text` to a file, which is replaced if it exists."""
+    text = to_csv_text(sessions, for_spreadsheets=for_spreadsheets)
+    Path(path).write_bytes(text.encode())
+
+
+def _cell(value: Any, clean: Any) -> str:
+    if isinstance(value, float):
+        return "" if value != value else repr(value)
+    return clean(value) if isinstance(value, str) else str(value)
