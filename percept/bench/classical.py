@@ -155,15 +155,16 @@ def digits_kept(*, long: int = 10_000_000, seed: int = 1) -> list[Digits]:
         exact = within / (values.size - 9)
         rows.append(_digits(f"SmLs0{which}", "sd", computed, _root(exact), sd))
     random = np.random.default_rng(seed)
-    for name, values in (
-        ("offset 1e15", 1e15 + random.normal(size=1000)),
-        ("constant 0.1", np.full(1000, 0.1)),
-        ("denormal", 5e-324 * random.integers(1, 1000, 1000)),
-        ("huge", 1e308 * random.uniform(-1.0, 1.0, 1000)),
-        ("300 decades", random.normal(size=1000) * 10.0 ** random.integers(-150, 150, 1000)),
-        ("1e300, 1, -1e300", np.array([1e300, 1.0, -1e300])),
-    ):
-        rows += _of_sample(name, values)
+    hard: dict[str, NDArray[np.float64]] = {
+        "offset 1e15": 1e15 + random.normal(size=1000),
+        "constant 0.1": np.full(1000, 0.1),
+        "denormal": np.asarray(5e-324 * random.integers(1, 1000, 1000)),
+        "huge": 1e308 * random.uniform(-1.0, 1.0, 1000),
+        "300 decades": random.normal(size=1000) * 10.0 ** random.integers(-150, 150, 1000),
+        "1e300, 1, -1e300": np.array([1e300, 1.0, -1e300]),
+    }
+    for name, sample in hard.items():
+        rows += _of_sample(name, sample)
     # the deviations are whole numbers of 1/8, the spacing of doubles at 10¹⁵: so the answer is known exactly
     eighths = random.integers(-40, 41, long)
     sums = MomentsAccumulator()

@@ -33,11 +33,11 @@ def percent(probability: ArrayLike, digits: int = 15) -> str:
     Returns
     -------
     str
-        ``"99 %"`` or ``"37.6 to 64.7 %"``.
+        ``"99 %"`` or ``"37.6 % to 64.7 %"``.
     """
     values = np.asarray(probability, dtype=float)
     low, high = (_percentage(float(v), digits) for v in (values.min(), values.max()))
-    return f"{low} %" if low == high else f"{low} to {high} %"
+    return f"{low} %" if low == high else f"{low} % to {high} %"
 
 
 def coverage_sentence(interval: Interval) -> str:
@@ -110,5 +110,5 @@ def _holds(interval: Interval) -> str:
 
 
 def _percentage(probability: float, digits: int) -> str:
-    text = f"{100.0 * probability:.{digits}g}"
-    return text if text != "100" or probability == 1.0 else f"{100.0 * np.nextafter(probability, 0.0):.17g}"
+    texts = (f"{100.0 * probability:.{count}g}" for count in range(digits, 18))
+    return next(text for text in texts if text != "100" or probability == 1.0)

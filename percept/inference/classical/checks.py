@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
 
-__all__ = ["finite_values", "positive_references", "positive_values", "sample", "subject_counts"]
+__all__ = ["finite_values", "fitted", "positive_references", "positive_values", "sample", "subject_counts"]
 
 
 def finite_values(
@@ -164,6 +164,34 @@ def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
             f"At least 2 subjects are needed; there is {int(found.min())}.", hint="Add subjects."
         )
     return found.astype(np.int64)
+
+
+def fitted(names: str, *arrays: NDArray[Any]) -> tuple[NDArray[np.float64], ...]:
+    """Return arrays as doubles of one shape.
+
+    Parameters
+    ----------
+    names : str
+        What they are called, for the message.
+    *arrays : ndarray
+        Of shapes that broadcast.
+
+    Returns
+    -------
+    tuple of ndarray
+        Of the broadcast shape.
+
+    Raises
+    ------
+    UsageError
+        Shapes that do not fit.
+    """
+    try:
+        shape = np.broadcast_shapes(*(array.shape for array in arrays))
+    except ValueError:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        raise UsageError(f"{names} have shapes that do not fit: {shapes}.") from None
+    return tuple(np.broadcast_to(np.asarray(array, dtype=np.float64), shape) for array in arrays)
 
 
 def positive_references(reference: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:

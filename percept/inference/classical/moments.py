@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical import doubledouble
-from percept.inference.classical.checks import finite_values, sample, subject_counts
+from percept.inference.classical.checks import finite_values, fitted, sample, subject_counts
 from percept.inference.classical.exact import MomentsAccumulator
 from percept.inference.classical.levels import Level, tail
 from percept.inference.classical.quantiles import t_upper
@@ -68,16 +68,10 @@ class Moments:
         sd = finite_values(self.sd, name="standard deviations")
         if (sd < 0.0).any():
             raise UsageError("A standard deviation cannot be negative.", value=float(sd.min()))
-        try:
-            mean, sd, n = np.broadcast_arrays(mean, sd, subject_counts(self.n))
-        except ValueError:
-            raise UsageError(
-                f"Means, standard deviations and counts have shapes that do not fit: {mean.shape}, "
-                f"{sd.shape}, {np.shape(self.n)}."
-            ) from None
+        mean, sd, n = fitted("Means, standard deviations and counts", mean, sd, subject_counts(self.n))
         object.__setattr__(self, "mean", plain(mean))
         object.__setattr__(self, "sd", plain(sd))
-        object.__setattr__(self, "n", int(n) if n.ndim == 0 else n)
+        object.__setattr__(self, "n", int(n) if n.ndim == 0 else n.astype(np.int64))
 
     @classmethod
     def from_values(
@@ -147,14 +141,7 @@ class Moments:
         """
         low = finite_values(lower, name="lower limits")
         high = finite_values(upper, name="upper limits")
-        count = subject_counts(n)
-        try:
-            low, high, count = np.broadcast_arrays(low, high, count)
-        except ValueError:
-            raise UsageError(
-                f"Lower and upper limits and counts have shapes that do not fit: {low.shape}, {high.shape}, "
-                f"{count.shape}."
-            ) from None
+        low, high, count = fitted("Lower and upper limits and counts", low, high, subject_counts(n))
         if (low > high).any():
             raise UsageError(
                 "A lower limit lies above its upper limit.",
@@ -163,7 +150,7 @@ class Moments:
             )
         half_width = 0.5 * high - 0.5 * low
         factor = t_upper(tail(level) / 2.0, count - 1) / np.sqrt(count)
-        return cls(0.5 * low + 0.5 * high, half_width / factor, count, repeats=repeats)
+        return cls(0.5 * low + 0.5 * high, half_width / factor, count.astype(np.int64), repeats=repeats)
 
     @classmethod
     def from_weighted(

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from percept.errors import UsageError
-from percept.inference.classical.checks import subject_counts
+from percept.inference.classical.checks import fitted, subject_counts
 from percept.inference.classical.levels import OneMinus, tail
 from percept.inference.classical.moments import plain
 from percept.inference.classical.quantiles import normal_upper
@@ -124,13 +124,7 @@ def _per_distinct(
     confidence: ArrayLike | OneMinus,
 ) -> FloatOrArray:
     count, outside, doubt = subject_counts(n), tail(share, "share"), tail(confidence, "confidence")
-    try:
-        requests = np.broadcast_arrays(count.astype(float), outside, doubt)
-    except ValueError:
-        raise UsageError(
-            f"n, share and confidence have shapes that do not fit: {count.shape}, {outside.shape}, "
-            f"{doubt.shape}."
-        ) from None
+    requests = fitted("n, share and confidence", count, outside, doubt)
     rows = np.stack([part.reshape(-1) for part in requests])
     distinct, where = np.unique(rows, axis=1, return_inverse=True)
     blocks = [distinct[:, start : start + _BLOCK] for start in range(0, distinct.shape[1], _BLOCK)]

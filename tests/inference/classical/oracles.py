@@ -47,7 +47,7 @@ def two_sided_confidence(n: int, share: float, c: mp.mpf) -> mp.mpf:
         return 2 * u * sd_density(n, s) * mp.erf(x * mp.sqrt(mp.mpf(n) / 2))
 
     pieces = [mp.sqrt(s - least) for s in _pieces(n, least, least)]
-    return mp.quad(given_root, pieces, method="gauss-legendre", maxdegree=5)
+    return mp.quad(given_root, pieces, method="gauss-legendre", maxdegree=6)
 
 
 def one_sided_confidence(n: int, share: float, c: mp.mpf) -> mp.mpf:

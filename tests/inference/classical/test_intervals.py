@@ -1,0 +1,218 @@
+import itertools
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy import stats
+
+from percept.errors import RefusalError, UsageError
+from percept.inference import (
+    Interval,
+    Moments,
+    OneMinus,
+    prediction_interval,
+    t_interval,
+    tolerance_factor,
+    tolerance_interval,
+)
+from percept.inference.classical.quantiles import t_upper
+
+KINDS = (t_interval, prediction_interval, tolerance_interval)
+X = np.random.default_rng(10).lognormal(2.0, 0.3, 10)
+
+
+@pytest.mark.parametrize("nu", [1, 2, 9, 29, 999, 10**6])
+@pytest.mark.parametrize("tail", [0.25, 0.005, 5e-5, 5e-9, 5e-13])
+def test_t_keeps_its_digits_in_the_tail(nu, tail):
+    t = float(t_upper(tail, nu))
+    with mp.workdps(40):
+        x, exact = mp.mpf(t), mp.mpf(tail)
+        above = mp.betainc(mp.mpf(nu) / 2, mp.mpf("0.5"), 0, nu / (nu + x * x), regularized=True) / 2
+        log_scale = mp.loggamma(mp.mpf(nu + 1) / 2) - mp.loggamma(mp.mpf(nu) / 2) - mp.log(mp.pi * nu) / 2
+        density = mp.exp(log_scale - mp.mpf(nu + 1) / 2 * mp.log1p(x * x / nu))
+        assert abs((above - exact) / (density * x)) <= 1e-14
+    assert t == stats.t.isf(tail, nu)
+
+
+def test_half_widths_of_ten_subjects():
+    for make, printed in zip(KINDS, ("1.02769", "3.40846", "4.43691"), strict=True):
+        interval = make(X)
+        assert f"{interval.factor:.5f}" == printed
+        half = (interval.upper - interval.lower) / 2
+        assert half == pytest.approx(interval.factor * interval.sd, rel=1e-14)
+        assert (interval.upper + interval.lower) / 2 == pytest.approx(interval.mean, rel=1e-14)
+
+
+def test_against_scipys_t_interval():
+    low, high = stats.t.interval(0.99, 9, X.mean(), stats.sem(X))
+    interval = t_interval(X)
+    assert (interval.lower, interval.upper) == pytest.approx((low, high), rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("n", "share"), [(5, 0.8667), (10, 0.6472), (20, 0.4601), (30, 0.3757), (100, 0.2056)]
+)
+def test_the_share_of_users_an_interval_of_the_mean_holds(n, share):
+    assert t_interval(Moments(0.0, 1.0, n)).expected_share == pytest.approx(share, abs=5e-5)
+
+
+def test_the_expected_share_against_quadrature():
+    n, level = 6, 0.95
+    t = stats.t.isf((1 - level) / 2, n - 1)
+
+    def held(mean, v):
+        half = t * np.sqrt(v / (n - 1) / n)
+        content = stats.norm.cdf(mean + half) - stats.norm.cdf(mean - half)
+        return content * stats.norm.pdf(mean, 0, 1 / np.sqrt(n)) * stats.chi2.pdf(v, n - 1)
+
+    grid, weight = np.polynomial.legendre.leggauss(80)
+    mean, v = 2.0 * grid[:, None], 20.0 * (grid + 1.0)
+    exact = float(2.0 * 20.0 * (weight[:, None] * weight * held(mean, v)).sum())
+    assert t_interval(Moments(0.0, 1.0, n), level=level).expected_share == pytest.approx(exact, rel=1e-4)
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_lognormal_is_normal_on_the_log(make):
+    log = make(np.log(X))
+    interval = make(X, family="lognormal")
+    assert (interval.lower, interval.upper) == pytest.approx(
+        (np.exp(log.lower), np.exp(log.upper)), rel=1e-14
+    )
+    assert interval.estimate == pytest.approx(stats.gmean(X), rel=1e-14)
+    assert interval.mean == log.mean
+
+
+@pytest.mark.parametrize("make", KINDS)
+@pytest.mark.parametrize("family", ["normal", "lognormal", "free"])
+def test_many_at_once_are_each_alone(make, family):
+    x = np.random.default_rng(0).lognormal(0.0, 0.2, (2, 600, 3))
+    options = {"level": 0.95, "family": family}
+    together = make(x, axis=1, **options)
+    for i, j in itertools.product(range(2), range(3)):
+        alone = make(x[i, :, j], **options)
+        assert together.lower[i, j] == pytest.approx(alone.lower, rel=1e-14)
+        assert together.upper[i, j] == pytest.approx(alone.upper, rel=1e-14)
+    assert together.covers == alone.covers
+
+
+@pytest.mark.parametrize("make", KINDS)
+@pytest.mark.parametrize("family", ["normal", "lognormal"])
+def test_one_sided_limits_are_those_of_an_equal_tailed_interval_of_twice_the_tail(make, family):
+    if make is tolerance_interval:
+        factor = tolerance_factor(10, 0.99, 0.95, sided="one")
+        below = make(X, side="lower", family=family)
+        assert below.factor == factor
+    else:
+        both = make(X, level=OneMinus(0.02), family=family)
+        below = make(X, level=OneMinus(0.01), side="lower", family=family)
+        assert below.lower == both.lower
+    above = make(X, side="upper", family=family)
+    assert below.upper == np.inf
+    assert above.lower == (0.0 if family == "lognormal" else -np.inf)
+    assert above.upper > below.lower
+
+
+@pytest.mark.parametrize("make", [t_interval, prediction_interval])
+def test_bonferroni_halves_the_tail(make):
+    assert make(X, joint="bonferroni").factor == make(X, level=OneMinus((1 - 0.99) / 2)).factor
+
+
+def test_bonferroni_halves_both_tails_of_a_share():
+    wide = tolerance_interval(X, joint="bonferroni")
+    assert wide.factor == tolerance_factor(10, OneMinus((1 - 0.99) / 2), OneMinus((1 - 0.95) / 2))
+    assert (wide.share, wide.confidence) == (0.99, 0.95)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.9, 0.999999, 1.0 - 1e-12])
+@pytest.mark.parametrize("make", [t_interval, prediction_interval])
+def test_levels_up_to_the_last_digit(make, level):
+    interval = make(X, level=level)
+    with mp.workdps(30):
+        wide = 1 if make is t_interval else mp.sqrt(11)
+        t = mp.mpf(interval.factor) * mp.sqrt(10) / wide
+        outside = mp.betainc(mp.mpf(9) / 2, mp.mpf("0.5"), 0, 9 / (9 + t * t), regularized=True)
+        assert float(outside) == pytest.approx(1.0 - level, rel=1e-13)
+
+
+def test_a_tail_said_exactly_is_kept_exactly():
+    exact = t_interval(X, level=OneMinus(1e-12))
+    with mp.workdps(30):
+        t = mp.mpf(exact.factor) * mp.sqrt(10)
+        outside = mp.betainc(mp.mpf(9) / 2, mp.mpf("0.5"), 0, 9 / (9 + t * t), regularized=True)
+        assert float(outside) == pytest.approx(1e-12, rel=1e-13)
+    assert exact.factor != t_interval(X, level=1.0 - 1e-12).factor
+
+
+def test_an_offset_costs_the_limits_their_last_digit_and_the_factor_nothing():
+    x = np.arange(10.0)
+    far = t_interval(x + 1e15)
+    near = t_interval(x)
+    assert (far.sd, far.factor) == (near.sd, near.factor)
+    assert far.lower - 1e15 == pytest.approx(near.lower, abs=0.07)
+
+
+def test_published_limits_under_lognormal_are_approximate():
+    published = Moments.from_limits(944.85, 1017.2, 10)
+    interval = t_interval(published, family="lognormal")
+    assert interval.approximate
+    assert interval.estimate < published.mean < interval.upper
+    assert not t_interval(published).approximate
+
+
+@pytest.mark.parametrize("make", KINDS)
+@pytest.mark.parametrize(
+    ("x", "options", "error", "message"),
+    [
+        ([], {}, UsageError, "array is empty"),
+        ([1.0], {}, RefusalError, "At least 2 subjects are needed; there is 1"),
+        ([1.0, np.nan], {}, UsageError, "finite numbers"),
+        ([1.0, -np.inf], {}, UsageError, "finite numbers"),
+        ([[1.0, 2.0], [1.0]], {}, UsageError, "unequal length"),
+        ([2.0, 2.0, 2.0], {}, RefusalError, "same value: with no scatter"),
+        ([2.0, 2.0, 2.0], {"family": "free"}, RefusalError, "same value: with no scatter"),
+        ([[1.0, 2.0], [3.0, 3.0]], {}, RefusalError, r"first at index \[1\]"),
+        ([1.0, 0.0], {"family": "lognormal"}, RefusalError, "zero or negative"),
+        ([1.0, 2.0], {"level": 1.0}, UsageError, "level must lie strictly between 0 and 1"),
+        ([1.0, 2.0], {"level": np.nan}, UsageError, "level must lie strictly between 0 and 1"),
+        ([1.0, 2.0], {"level": [0.9, 0.99]}, UsageError, "level must be one number"),
+        ([1.0, 2.0], {"family": "gamma"}, UsageError, 'family must be one of "normal", "lognormal", "free"'),
+        ([1.0, 2.0], {"joint": "hotelling"}, UsageError, 'joint must be one of "marginal", "bonferroni"'),
+        ([1.0, 2.0], {"side": "left"}, UsageError, 'side must be one of "both", "lower", "upper"'),
+        (Moments(0.0, 1.0, 5, scale="log"), {}, UsageError, "moments of logarithms"),
+        (Moments(0.0, 1.0, 5), {"family": "lognormal"}, RefusalError, "positive mean"),
+        (Moments(0.0, 1.0, 5), {"family": "free"}, UsageError, "values themselves"),
+    ],
+)
+def test_what_is_wrong_is_said(make, x, options, error, message):
+    with pytest.raises(error, match=message):
+        make(x, **options)
+
+
+@pytest.mark.parametrize("make", [prediction_interval, tolerance_interval])
+def test_a_weighted_mean_says_nothing_on_single_users(make):
+    with pytest.raises(UsageError, match="nothing on single users"):
+        make(Moments.from_weighted([1.0, 2.0, 4.0], [1.0, 2.0, 3.0]))
+
+
+def test_a_share_needs_its_confidence():
+    with pytest.raises(UsageError, match="needs both the share and the confidence"):
+        Interval(
+            kind="share",
+            method="bayesian",
+            family="normal",
+            level=0.99,
+            lower=0.0,
+            upper=1.0,
+            estimate=0.5,
+            n=3,
+        )
+
+
+def test_the_row_of_a_table():
+    row = tolerance_interval(X, unit="N/m").as_dict()
+    assert row["kind"] == "share"
+    assert (row["share"], row["confidence"], row["n"], row["unit"]) == (0.99, 0.95, 10, "N/m")
+    assert row["covers"] == tolerance_interval(X, unit="N/m").covers
+    page = t_interval(X, unit="N/m")._repr_html_()
+    assert "64.7 %" in page
+    assert "<td>10</td>" in page

@@ -1,0 +1,178 @@
+import json
+import os
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy import stats
+
+from percept.errors import RefusalError, UsageError
+from percept.inference import OneMinus, howe_factor, tolerance_factor
+from percept.inference.classical.shortfall import one_limit_offset
+
+from . import oracles
+
+REFERENCE = json.loads(oracles.TABLE.read_text(encoding="utf-8"))
+
+
+def test_the_reference_table_is_wide_enough():
+    assert len(REFERENCE) >= 400
+    assert {row[1] for row in REFERENCE} >= {2, 10**6}
+    assert {row[2] for row in REFERENCE} == {row[3] for row in REFERENCE} >= {0.5, 0.9999}
+
+
+@pytest.mark.parametrize("sided", ["two", "one"])
+def test_factors_against_quadrature_in_20_digits(sided):
+    rows = [row for row in REFERENCE if row[0] == sided]
+    _, n, share, confidence, exact = zip(*rows, strict=True)
+    factors = tolerance_factor(n, share, confidence, sided=sided)
+    truth = np.array([float(text) for text in exact])
+    assert np.abs(factors / truth - 1.0).max() <= 1e-13
+
+
+REMADE = REFERENCE if os.environ.get("PERCEPT_LONG_TESTS") else [REFERENCE[i] for i in (8, 87, 240, 300)]
+
+
+@pytest.mark.parametrize("row", REMADE, ids=str)
+def test_the_reference_table_can_be_made_again(row):
+    sided, n, share, confidence, text = row
+    exact, error = oracles.factor(n, share, confidence, sided=sided)
+    assert abs(exact / mp.mpf(text) - 1) <= 1e-15
+    assert abs(error) <= 1e-13
+
+
+@pytest.mark.parametrize(
+    ("n", "share", "confidence", "printed"),
+    [
+        (10, 0.99, 0.95, "4.436909"),
+        (10, 0.99, 0.99, "5.610168"),
+        (2, 0.9, 0.9, "15.512326"),
+        (10, 0.95, 0.95, "3.3935"),
+        (9, 0.99, 0.95, "4.6329"),
+        (15, 0.99, 0.99, "4.6212"),
+        (35, 0.9, 0.9, "1.9906"),
+        (43, 0.9, 0.99, "2.222825"),
+    ],
+)
+def test_published_factors(n, share, confidence, printed):
+    factor = tolerance_factor(n, share, confidence)
+    digits = len(printed.split(".")[1])
+    # ISO 16269-6 rounds up in its last digit
+    assert 0.0 <= float(printed) - factor <= 10.0**-digits or f"{factor:.{digits}f}" == printed
+
+
+def test_howe_is_the_handbook_value_and_not_the_exact_one():
+    assert f"{howe_factor(43, 0.9, 0.99):.4f}" == "2.2173"
+    assert howe_factor(10**6, 0.9, 0.99) == pytest.approx(tolerance_factor(10**6, 0.9, 0.99), rel=1e-6)
+
+
+@pytest.mark.parametrize("n", [2, 3, 10, 1000, 10**6])
+@pytest.mark.parametrize("confidence", [0.51, 0.9, 0.999])
+def test_one_sided_at_the_median_is_students_t(n, confidence):
+    factor = tolerance_factor(n, 0.5, confidence, sided="one")
+    assert factor == pytest.approx(stats.t.isf(1.0 - confidence, n - 1) / np.sqrt(n), rel=5e-13)
+
+
+def test_one_sided_factors_mirror():
+    for share, confidence in ((0.9, 0.7), (0.6, 0.95), (0.5, 0.8)):
+        there = tolerance_factor(7, share, confidence, sided="one")
+        back = tolerance_factor(7, OneMinus(share), OneMinus(confidence), sided="one")
+        assert back == pytest.approx(-there, rel=1e-13)
+    assert tolerance_factor(7, 0.5, 0.5, sided="one") == 0.0
+
+
+def test_one_sided_against_scipys_noncentral_t():
+    n, share, confidence = 12, 0.8, 0.9
+    quantile = stats.nct.ppf(confidence, n - 1, np.sqrt(n) * stats.norm.ppf(share)) / np.sqrt(n)
+    assert tolerance_factor(n, share, confidence, sided="one") == pytest.approx(quantile, rel=1e-9)
+
+
+@pytest.mark.parametrize("tail", [1e-6, 1e-12])
+def test_tails_that_a_double_cannot_say_from_one(tail):
+    # one-sided at the median is Student's t, here in 30 digits
+    factor = tolerance_factor(9, 0.5, OneMinus(tail), sided="one")
+    with mp.workdps(30):
+        t2 = mp.mpf(factor) ** 2 * 9
+        above = mp.betainc(4, mp.mpf("0.5"), 0, 8 / (8 + t2), regularized=True) / 2
+        assert float(above) == pytest.approx(tail, rel=1e-12)
+    rough = tolerance_factor(9, 0.5, 1.0 - tail, sided="one")
+    assert rough == pytest.approx(tolerance_factor(9, 0.5, OneMinus(1.0 - (1.0 - tail)), sided="one"), rel=0)
+
+
+def test_more_confidence_more_share_fewer_subjects_ask_for_more():
+    n = np.array([2, 3, 4, 7, 20, 200, 10**5])[:, None, None]
+    share = np.array([0.5, 0.8, 0.99, 0.999999])[:, None]
+    confidence = np.array([0.5, 0.9, 0.999, 1.0 - 1e-9])
+    factors = tolerance_factor(n, share, confidence)
+    assert factors.shape == (7, 4, 4)
+    assert (np.diff(factors, axis=0)[:, :, 1:] < 0).all()
+    assert (np.diff(factors, axis=1) > 0).all()
+    assert (np.diff(factors, axis=2) > 0).all()
+
+
+def test_repeats_are_worked_out_once(monkeypatch):
+    from percept.inference.classical import tolerance
+
+    seen = []
+    work = tolerance._two_sided
+
+    def counting(n, outside, doubt):
+        seen.append(n.size)
+        return work(n, outside, doubt)
+
+    monkeypatch.setattr(tolerance, "_two_sided", counting)
+    n = np.resize(np.arange(5, 25), (1000, 100))
+    factors = tolerance_factor(n, 0.99, 0.95)
+    assert sum(seen) == 20
+    assert factors[3, 7] == work(np.array([float(n[3, 7])]), np.array([1 - 0.99]), np.array([1 - 0.95]))[0]
+
+
+def test_single_numbers_give_a_float():
+    assert type(tolerance_factor(10, 0.99, 0.95)) is float
+    assert tolerance_factor([10], 0.99, 0.95).shape == (1,)
+
+
+@pytest.mark.parametrize("short", [True, False])
+@pytest.mark.parametrize(
+    ("n", "factor"), [(2, 0.3), (3, 8.0), (10, 1.0), (10, 33.0), (1000, 0.1), (1000, 30.0)]
+)
+def test_noncentral_offsets_against_quadrature_in_20_digits(n, factor, short):
+    doubt = 0.005
+    (offset,) = one_limit_offset(*(np.array([float(v)]) for v in (n, factor, doubt)), short=short)
+    with mp.workdps(20):
+        t = mp.mpf(factor) * mp.sqrt(n)
+        sign = 1 if short else -1
+
+        def beyond(s):
+            return oracles.sd_density(n, s) * mp.ncdf(-sign * (t * s - mp.mpf(offset)))
+
+        marks = [
+            mp.mpf(0),
+            *(mp.mpf(k) / 8 for k in (1, 2, 4)),
+            *(1 + k / mp.sqrt(2 * n) for k in (0, 2, 4, 8, 16)),
+        ]
+        narrow = [1 + k / mp.sqrt(2 * n) for k in (-8, -4, -2)]
+        decide = [mp.mpf(offset) / t + k / t for k in (-8, -4, 0, 4, 8)]
+        points = sorted({p for p in [*marks, *narrow, *decide] if p >= 0})
+        probability = mp.quad(beyond, points, method="gauss-legendre")
+        assert float(probability) == pytest.approx(doubt, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: tolerance_factor(10, 0.99, 0.95, sided="both"), UsageError, 'sided must be "two" or "one"'),
+        (lambda: tolerance_factor(10, 1.0, 0.95), UsageError, "value 1.0: share must lie strictly"),
+        (lambda: tolerance_factor(10, 0.99, 95), UsageError, "confidence must lie .* 0.99"),
+        (lambda: tolerance_factor(10, "a", 0.95), UsageError, "share must be a number"),
+        (lambda: tolerance_factor(1, 0.99, 0.95), RefusalError, "At least 2 subjects"),
+        (
+            lambda: tolerance_factor([2, 3], [0.9, 0.9, 0.9], 0.95),
+            UsageError,
+            r"do not fit: \(2,\), \(3,\), \(\)",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said(call, error, message):
+    with pytest.raises(error, match=message):
+        call()

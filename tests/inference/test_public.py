@@ -1,0 +1,62 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+import percept.inference
+
+NAMES = [
+    "Bias",
+    "EllipseRegion",
+    "Equivalence",
+    "Influence",
+    "Interval",
+    "Moments",
+    "MomentsAccumulator",
+    "Normality",
+    "OneMinus",
+    "RectangleRegion",
+    "RelativeSpread",
+    "SubjectMeans",
+    "bias",
+    "check_normality",
+    "coefficient_of_variation",
+    "coverage_sentence",
+    "ellipse_region",
+    "equivalence_test",
+    "howe_factor",
+    "influence",
+    "prediction_interval",
+    "rectangle_region",
+    "subject_means",
+    "t_interval",
+    "tolerance_factor",
+    "tolerance_interval",
+    "weber_fraction",
+]
+
+
+def test_the_public_names():
+    assert percept.inference.__all__ == NAMES
+    assert dir(percept.inference) == NAMES
+    assert {getattr(percept.inference, name).__name__ for name in NAMES} == set(NAMES)
+
+
+def test_a_name_that_is_not_there():
+    with pytest.raises(AttributeError, match="no attribute 'z_interval'"):
+        _ = percept.inference.z_interval
+
+
+def test_an_interval_imports_no_sampler_no_table_and_no_plot():
+    program = (
+        "import json, sys; from percept.inference import t_interval, tolerance_interval, influence;"
+        "t_interval([1.0, 2.0, 4.0]); tolerance_interval([1.0, 2.0, 4.0]); influence([1.0, 2.0, 4.0]);"
+        "print(json.dumps(sorted({name.partition('.')[0] for name in sys.modules})))"
+    )
+    output = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout
+    loaded = set(json.loads(output))
+    assert {"numpy", "scipy"} <= loaded
+    assert not loaded & {"emcee", "arviz_base", "arviz_stats", "pandas", "matplotlib", "xarray"}
