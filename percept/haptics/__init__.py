@@ -31,8 +31,8 @@ from percept.haptics.passivity import passivity_damping
 from percept.haptics.perceived import perceived_impedance, perceived_magnitude
 from percept.haptics.phase import phase_envelope, phase_envelope_ellipse
 from percept.haptics.qualify import (
-    Band,
     CouplingDesign,
+    EnvironmentBoundary,
     QualifyingRegion,
     design_couplings,
     qualifying_region,
@@ -49,13 +49,13 @@ from percept.haptics.stability import (
 __all__ = [
     "AbsoluteStability",
     "AnyDevice",
-    "Band",
     "BestDamping",
     "Coupling",
     "CouplingDesign",
     "Device",
     "EffectiveImpedance",
     "Environment",
+    "EnvironmentBoundary",
     "FrequencyResponse",
     "Mode",
     "QualifyingRegion",

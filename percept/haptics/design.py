@@ -18,6 +18,7 @@ from percept.haptics._arrays import FloatArray, Scalars, nonnegative_array, one_
 from percept.haptics._warp import HOLDS, checked_period, warp
 from percept.haptics.impedance import DISCRETIZATIONS, device_parts
 from percept.haptics.parameters import AnyDevice
+from percept.haptics.stability import demands
 
 __all__ = [
     "BestDamping",
@@ -159,9 +160,8 @@ def max_coupling_stiffness_at(
     grid = warp(omega, period)
     b_c = nonnegative_array(coupling_damping, "coupling damping", "N·s/m")
     available, _ = device_parts(grid, device)
-    gain = grid.held(hold).gain
     # Eq. 10 is viscous·β² + elastic·K² ≤ available·β.
-    viscous, elastic = gain * grid.one_minus_cos / 2, gain * grid.cos**2 / (8 * (1 + grid.cos))
+    viscous, elastic = demands(grid, hold)
     spare = available - viscous * b_c
     if discretization == "tustin":
         stretch = times(np.sqrt(b_c), np.sqrt(ratio(np.maximum(spare, 0.0), elastic, empty=np.inf)))

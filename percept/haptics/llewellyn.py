@@ -137,7 +137,7 @@ def two_port(
     UsageError
         ω negative, above Nyquist or outside a device's table, T not positive, arrays as parameters.
     """
-    _check_single(device, coupling)
+    check_single(device, coupling)
     omega = np.atleast_1d(nonnegative_array(omega, "omega", "rad/s"))
     return TwoPort(
         omega=omega,
@@ -215,7 +215,7 @@ def absolute_stability(
         T not positive, arrays as parameters, a table that begins above Nyquist.
     """
     period = checked_period(period)
-    _check_single(device, coupling)
+    check_single(device, coupling)
     need = required_damping(coupling, period, discretization=discretization, hold=hold)
 
     def margin(omega: FloatArray) -> FloatArray:
@@ -339,7 +339,8 @@ def _judged(omega: FloatArray, margin: FloatArray, poles: ComplexArray | None) -
     )
 
 
-def _check_single(device: AnyDevice, coupling: Coupling) -> None:
+def check_single(device: AnyDevice, coupling: Coupling) -> None:
+    """Refuse arrays where one verdict is asked for."""
     parts = [coupling.stiffness, coupling.damping]
     if isinstance(device, Device):
         parts += [device.mass, device.damping]

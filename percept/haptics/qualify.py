@@ -15,17 +15,24 @@ from percept.haptics._warp import Warp, warp
 from percept.haptics.design import max_coupling_stiffness, max_coupling_stiffness_at
 from percept.haptics.impedance import device_impedance, device_parts, environment_impedance
 from percept.haptics.impedance import hold as zero_order_hold
-from percept.haptics.llewellyn import search_grid
+from percept.haptics.llewellyn import check_single, search_grid
 from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment
+from percept.haptics.stability import demands
 
-__all__ = ["Band", "CouplingDesign", "QualifyingRegion", "design_couplings", "qualifying_region"]
+__all__ = [
+    "CouplingDesign",
+    "EnvironmentBoundary",
+    "QualifyingRegion",
+    "design_couplings",
+    "qualifying_region",
+]
 
 # An edge is pulled inside by this much, so that the coupling returned passes the test it came from.
 _INSIDE = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class EnvironmentBoundary:
     """What a coupled environment has to stay inside of.
 
     Parameters
@@ -38,7 +45,7 @@ class Band:
     Raises
     ------
     UsageError
-        Where a limit is NaN or negative, or lower is above upper; such a band can never be met.
+        Where a limit is NaN or negative, or lower is above upper; such a boundary can never be met.
     """
 
     environment: Environment
@@ -49,18 +56,21 @@ class Band:
         lower, upper = (np.array(limit, dtype=np.float64) for limit in (self.lower, self.upper))
         if lower.ndim != 1 or lower.shape != upper.shape:
             raise UsageError(
-                "Band limits must be two arrays of one length.", value=(lower.shape, upper.shape)
+                "an EnvironmentBoundary needs two arrays of one length.",
+                value=(lower.shape, upper.shape),
             )
         if not ((lower >= 0) & (lower <= upper)).all():
             where = int(np.flatnonzero(~((lower >= 0) & (lower <= upper)))[0])
             raise UsageError(
-                f"Band limits must satisfy 0 <= lower <= upper; they do not at position {where}.",
+                f"a boundary must satisfy 0 <= lower <= upper; it does not at position {where}.",
                 value=(float(lower[where]), float(upper[where])),
                 hint="Corner curves cross; give the envelope.",
             )
         parts = (self.environment.stiffness, self.environment.damping, self.environment.mass)
         if any(np.ndim(part) for part in parts):
-            raise UsageError("a Band is for one environment, without arrays.", value=self.environment)
+            raise UsageError(
+                "a EnvironmentBoundary is for one environment, without arrays.", value=self.environment
+            )
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
 
@@ -93,9 +103,9 @@ class CouplingDesign:
     Attributes
     ----------
     each : tuple of QualifyingRegion
-        In the order of the bands.
+        In the order of the boundaries.
     common : QualifyingRegion
-        For all bands together.
+        For all boundaries together.
     """
 
     each: tuple[QualifyingRegion, ...]
@@ -105,14 +115,14 @@ class CouplingDesign:
 def design_couplings(
     omega: ArrayLike,
     device: AnyDevice,
-    bands: Sequence[Band],
+    boundaries: Sequence[EnvironmentBoundary],
     period: float,
     *,
     discretization: str | None = None,
     hold: str = "average",
     damping: ArrayLike | None = None,
 ) -> CouplingDesign:
-    """Return the couplings that are stable and keep each environment, and all of them, inside their bands.
+    """Return the couplings that are stable and keep each environment, and all of them, inside.
 
     Parameters are those of `qualifying_region`.
 
@@ -126,25 +136,27 @@ def design_couplings(
         As `qualifying_region`.
     """
 
-    def region(chosen: Sequence[Band]) -> QualifyingRegion:
+    def region(chosen: Sequence[EnvironmentBoundary]) -> QualifyingRegion:
         return qualifying_region(
             omega, device, chosen, period, discretization=discretization, hold=hold, damping=damping
         )
 
-    return CouplingDesign(each=tuple(region([band]) for band in bands), common=region(bands))
+    return CouplingDesign(
+        each=tuple(region([boundary]) for boundary in boundaries), common=region(boundaries)
+    )
 
 
 def qualifying_region(
     omega: ArrayLike,
     device: AnyDevice,
-    bands: Sequence[Band],
+    boundaries: Sequence[EnvironmentBoundary],
     period: float,
     *,
     discretization: str | None = None,
     hold: str = "average",
     damping: ArrayLike | None = None,
 ) -> QualifyingRegion:
-    """Return every coupling that is stable and keeps Z_h_vc inside all bands at every ω given.
+    """Return every coupling that is stable and keeps Z_h_vc inside all boundaries at every ω given.
 
     For a fixed b_c each limit of abs(Z_h_vc) is a quadratic inequality in k_c, and stability an upper limit
     of k_c: the qualifying k_c are intervals found without search.
@@ -152,10 +164,10 @@ def qualifying_region(
     Parameters
     ----------
     omega : array_like, shape (n,)
-        rad/s, where the bands are given; above 0 and below π/T.
+        rad/s, where the boundaries are given; above 0 and below π/T.
     device : Device or TabulatedDevice
         The device, Z_d.
-    bands : sequence of Band
+    boundaries : sequence of EnvironmentBoundary
         At least one.
     period : float
         Sampling period T, s.
@@ -173,18 +185,21 @@ def qualifying_region(
     Raises
     ------
     UsageError
-        No band, a band of another length than ω, ω not strictly between 0 and Nyquist or outside a device's
-        table, a device with arrays as parameters, T not positive.
+        No boundary, a boundary of another length than ω, ω not strictly between 0 and Nyquist or outside a
+        device's table, a device with arrays as parameters, T not positive.
     """
-    if not bands:
-        raise UsageError("a coupling needs at least one band to stay inside of.")
+    if not boundaries:
+        raise UsageError("a coupling needs at least one boundary to stay inside of.")
     grid = warp(omega, period)
     if grid.omega.ndim != 1 or (grid.sin <= 0).any() or (grid.cos <= 0).any():
         raise UsageError("omega must be a list strictly between 0 and Nyquist.", value=grid.omega.shape)
-    for band in bands:
-        if band.lower.shape != grid.omega.shape:
-            raise UsageError("a band and omega differ in length.", value=(band.lower.shape, grid.omega.shape))
-    judge = _Judge(grid, device, tuple(bands), discretization, hold)
+    for boundary in boundaries:
+        if boundary.lower.shape != grid.omega.shape:
+            raise UsageError(
+                "a boundary and omega differ in length.", value=(boundary.lower.shape, grid.omega.shape)
+            )
+    check_single(device, Coupling(0.0, 0.0))
+    judge = _Judge(grid, device, tuple(boundaries), discretization, hold)
     lines = judge.lines() if damping is None else nonnegative_array(damping, "damping", "N·s/m")
     lines = np.unique(lines)
     intervals = judge.intervals(lines)
@@ -199,7 +214,7 @@ class _Judge:
 
     grid: Warp
     device: AnyDevice
-    bands: tuple[Band, ...]
+    boundaries: tuple[EnvironmentBoundary, ...]
     discretization: str | None
     hold: str
 
@@ -208,14 +223,14 @@ class _Judge:
         omega = search_grid(self.device, self.grid.period)
         everywhere = warp(omega, self.grid.period)
         available, _ = device_parts(everywhere, self.device)
-        asked = everywhere.held(self.hold).gain * everywhere.one_minus_cos / 2
-        largest = float(np.maximum(ratio(available, asked, empty=np.inf), 0.0).min())
+        viscous, _ = demands(everywhere, self.hold)
+        largest = float(np.maximum(ratio(available, viscous, empty=np.inf), 0.0).min())
         return np.concatenate([largest * np.linspace(0, 1, 81), largest * np.geomspace(1e-4, 1, 81)])
 
     def intervals(self, lines: FloatArray) -> list[FloatArray]:
         """Return the qualifying k_c of each line, shape (m, 2)."""
         ceiling = self._stable_stiffness(lines)
-        forbidden = np.concatenate([self._forbidden(band, lines) for band in self.bands], axis=1)
+        forbidden = np.concatenate([self._forbidden(boundary, lines) for boundary in self.boundaries], axis=1)
         return [_gaps(high, cuts) for high, cuts in zip(ceiling, forbidden, strict=True)]
 
     def _stable_stiffness(self, lines: FloatArray) -> FloatArray:
@@ -240,13 +255,13 @@ class _Judge:
         low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, omega.size - 1)]
         return np.minimum(seen.min(axis=0), limit(golden_section(limit, low, high)))
 
-    def _forbidden(self, band: Band, lines: FloatArray) -> FloatArray:
-        """Return the open intervals of k_c that leave a band, shape (lines, cuts, 2).
+    def _forbidden(self, boundary: EnvironmentBoundary, lines: FloatArray) -> FloatArray:
+        """Return the open intervals of k_c that leave a boundary, shape (lines, cuts, 2).
 
         With Z_c = b_c + k_c·ζ, Z_h_vc = (Z_dZ_e + Z_cZ_h)/(Z_e + Z_c): both are linear in k_c.
         """
         period, omega = self.grid.period, self.grid.omega
-        z_e = environment_impedance(omega, band.environment, period)
+        z_e = environment_impedance(omega, boundary.environment, period)
         z_d = device_impedance(omega, self.device, period)
         z_h = z_d + zero_order_hold(omega, period, kind=self.hold) * z_e
         zeta = (period / 2 if self.discretization == "backward" else 0.0) - 1j * self.grid.inverse_rate
@@ -254,7 +269,7 @@ class _Judge:
         top0, top1 = z_d * z_e + b_c * z_h, zeta * z_h
         under0, under1 = z_e + b_c, zeta
         cuts = []
-        for limit, side in ((band.upper, 1.0), (band.lower, -1.0)):
+        for limit, side in ((boundary.upper, 1.0), (boundary.lower, -1.0)):
             bounded = np.isfinite(limit)
             u = np.where(bounded, limit, 0.0)
             # Products of sum and difference, where squares of near numbers would cancel.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics._arrays import FloatArray, Scalars, one_of, ratio, stored, times
-from percept.haptics._warp import HOLDS, checked_period, warp
+from percept.haptics._warp import HOLDS, Warp, checked_period, warp
 from percept.haptics.impedance import device_parts, tustin_damping
 from percept.haptics.parameters import AnyDevice, Coupling
 
@@ -68,13 +68,17 @@ def required_damping_at(
         ω above Nyquist, T not positive, a value that is not finite, an unknown discretization or hold.
     """
     grid = warp(omega, period)
-    gain = grid.held(hold).gain
+    viscous, elastic = demands(grid, hold)
     beta = tustin_damping(coupling, grid.period, discretization)
     stretch = np.multiply(coupling.stiffness, grid.period)
     # Only positive terms, and K²/β as K·(K/β): K² alone may leave the range of a double.
-    elastic = gain * grid.cos**2 / (8 * (1 + grid.cos))
-    elastic = times(elastic, stretch * ratio(stretch, beta, empty=0.0))
-    return (np.multiply(beta, gain * grid.one_minus_cos / 2) + elastic)[()]
+    return (np.multiply(beta, viscous) + times(elastic, stretch * ratio(stretch, beta, empty=0.0)))[()]
+
+
+def demands(grid: Warp, hold: str) -> tuple[FloatArray, FloatArray]:
+    """Return u and v of Eq. 10 as Re Z_d ≥ u·β + v·K²/β, β in Tustin's form and K = k_c·T."""
+    gain = grid.held(hold).gain
+    return gain * grid.one_minus_cos / 2, gain * grid.cos**2 / (8 * (1 + grid.cos))
 
 
 def required_damping(
@@ -204,4 +208,5 @@ def coupling_bound(
     """
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
-    return ratio(grid.held(hold).gain * grid.one_minus_cos / 2, available, empty=0.0)[()]
+    viscous, _ = demands(grid, hold)
+    return ratio(viscous, available, empty=0.0)[()]

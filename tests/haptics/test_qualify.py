@@ -5,10 +5,10 @@ import pytest
 
 from percept.errors import UsageError
 from percept.haptics import (
-    Band,
     Coupling,
     Device,
     Environment,
+    EnvironmentBoundary,
     Mode,
     TabulatedDevice,
     absolute_stability,
@@ -28,53 +28,61 @@ LIMITS = [
     (Environment(10000.0, 10.0), (7800.0, 11100.0), (2.0, 19.0)),
     (Environment(25000.0, 25.0), (21400.0, 26900.0), (14.0, 35.0)),
 ]
-BANDS = [Band(environment, *magnitude_envelope(OMEGA, DEVICE, k, b, T)) for environment, k, b in LIMITS]
+BOUNDARIES = [
+    EnvironmentBoundary(environment, *magnitude_envelope(OMEGA, DEVICE, k, b, T))
+    for environment, k, b in LIMITS
+]
 
 
-def qualifies(coupling, bands, device=DEVICE, **options):
+def qualifies(coupling, boundaries, device=DEVICE, **options):
     ok = np.asarray(required_damping(coupling, T, **options).damping) <= 20.0
     felt = {"discretization": options["discretization"]} if options else {}
-    for band in bands:
+    for boundary in boundaries:
         z = np.abs(
-            perceived_impedance(OMEGA[:, None], device, band.environment, T, coupling=coupling, **felt)
+            perceived_impedance(OMEGA[:, None], device, boundary.environment, T, coupling=coupling, **felt)
         )
-        ok &= ((z >= band.lower[:, None]) & (z <= band.upper[:, None])).all(axis=0)
+        ok &= ((z >= boundary.lower[:, None]) & (z <= boundary.upper[:, None])).all(axis=0)
     return ok
 
 
-@pytest.mark.parametrize("bands", [BANDS[:1], BANDS[1:2], BANDS], ids=["soft", "medium", "all"])
+@pytest.mark.parametrize(
+    "boundaries", [BOUNDARIES[:1], BOUNDARIES[1:2], BOUNDARIES], ids=["soft", "medium", "all"]
+)
 @pytest.mark.parametrize("options", [{}, {"discretization": "backward"}, {"discretization": "tustin"}])
-def test_intervals_are_what_the_forward_problem_says(bands, options):
+def test_intervals_are_what_the_forward_problem_says(boundaries, options):
     rng = np.random.default_rng(6)
     lines = np.array([0.0, 0.5, 5.0, 23.0, 60.0, 110.0, 159.0])
-    region = qualifying_region(OMEGA, DEVICE, bands, T, damping=lines, **options)
+    region = qualifying_region(OMEGA, DEVICE, boundaries, T, damping=lines, **options)
     assert any(len(part) for part in region.intervals)
     for b_c, intervals in zip(region.damping, region.intervals, strict=True):
         ends = intervals.ravel()
         k = np.concatenate([10 ** rng.uniform(1, 6, 3000), ends * (1 - 1e-9), ends * (1 + 1e-9)])
         k = k[k > 0]
         inside = ((k[:, None] >= intervals[:, 0]) & (k[:, None] <= intervals[:, 1])).any(axis=1)
-        np.testing.assert_array_equal(inside, qualifies(Coupling(k, b_c), bands, **options))
+        np.testing.assert_array_equal(inside, qualifies(Coupling(k, b_c), boundaries, **options))
 
 
 def test_extremes_qualify_and_nothing_beyond_does():
-    design = design_couplings(OMEGA, DEVICE, BANDS, T)
+    design = design_couplings(OMEGA, DEVICE, BOUNDARIES, T)
     assert len(design.each) == 3
     rng = np.random.default_rng(7)
-    for bands, region in [*zip(([band] for band in BANDS), design.each, strict=True), (BANDS, design.common)]:
+    for boundaries, region in [
+        *zip(([boundary] for boundary in BOUNDARIES), design.each, strict=True),
+        (BOUNDARIES, design.common),
+    ]:
         for coupling in (region.largest, region.softest):
             one = Coupling(np.array([coupling.stiffness]), coupling.damping)
-            assert qualifies(one, bands).all()
+            assert qualifies(one, boundaries).all()
         damping = rng.uniform(0, 170, 20_000)
         beyond = qualifies(
-            Coupling(region.largest.stiffness * rng.uniform(1.0001, 3, 20_000), damping), bands
+            Coupling(region.largest.stiffness * rng.uniform(1.0001, 3, 20_000), damping), boundaries
         )
         assert not beyond.any()
         below = qualifies(
-            Coupling(region.softest.stiffness * rng.uniform(0.3, 0.9999, 20_000), damping), bands
+            Coupling(region.softest.stiffness * rng.uniform(0.3, 0.9999, 20_000), damping), boundaries
         )
         assert not below.any()
-    # Wide bands do not stop the stiffest coupling there is.
+    # Wide boundaries do not stop the stiffest coupling there is.
     stiffest = 20.0 / best_coupling_damping(1.0, T).device_damping
     assert design.common.largest.stiffness == pytest.approx(stiffest, rel=1e-9)
     assert design.common.softest.stiffness >= max(region.softest.stiffness for region in design.each) * (
@@ -83,8 +91,10 @@ def test_extremes_qualify_and_nothing_beyond_does():
 
 
 def test_nothing_qualifies_for_a_band_out_of_reach():
-    band = Band(BANDS[0].environment, BANDS[0].lower * 50, BANDS[0].upper * 50)
-    design = design_couplings(OMEGA, DEVICE, [BANDS[0], band], T)
+    boundary = EnvironmentBoundary(
+        BOUNDARIES[0].environment, BOUNDARIES[0].lower * 50, BOUNDARIES[0].upper * 50
+    )
+    design = design_couplings(OMEGA, DEVICE, [BOUNDARIES[0], boundary], T)
     assert design.each[0].largest is not None
     assert design.each[1].largest is None
     assert design.common.softest is None
@@ -92,35 +102,42 @@ def test_nothing_qualifies_for_a_band_out_of_reach():
 
 
 def test_no_limit_leaves_stability_alone():
-    free = Band(Environment(1000.0, 1.0), np.zeros(40), np.full(40, np.inf))
+    free = EnvironmentBoundary(Environment(1000.0, 1.0), np.zeros(40), np.full(40, np.inf))
     region = qualifying_region(OMEGA, DEVICE, [free], T, damping=[100.0])
     np.testing.assert_allclose(region.intervals[0], [[0.0, 106663.63]], rtol=1e-6)
 
 
 def test_flexible_and_tabulated_devices():
     flexible = Device(1.0, 20.0, (Mode(0.05, 2e4, 0.3), Mode(0.02, 5e4, 0.2)))
-    region = qualifying_region(OMEGA, flexible, BANDS[1:2], T, damping=[10.0, 30.0, 90.0])
+    region = qualifying_region(OMEGA, flexible, BOUNDARIES[1:2], T, damping=[10.0, 30.0, 90.0])
     for b_c, intervals in zip(region.damping, region.intervals, strict=True):
         top = intervals[-1, 1]
         assert absolute_stability(flexible, Coupling(top * (1 - 1e-6), b_c), T).verdict == "stable"
         assert absolute_stability(flexible, Coupling(top * (1 + 1e-6), b_c), T).verdict == "unstable"
     omega = np.geomspace(0.05, 3141.0, 200)
     table = TabulatedDevice(omega, 20.0 + 1j * 2 / T * np.tan(omega * T / 2))
-    measured = qualifying_region(OMEGA, table, BANDS[1:2], T, damping=[30.0])
-    rigid = qualifying_region(OMEGA, DEVICE, BANDS[1:2], T, damping=[30.0])
+    measured = qualifying_region(OMEGA, table, BOUNDARIES[1:2], T, damping=[30.0])
+    rigid = qualifying_region(OMEGA, DEVICE, BOUNDARIES[1:2], T, damping=[30.0])
     np.testing.assert_allclose(measured.intervals[0], rigid.intervals[0], rtol=1e-3)
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: qualifying_region(OMEGA, DEVICE, [], T), "at least one band"),
-        (lambda: qualifying_region(OMEGA[1:], DEVICE, BANDS, T), "a band and omega differ in length"),
-        (lambda: qualifying_region([0.0, 1.0], DEVICE, BANDS, T), "strictly between 0 and Nyquist"),
-        (lambda: Band(Environment(1.0, 1.0), [2.0, 3.0], [3.0, 2.0]), "at position 1.*Corner curves cross"),
-        (lambda: Band(Environment(1.0, 1.0), [np.nan], [3.0]), "at position 0"),
-        (lambda: Band(Environment(1.0, 1.0), [1.0, 2.0], [3.0]), "two arrays of one length"),
-        (lambda: Band(Environment([1.0, 2.0], 1.0), [1.0], [3.0]), "for one environment"),
+        (lambda: qualifying_region(OMEGA, DEVICE, [], T), "at least one boundary"),
+        (
+            lambda: qualifying_region(OMEGA[1:], DEVICE, BOUNDARIES, T),
+            "a boundary and omega differ in length",
+        ),
+        (lambda: qualifying_region(OMEGA, Device(1.0, [1.0, 2.0]), BOUNDARIES, T), "one device"),
+        (lambda: qualifying_region([0.0, 1.0], DEVICE, BOUNDARIES, T), "strictly between 0 and Nyquist"),
+        (
+            lambda: EnvironmentBoundary(Environment(1.0, 1.0), [2.0, 3.0], [3.0, 2.0]),
+            "at position 1.*Corner curves cross",
+        ),
+        (lambda: EnvironmentBoundary(Environment(1.0, 1.0), [np.nan], [3.0]), "at position 0"),
+        (lambda: EnvironmentBoundary(Environment(1.0, 1.0), [1.0, 2.0], [3.0]), "two arrays of one length"),
+        (lambda: EnvironmentBoundary(Environment([1.0, 2.0], 1.0), [1.0], [3.0]), "for one environment"),
     ],
 )
 def test_wrong_arguments_are_refused(call, message):
