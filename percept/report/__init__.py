@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from percept.report.document import build_document
+from percept.report.fit import write_fit
 from percept.report.plain import dumps
 from percept.report.write import write_report
 
-__all__ = ["build_document", "dumps", "write_report"]
+__all__ = ["build_document", "dumps", "write_fit", "write_report"]

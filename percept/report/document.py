@@ -26,7 +26,7 @@ _CELL = ("environment", "parameter", "reference", "n", "mean", "sd", "unit")
 UNITS = {"k": "N/m", "b": "N·s/m"}
 
 
-def build_document(study: Study, *, seed: int | None = None) -> dict[str, Any]:
+def build_document(study: Study, *, seed: int | None = None, curves: bool = True) -> dict[str, Any]:
     """Build the document that the page, the tables and the figures are made from.
 
     Parameters
@@ -35,6 +35,8 @@ def build_document(study: Study, *, seed: int | None = None) -> dict[str, Any]:
         What it has not computed yet is computed now.
     seed : int, optional
         The seed that was used, where it is not the scene's.
+    curves : bool
+        Whether boundaries, and the coupling judged by them, are wanted; without them they are absent.
 
     Returns
     -------
@@ -43,7 +45,7 @@ def build_document(study: Study, *, seed: int | None = None) -> dict[str, Any]:
         ``comparison``, ``diagnostics``, ``skipped``: JSON values only (see `percept.report.plain`), in the
         units of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
-    boundaries = [_boundary(boundary) for boundary in study.boundaries]
+    boundaries = [_boundary(boundary) for boundary in study.boundaries] if curves else []
     return {
         "schema": SCHEMA,
         "provenance": _provenance(study, seed),
@@ -51,7 +53,7 @@ def build_document(study: Study, *, seed: int | None = None) -> dict[str, Any]:
         "zoom": zoom_windows(study.scene, [row["environment"] for row in boundaries]),
         "intervals": plain(study.intervals),
         "boundaries": boundaries,
-        "coupling": plain(study.coupling),
+        "coupling": plain(study.coupling) if curves else None,
         "band": plain(study.band),
         "comparison": plain(study.comparison),
         "diagnostics": plain(study.diagnostics),

@@ -1,0 +1,82 @@
+"""The command line: parse, call, print. Each command is a module of `percept.commands`."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from percept import __version__
+from percept.errors import PerceptError
+
+__all__ = ["COMMANDS", "build_parser", "main"]
+
+#: Commands, in the order of an analyst's work.
+COMMANDS = ("report", "fit", "validate", "simulate")
+
+_EXAMPLE = """example:
+  percept report sessions/ --scene scene.toml --out results
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Build the parser with all commands; imports nothing but argparse.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+    """
+    parser = argparse.ArgumentParser(
+        prog="percept",
+        description="Realistic performance boundaries of haptic systems, classical and Bayesian side by side.",
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"percept {__version__}")
+    parser.add_argument("--debug", action="store_true", help="show a traceback with an error")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        module = importlib.import_module(f"percept.commands.{name}")
+        command = commands.add_parser(
+            name,
+            help=module.HELP,
+            description=module.__doc__,
+            epilog=f"example:\n  {module.EXAMPLE}\n",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Command line without the program's name; `sys.argv` by default.
+
+    Returns
+    -------
+    int
+        0 done; 1 the analysis refuses; 2 wrong usage or unreadable input; 130 interrupted.
+    """
+    parsed = build_parser().parse_args(arguments)
+    try:
+        return int(parsed.run(parsed))
+    except PerceptError as error:
+        if parsed.debug:
+            raise
+        print(f"percept: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("percept: interrupted.", file=sys.stderr)
+        return 130
+    except OSError as error:
+        if parsed.debug:
+            raise
+        place = f"{error.filename}: " if error.filename else ""
+        print(f"percept: {place}{error.strerror or error}.", file=sys.stderr)
+        return 2

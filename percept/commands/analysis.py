@@ -1,0 +1,62 @@
+"""What every command that analyses sessions shares: its arguments, and the study they describe."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from percept.commands.progress import SamplerProgress
+    from percept.study import Study
+
+__all__ = ["add_analysis_arguments", "open_study"]
+
+
+def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add session files, scene and the settings of `[inference]` that have a flag."""
+    parser.add_argument("sessions", nargs="+", metavar="PATH", help="session files or folders, or a published summary")
+    parser.add_argument("--scene", metavar="FILE", help="TOML file that says what to analyse")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the sampler")
+    parser.add_argument("--tolerance", type=float, metavar="X", help="Monte Carlo error over half-width (0.01)")
+    parser.add_argument("--level", type=float, metavar="X", help="confidence or credibility (0.99)")
+    parser.add_argument("--family", choices=("lognormal", "normal"), help="scale of the hierarchical model")
+    parser.add_argument("--method", choices=("both", "classical", "bayesian"), help="which method to run")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None = None) -> Study:
+    """Read the sessions and the scene, and put them together.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        As `add_analysis_arguments` parses them.
+    progress : SamplerProgress, optional
+        Told the state of the sampler.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    UsageError
+        Unreadable input or a wrong setting.
+    """
+    from percept.scene import Scene
+    from percept.sessions import ReadOptions, read_sessions
+    from percept.study import Study
+
+    scene = Scene.load(arguments.scene) if arguments.scene else Scene()
+    scene = scene.with_inference(
+        seed=arguments.seed,
+        tolerance=arguments.tolerance,
+        level=arguments.level,
+        family=arguments.family,
+        method=arguments.method,
+    )
+    options = ReadOptions.from_mapping(
+        {"columns": scene.columns, "sessions": scene.sessions, "environments": scene.environments}
+    )
+    sessions = read_sessions(*arguments.sessions, options=options)
+    return Study(sessions, scene, progress=progress)

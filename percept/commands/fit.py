@@ -1,0 +1,36 @@
+"""Fit the model and write the intervals: fit.json (in report.json's schema) and the posterior."""
+
+from __future__ import annotations
+
+import argparse
+
+from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.progress import SamplerProgress
+
+HELP = "fit the model and write its intervals"
+EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_analysis_arguments(parser)
+    parser.add_argument("--out", default="fit", metavar="DIR", help="folder to write into (fit)")
+    parser.add_argument("--json", action="store_true", help="print the intervals as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fit, write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
+    from percept.report import write_fit
+
+    with SamplerProgress(shown=not arguments.quiet) as progress:
+        study = open_study(arguments, progress)
+        path = write_fit(study, arguments.out)
+    if arguments.json:
+        print(path.read_text(encoding="utf-8"))
+        return 0
+    columns = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
+    print(study.intervals[columns].to_string(index=False, float_format="{:.6g}".format))
+    if study.fit is not None and not study.fit.run.gate.passed:
+        print("The Bayesian intervals are withheld: " + " ".join(study.fit.run.gate.reasons))
+    print(path)
+    return 0

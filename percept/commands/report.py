@@ -1,0 +1,27 @@
+"""Analyse sessions and write the report: page, report.json, tables, figures and posterior."""
+
+from __future__ import annotations
+
+import argparse
+
+from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.progress import SamplerProgress
+
+HELP = "analyse sessions and write the report"
+EXAMPLE = "percept report sessions/ --scene scene.toml --out results"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_analysis_arguments(parser)
+    parser.add_argument("--out", default="report", metavar="DIR", help="folder to write into (report)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the report; the last line printed is the page's path."""
+    from percept.report import write_report
+
+    with SamplerProgress(shown=not arguments.quiet) as progress:
+        page = write_report(open_study(arguments, progress), arguments.out)
+    print(page)
+    return 0

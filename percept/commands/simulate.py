@@ -1,0 +1,25 @@
+"""Simulate sessions whose t-intervals print as a published table's limits."""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = "simulate sessions like a published table"
+EXAMPLE = "percept simulate --like datasets/hbfd_table1.csv --seed 1 --out sessions.csv"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument("--like", required=True, metavar="FILE", help="published limits to reproduce")
+    parser.add_argument("--seed", type=int, required=True, metavar="N", help="seed of the simulation")
+    parser.add_argument("--subjects", type=int, metavar="N", help="subjects (the table's own n)")
+    parser.add_argument("--out", required=True, metavar="FILE", help="CSV file to write")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate and write; prints the path."""
+    from percept.simulate import simulate_like_csv, write_sessions
+
+    table = simulate_like_csv(arguments.like, seed=arguments.seed, subjects=arguments.subjects)
+    print(write_sessions(table, arguments.out))
+    return 0

@@ -1,0 +1,35 @@
+"""Read session files and say what was read, every notice and every problem; analyse nothing."""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = "check session files"
+EXAMPLE = "percept validate sessions/ --scene scene.toml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument("sessions", nargs="+", metavar="PATH", help="session files or folders")
+    parser.add_argument("--scene", metavar="FILE", help="TOML file with [columns], [sessions], [environments]")
+    parser.add_argument("--json", action="store_true", help="print as JSON")
+    parser.add_argument(
+        "--write-map", action="store_true", help="propose a [columns] table for files that are not understood"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Validate; the exit code is 0 without problems, otherwise the problems' own."""
+    from percept.scene import Scene
+    from percept.sessions import ReadOptions, format_validation, propose_columns, validate
+
+    if arguments.write_map:
+        print(propose_columns(*arguments.sessions))
+        return 0
+    scene = Scene.load(arguments.scene) if arguments.scene else Scene()
+    options = ReadOptions.from_mapping(
+        {"columns": scene.columns, "sessions": scene.sessions, "environments": scene.environments}
+    )
+    found = validate(*arguments.sessions, options=options)
+    print(found.to_json() if arguments.json else format_validation(found))
+    return found.exit_code
