@@ -3,6 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 from percept.errors import UsageError
 from percept.haptics import (
@@ -19,7 +20,7 @@ DEVICE = Device(1.0, 5.0)
 
 
 def quartic(omega, device, centre, shape, radius, period):
-    """Distances of the stationary points on the edge, and whether the origin is inside; 60 digits.
+    """Nearest and farthest stationary point, whether the origin is inside, and the terms' size; 60 digits.
 
     With u = e^{iφ} the derivative of |c + M(cos φ, sin φ)|² is a polynomial of degree four in u.
     """
@@ -62,7 +63,9 @@ def quartic(omega, device, centre, shape, radius, period):
                 )
         u1 = -c[1] / rows[1][0]
         u2 = (-c[0] - rows[0][0] * u1) / rows[0][1]
-        size = mpmath.hypot(abs(c[0]) + g11**0.5, abs(c[1]) + g22**0.5)
+        # Everything that is added up to a distance: what the inputs' own rounding is relative to.
+        size = y * (abs(b) + b_d + m * rate**2 * t / 2 + r * mpmath.sqrt(bb))
+        size += y * ((abs(k) + r * mpmath.sqrt(kk)) / rate + rate * (m + b_d * t / 2))
         return min(distances), max(distances), u1**2 + u2**2 <= 1, size
 
 
@@ -94,14 +97,15 @@ def test_ends_are_the_stationary_points_on_the_edge():
         lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, radius, period)
         nearest, farthest, holds_origin, size = quartic(omega, device, centre, shape, radius, period)
         inside += bool(holds_origin)
-        assert upper == pytest.approx(float(farthest), rel=1e-13)
+        condition = max(1.0, float(size / farthest))
+        assert upper == pytest.approx(float(farthest), rel=1e-13 * condition)
         if holds_origin:
             assert lower == 0
         else:
-            # The shape's own conditioning: its smaller axis is known to eps/(1 − ρ²).
+            # The shorter axis of the shape is known to eps/√(1 − ρ²) only.
             correlation = shape[0][1] / np.sqrt(shape[0][0] * shape[1][1])
-            slack = 1e-14 * float(size) / max(1 - correlation**2, 1e-16) ** 0.5
-            assert lower == pytest.approx(float(nearest), rel=1e-12, abs=slack)
+            condition = max(1.0, float(size / nearest) / np.sqrt(max(1 - correlation**2, 1e-16)))
+            assert lower == pytest.approx(float(nearest), rel=1e-13 * condition)
     assert inside >= 5
 
 
@@ -260,6 +264,34 @@ def test_log_ellipse_against_its_curve_and_its_inside():
         else:
             assert lower == pytest.approx(edge.min(), rel=1e-3)
     assert held >= 5
+
+
+def test_log_ellipse_finds_the_extreme_to_every_digit():
+    rng = np.random.default_rng(14)
+    for _ in range(15):
+        omega, device = 10 ** rng.uniform(-1, 3), Device(*10 ** rng.uniform([-2, -2], [1, 1]))
+        centre, sd = rng.uniform([0, -2], [10, 4]), rng.uniform(0.05, 1.2, 2)
+        shape = np.diag(sd**2)
+
+        def distance(angle, centre=centre, sd=sd, omega=omega, device=device):
+            k, b = np.exp(centre + 1.5 * sd * np.array([np.cos(angle), np.sin(angle)]))
+            return float(perceived_magnitude(omega, device, k, b, T))
+
+        angles = np.linspace(0, 2 * np.pi, 2001)
+        seen = np.array([distance(angle) for angle in angles])
+        lower, upper = magnitude_envelope_log_ellipse(omega, device, centre, shape, 1.5, T)
+        for value, sign in ((lower, 1), (upper, -1)):
+            if value == 0:
+                continue
+            best = angles[np.argmin(sign * seen)]
+            bounds = best - angles[1], best + angles[1]
+            found = minimize_scalar(
+                lambda angle, sign=sign: sign * distance(angle),
+                bounds=bounds,
+                method="bounded",
+                options={"xatol": 1e-10},
+            )
+            assert value == pytest.approx(abs(found.fun), rel=1e-12)
 
 
 def test_small_log_ellipse_is_an_ellipse():
