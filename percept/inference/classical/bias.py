@@ -34,6 +34,8 @@ class Bias:
         ``"normal"``: mean over reference; ``"lognormal"``: geometric mean over reference.
     n : int or ndarray of int
         Subjects.
+    approximate : bool
+        True where normal summaries were turned into lognormal ones by moment matching.
     """
 
     ratio: FloatOrArray
@@ -42,6 +44,7 @@ class Bias:
     level: float
     family: Parametric
     n: int | NDArray[np.int64]
+    approximate: bool = False
 
     @property
     def holds_reference(self) -> bool | NDArray[np.bool_]:
@@ -136,6 +139,7 @@ def bias(
         level=float(level),
         family=family,
         n=interval.n,
+        approximate=interval.approximate,
     )
 
 

@@ -101,7 +101,12 @@ class Moments:
             As `percept.inference.classical.checks.sample`.
         """
         samples = sample(values, axis=axis, positive=log)
-        mean, sd = mean_and_sd(np.log(samples) if log else samples)
+        if log:
+            first = samples[..., :1]
+            beyond, sd = mean_and_sd(_log_ratios(samples, first))
+            mean = np.log(first[..., 0]) + beyond
+        else:
+            mean, sd = mean_and_sd(samples)
         return cls(mean, sd, samples.shape[-1], scale="log" if log else "linear", repeats=repeats)
 
     @classmethod
@@ -193,11 +198,12 @@ class Moments:
         y = np.log(y) if log else y
         share = w / math.fsum(w)
         # from an element of the sample, so that an offset cannot cancel
-        mean = float(y[0]) + math.fsum(share * (y - y[0]))
-        scatter = math.fsum(share * (y - mean) ** 2)
+        beyond = y - y[0]
+        shift = math.fsum(share * beyond)
+        scatter = math.fsum(share * (beyond - shift) ** 2)
         n = y.size
         return cls(
-            mean,
+            float(y[0]) + shift,
             math.sqrt(scatter * n / (n - 1)),
             n,
             scale="log" if log else "linear",
@@ -271,6 +277,13 @@ def mean_and_sd(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 def plain(values: NDArray[np.float64]) -> FloatOrArray:
     """Return a float for an array of no dimensions, else the array."""
     return float(values) if values.ndim == 0 else values
+
+
+def _log_ratios(values: NDArray[np.float64], first: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return log(values/first), with the digits of values that hardly differ."""
+    near = (values > 0.5 * first) & (values < 2.0 * first)
+    close = np.log1p(np.divide(values - first, first, out=np.zeros_like(values), where=near))
+    return np.where(near, close, np.log(values) - np.log(first))
 
 
 def _by_pairs(

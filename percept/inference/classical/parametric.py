@@ -70,7 +70,22 @@ def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) ->
 
 
 def mean_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
-    """Work out Eq. 15: mean ± t·SD/√n."""
+    """Work out Eq. 15: mean ± t·SD/√n.
+
+    Parameters
+    ----------
+    x : array_like or Moments
+        As `family_moments`.
+    claim : Claim
+        Level, family, joint treatment, side.
+    axis : int
+        Which axis of values runs over subjects.
+
+    Returns
+    -------
+    Interval
+        Of kind ``"mean"``.
+    """
     moments, approximate = family_moments(x, claim.family, axis=axis)
     n = np.asarray(moments.n)
     t = t_upper(claim.tail() / claim.tails, n - 1)
@@ -81,7 +96,22 @@ def mean_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> In
 
 
 def user_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
-    """Work out the prediction interval: mean ± t·SD·√(1 + 1/n)."""
+    """Work out the prediction interval: mean ± t·SD·√(1 + 1/n).
+
+    Parameters
+    ----------
+    x : array_like or Moments
+        As `family_moments`.
+    claim : Claim
+        Level, family, joint treatment, side.
+    axis : int
+        Which axis of values runs over subjects.
+
+    Returns
+    -------
+    Interval
+        Of kind ``"user"``.
+    """
     moments, approximate = family_moments(x, claim.family, axis=axis)
     refuse_weights(moments)
     n = np.asarray(moments.n)
@@ -90,7 +120,22 @@ def user_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> In
 
 
 def share_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
-    """Work out the tolerance interval: mean ± factor·SD."""
+    """Work out the tolerance interval: mean ± factor·SD.
+
+    Parameters
+    ----------
+    x : array_like or Moments
+        As `family_moments`.
+    claim : Claim
+        Share, confidence, family, joint treatment, side.
+    axis : int
+        Which axis of values runs over subjects.
+
+    Returns
+    -------
+    Interval
+        Of kind ``"share"``.
+    """
     moments, approximate = family_moments(x, claim.family, axis=axis)
     refuse_weights(moments)
     factor = tolerance_factor(

@@ -123,10 +123,16 @@ def _per_distinct(
     share: ArrayLike | OneMinus,
     confidence: ArrayLike | OneMinus,
 ) -> FloatOrArray:
-    count, outside, doubt = subject_counts(n), tail(share, "share"), tail(confidence, "confidence")
-    requests = fitted("n, share and confidence", count, outside, doubt)
-    rows = np.stack([part.reshape(-1) for part in requests])
-    distinct, where = np.unique(rows, axis=1, return_inverse=True)
+    asked = subject_counts(n), tail(share, "share"), tail(confidence, "confidence")
+    requests = fitted("n, share and confidence", *asked)
+    # one number per combination of distinct values: sorting numbers is far quicker than sorting triples
+    code = np.zeros(requests[0].shape, dtype=np.int64)
+    for part in asked:
+        if part.size > 1:
+            values, index = np.unique(part, return_inverse=True)
+            code = code * values.size + index.reshape(part.shape)
+    _, first, where = np.unique(code, return_index=True, return_inverse=True)
+    distinct = np.stack([part.reshape(-1)[first] for part in requests])
     blocks = [distinct[:, start : start + _BLOCK] for start in range(0, distinct.shape[1], _BLOCK)]
     factors = np.concatenate([factor(*block) for block in blocks])
     return plain(factors[where.reshape(-1)].reshape(requests[0].shape))

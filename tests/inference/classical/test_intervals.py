@@ -3,6 +3,8 @@ import itertools
 import mpmath as mp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
 from percept.errors import RefusalError, UsageError
@@ -79,7 +81,7 @@ def test_lognormal_is_normal_on_the_log(make):
         (np.exp(log.lower), np.exp(log.upper)), rel=1e-14
     )
     assert interval.estimate == pytest.approx(stats.gmean(X), rel=1e-14)
-    assert interval.mean == log.mean
+    assert interval.mean == pytest.approx(log.mean, rel=1e-15)
 
 
 @pytest.mark.parametrize("make", KINDS)
@@ -216,3 +218,23 @@ def test_the_row_of_a_table():
     page = t_interval(X, unit="N/m")._repr_html_()
     assert "64.7 %" in page
     assert "<td>10</td>" in page
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.integers(-1000, 1000), min_size=2, max_size=12).filter(lambda values: len(set(values)) > 1),
+    st.integers(-60, 60),
+    st.integers(-(10**6), 10**6),
+)
+def test_a_change_of_unit_and_origin_changes_nothing_else(values, power, origin):
+    x = np.array(values, dtype=float)
+    for make in KINDS:
+        plain = make(x)
+        scaled = make(x * 2.0**power)
+        shifted = make(x + origin)
+        turned = make(-x)
+        assert scaled.lower == plain.lower * 2.0**power
+        assert shifted.sd == plain.sd
+        assert (turned.lower, turned.upper) == (-plain.upper, -plain.lower)
+        assert plain.lower < plain.mean < plain.upper
+    assert t_interval(x).upper < prediction_interval(x).upper

@@ -127,3 +127,22 @@ def test_what_is_wrong_is_said(call, error, message):
 def test_decimals_and_integers_are_numbers():
     assert Moments.from_values([Decimal("1.5"), Decimal("2.5")]).mean == 2.0
     assert Moments.from_values(np.array([1, 3])).mean == 2.0
+
+
+def test_logarithms_keep_the_digits_of_values_that_hardly_differ():
+    x = 1e15 + np.array([0.0, 1.0, 3.0, 2.0, 7.0])
+    moments = Moments.from_values(x, log=True)
+    with mp.workdps(40):
+        logs = [mp.log(mp.mpf(float(v))) for v in x]
+        mean = sum(logs) / 5
+        sd = mp.sqrt(sum((v - mean) ** 2 for v in logs) / 4)
+        assert moments.mean == pytest.approx(float(mean), rel=1e-15)
+        assert moments.sd == pytest.approx(float(sd), rel=1e-14)
+    wide = Moments.from_values([1e-300, 1e300, 1.0], log=True)
+    assert wide.sd == pytest.approx(300 * np.log(10.0), rel=1e-14)
+
+
+def test_a_weighted_sd_does_not_mind_an_offset():
+    x, weights = np.array([0.0, 8.0, 16.0, 40.0]), [1.0, 2.0, 3.0, 4.0]
+    near, far = Moments.from_weighted(x, weights), Moments.from_weighted(x + 1e15, weights)
+    assert far.sd == pytest.approx(near.sd, rel=1e-14)
