@@ -29,7 +29,7 @@ def build_parser() -> argparse.ArgumentParser:
     """
     parser = argparse.ArgumentParser(
         prog="percept",
-        description="Realistic performance boundaries of haptic systems, classical and Bayesian side by side.",
+        description="Realistic performance boundaries of haptic systems, classical and Bayesian.",
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

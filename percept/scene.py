@@ -185,14 +185,16 @@ class Scene(_Table):
             place = ".".join(str(part) for part in first["loc"]) or None
             message = first["msg"].removeprefix("Value error, ")
             value = None if isinstance(first["input"], dict) else first["input"]
-            raise UsageError(f"{message[:1].lower()}{message[1:]}.", file=file, column=place, value=value) from error
+            raise UsageError(
+                f"{message[:1].lower()}{message[1:]}.", file=file, column=place, value=value
+            ) from error
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain nested tables, without those that are empty or None."""
         return self.model_dump(mode="json", exclude_none=True)
 
     def with_inference(self, **changes: Any) -> Scene:
-        """Return a copy with some keys of `[inference]` replaced, checked again; None leaves a key as it is."""
+        """Return a copy with keys of `[inference]` replaced and checked; None leaves a key as it is."""
         kept = {key: value for key, value in changes.items() if value is not None}
         tables = self.model_dump(exclude_none=True)
         tables["inference"] = {**tables["inference"], **kept}

@@ -96,9 +96,7 @@ def environment_magnitude_range(
     return math.hypot(*near), math.hypot(*far)
 
 
-def power_law(
-    method: str, kind: str, family: str, impedance: Array, band: Array, *, level: float
-) -> BandLaw:
+def power_law(method: str, kind: str, family: str, impedance: Array, band: Array, *, level: float) -> BandLaw:
     """Fit band = w |Z|^p by least squares on the logarithms.
 
     Parameters
@@ -132,7 +130,9 @@ def power_law(
     exponent_error = reach * math.sqrt(variance / float(centred @ centred))
     # The weight is the band at 1 N·s/m: extrapolated from the mean of log|Z|.
     at_one = intercept - exponent * float(x.mean())
-    weight_error = reach * math.sqrt(variance * (1.0 / count + float(x.mean()) ** 2 / float(centred @ centred)))
+    weight_error = reach * math.sqrt(
+        variance * (1.0 / count + float(x.mean()) ** 2 / float(centred @ centred))
+    )
     p = Estimate(exponent, exponent - exponent_error, exponent + exponent_error)
     w = Estimate(math.exp(at_one), math.exp(at_one - weight_error), math.exp(at_one + weight_error))
     return BandLaw(method, kind, family, "power", {"w": w, "p": p}, level, _sentence(p))
@@ -140,6 +140,9 @@ def power_law(
 
 def _sentence(p: Estimate) -> str:
     if p.lower <= 1.0 <= p.upper:
-        return "The exponent's interval holds 1: a band proportional to the impedance (Weber's law) is not ruled out."
+        return (
+            "The exponent's interval holds 1: a band proportional to the impedance (Weber's law) "
+            "is not ruled out."
+        )
     growing = "faster" if p.lower > 1.0 else "slower"
     return f"The band grows {growing} than the impedance: the exponent's interval does not hold 1."

@@ -59,7 +59,9 @@ def pointwise_band(
     """
     tail = 0.5 * (1.0 - level)
     parts = [
-        np.quantile(_magnitudes(omega[block], device, stiffness, damping, period, hold), [tail, 1.0 - tail], axis=1)
+        np.quantile(
+            _magnitudes(omega[block], device, stiffness, damping, period, hold), [tail, 1.0 - tail], axis=1
+        )
         for block in _blocks(omega, stiffness.size)
     ]
     lower, upper = np.concatenate(parts, axis=1)

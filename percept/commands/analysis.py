@@ -14,10 +14,14 @@ __all__ = ["add_analysis_arguments", "open_study"]
 
 def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
     """Add session files, scene and the settings of `[inference]` that have a flag."""
-    parser.add_argument("sessions", nargs="+", metavar="PATH", help="session files or folders, or a published summary")
+    parser.add_argument(
+        "sessions", nargs="+", metavar="PATH", help="session files or folders, or a published summary"
+    )
     parser.add_argument("--scene", metavar="FILE", help="TOML file that says what to analyse")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sampler")
-    parser.add_argument("--tolerance", type=float, metavar="X", help="Monte Carlo error over half-width (0.01)")
+    parser.add_argument(
+        "--tolerance", type=float, metavar="X", help="Monte Carlo error over half-width (0.01)"
+    )
     parser.add_argument("--level", type=float, metavar="X", help="confidence or credibility (0.99)")
     parser.add_argument("--family", choices=("lognormal", "normal"), help="scale of the hierarchical model")
     parser.add_argument("--method", choices=("both", "classical", "bayesian"), help="which method to run")

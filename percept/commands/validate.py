@@ -11,7 +11,9 @@ EXAMPLE = "percept validate sessions/ --scene scene.toml"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("sessions", nargs="+", metavar="PATH", help="session files or folders")
-    parser.add_argument("--scene", metavar="FILE", help="TOML file with [columns], [sessions], [environments]")
+    parser.add_argument(
+        "--scene", metavar="FILE", help="TOML file with [columns], [sessions], [environments]"
+    )
     parser.add_argument("--json", action="store_true", help="print as JSON")
     parser.add_argument(
         "--write-map", action="store_true", help="propose a [columns] table for files that are not understood"

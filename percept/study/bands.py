@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from percept.boundary.band import BandStudy, environment_magnitude_range, power_law
+from percept.study.cells import both_limits
 
 __all__ = ["band_study"]
 
@@ -31,14 +32,12 @@ def band_study(intervals: pd.DataFrame, *, omega: float, level: float) -> BandSt
     for (environment, method, kind, family), cell in marginal.groupby(
         ["environment", "method", "kind", "family"], sort=False
     ):
-        limits = cell.set_index("parameter")
-        if not {"k", "b"} <= set(limits.index):
+        found = both_limits(cell)
+        if found is None:
             continue
-        stiffness, damping = (
-            (float(limits.loc[p, "lower"]), float(limits.loc[p, "upper"])) for p in ("k", "b")
-        )
-        lower, upper = environment_magnitude_range(omega, stiffness, damping)
-        impedance = float(np.hypot(limits.loc["b", "reference"], limits.loc["k", "reference"] / omega))
+        lower, upper = environment_magnitude_range(omega, *found)
+        k_ref, b_ref = (float(cell.loc[cell["parameter"] == p, "reference"].iloc[0]) for p in ("k", "b"))
+        impedance = float(np.hypot(b_ref, k_ref / omega))
         rows.append(
             {
                 "environment": environment,
@@ -54,7 +53,14 @@ def band_study(intervals: pd.DataFrame, *, omega: float, level: float) -> BandSt
         )
     table = pd.DataFrame(rows)
     laws = [
-        power_law(str(method), str(kind), str(family), part["impedance"].to_numpy(), part["band"].to_numpy(), level=level)
+        power_law(
+            str(method),
+            str(kind),
+            str(family),
+            part["impedance"].to_numpy(),
+            part["band"].to_numpy(),
+            level=level,
+        )
         for (method, kind, family), part in table.groupby(["method", "kind", "family"], sort=False)
         if len(part) >= 3
     ]

@@ -119,9 +119,7 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
     return Prepared(Pooled(density), data.scale, counts, statistics.repeats, data)
 
 
-def fit(
-    prepared: Prepared, scene: Scene, *, progress: Callable[[Progress], None] | None = None
-) -> Fit:
+def fit(prepared: Prepared, scene: Scene, *, progress: Callable[[Progress], None] | None = None) -> Fit:
     """Sample a prepared model to the scene's tolerance.
 
     Parameters
@@ -151,7 +149,7 @@ def fit(
     run = sample(prepared.model, estimands, settings, progress=progress)
     laws = Laws.unpack(run.components.reshape(-1, run.components.shape[-1]))
     native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
-    limits = {kind: (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)}
+    limits = {str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)}
     return Fit(prepared, run, limits, prepared.scale.native(laws.mean.mean(axis=0)))
 
 
@@ -168,9 +166,7 @@ def _priors(scene: Scene) -> Priors:
 
 def _options(scene: Scene) -> Options:
     model = scene.model
-    return Options(
-        subject_effect=model.subject_effect, weber=model.weber, common_spread=model.common_spread
-    )
+    return Options(subject_effect=model.subject_effect, weber=model.weber, common_spread=model.common_spread)
 
 
 def _resolution(statistics: Statistics, scene: Scene, data: Trials) -> Resolution:
@@ -186,7 +182,11 @@ def _resolution(statistics: Statistics, scene: Scene, data: Trials) -> Resolutio
         _refuse_still(statistics, parameter, still, "no subject's trials differ")
     if not steps:
         return Resolution()
-    unit = data.reference if scene.inference.family == "lognormal" else data.scale.unit.reshape(data.reference.shape)
+    unit = (
+        data.reference
+        if scene.inference.family == "lognormal"
+        else data.scale.unit.reshape(data.reference.shape)
+    )
     size = np.array([steps.get(p, 0.0) for p in statistics.parameters])  # type: ignore[call-overload]
     variance = (size[:, None] / unit) ** 2 / 12.0
     return Resolution(between=variance, trial=variance)
@@ -204,7 +204,7 @@ def _refuse_still(statistics: Statistics, parameter: str, still: NDArray[np.intp
 
 
 def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
-    """Published limits: a model of each parameter by itself, since limits hold no correlation."""
+    """Model each parameter of published limits by itself: limits hold no correlation."""
     environments = sessions.environments
     reference = references(sessions, parameters, environments)
     x = decades(reference)
@@ -239,7 +239,8 @@ def _published(moments: Moments | None, parameter: str, environment: str) -> Mom
         )
     if float(moments.sd) == 0:
         raise RefusalError(
-            f"the published limits of {NAMES[parameter]} in {environment} coincide: zero scatter has no proper posterior."
+            f"the published limits of {NAMES[parameter]} in {environment} coincide: "
+            "zero scatter has no proper posterior."
         )
     return moments
 

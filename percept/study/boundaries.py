@@ -12,6 +12,7 @@ from percept import haptics
 from percept.boundary.draws import pointwise_band, simultaneous_band
 from percept.boundary.records import Boundary, Shape
 from percept.haptics import AnyDevice, Coupling, Environment
+from percept.study.cells import both_limits
 
 __all__ = ["Bench", "draw_boundaries", "region_boundaries"]
 
@@ -73,7 +74,7 @@ class Bench:
     ) -> Boundary:
         """Put curves together with the environment's reference and coupled curves."""
         reference = self.curve(environment, coupled=False)
-        assert reference is not None  # noqa: S101
+        assert reference is not None
         return Boundary(
             environment=environment,
             shape=shape,
@@ -103,18 +104,13 @@ def region_boundaries(bench: Bench, intervals: pd.DataFrame) -> Iterator[Boundar
     """
     keys = ["environment", "kind", "method", "family", "joint"]
     for found, rows in intervals.groupby(keys, sort=False):
-        limits = rows.set_index("parameter")
-        if not {"k", "b"} <= set(limits.index):
+        limits = both_limits(rows)
+        if limits is None:
             continue
-        stiffness, damping = (
-            (float(limits.loc[p, "lower"]), float(limits.loc[p, "upper"])) for p in ("k", "b")
-        )
         environment, kind, method, family, joint = (str(part) for part in found)
-        level = float(limits.loc["k", "level"])
+        level = float(rows["level"].iloc[0])
         for shape, curves in (("corner", haptics.corner_curves), ("envelope", haptics.magnitude_envelope)):
-            lower, upper = curves(
-                bench.omega, bench.device, stiffness, damping, bench.period, hold=bench.hold
-            )
+            lower, upper = curves(bench.omega, bench.device, *limits, bench.period, hold=bench.hold)
             yield bench.boundary(
                 environment,
                 lower,

@@ -66,7 +66,9 @@ def _moments(sessions: Sessions, table: pd.DataFrame, parameter: str, family: st
     return subject_means(adjusted, values["subject"].to_numpy(), family=family).moments()  # type: ignore[arg-type]
 
 
-def cell_interval(moments: Moments, kind: str, family: str, scene: Scene, parameter: str, joint: str) -> Interval:
+def cell_interval(
+    moments: Moments, kind: str, family: str, scene: Scene, parameter: str, joint: str
+) -> Interval:
     """Interval of one kind from moments, in N/m or N·s/m.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Verdicts on the device and its virtual coupling: stability, and what the coupling shows of each environment."""
+"""Verdicts on the device and its virtual coupling: stability, and realism per environment."""
 
 from __future__ import annotations
 

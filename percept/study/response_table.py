@@ -35,7 +35,9 @@ def read_response(path: str) -> TabulatedDevice:
         raise UsageError(f"cannot be read: {error}.", file=path) from error
     missing = [name for name in _COLUMNS if name not in table.columns]
     if missing:
-        raise UsageError(f"the column is missing; there are {', '.join(table.columns)}.", file=path, column=missing[0])
+        raise UsageError(
+            f"the column is missing; there are {', '.join(table.columns)}.", file=path, column=missing[0]
+        )
     return TabulatedDevice(
         omega=table["omega"].to_numpy(dtype=float),
         impedance=table["real"].to_numpy(dtype=float) + 1j * table["imaginary"].to_numpy(dtype=float),

@@ -78,7 +78,7 @@ class Trials:
 
 
 def references(sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]) -> Array:
-    """Reference of each parameter in each environment, shape (P, J), N/m or N·s/m."""
+    """Return the reference of each parameter in each environment, shape (P, J), N/m or N·s/m."""
     table = sessions.table
     if sessions.form == "summary":
         keyed = table.set_index(["parameter", "environment"])["reference"]
@@ -151,8 +151,10 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Tri
     )  # fmt: skip
 
 
-def _units(reference: Array, parameters: tuple[str, ...], environments: tuple[str, ...], scene: Scene) -> Array:
-    """What a response is measured in: the reference, or the scene's scale where a reference is zero."""
+def _units(
+    reference: Array, parameters: tuple[str, ...], environments: tuple[str, ...], scene: Scene
+) -> Array:
+    """Return the unit of a response: the reference, or the scene's scale where a reference is zero."""
     unit = reference.copy()
     for p, name in enumerate(parameters):
         if np.all(reference[p] > 0):
@@ -165,7 +167,7 @@ def _units(reference: Array, parameters: tuple[str, ...], environments: tuple[st
                 hint=f'Set family = "normal" and [model] scale.{name}, or analyse the other parameter '
                 f"alone with [inference] parameters.",
             )
-        unit[p] = scene.model.scale[name]  # type: ignore[index]
+        unit[p] = scene.model.scale[name]
     return unit
 
 

@@ -194,7 +194,8 @@ class Study:
             from percept.study.response_table import read_response
 
             return read_response(table.response)
-        assert table.mass is not None and table.damping is not None  # noqa: S101
+        assert table.mass is not None
+        assert table.damping is not None
         modes = tuple(haptics.Mode(m.mass, m.stiffness, m.damping) for m in table.modes)
         return haptics.Device(mass=table.mass, damping=table.damping, modes=modes)
 
@@ -215,7 +216,9 @@ class Study:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
         return self.boundaries_at(self.omega)
 
-    def boundaries_at(self, omega: Array, environments: tuple[str, ...] | None = None) -> tuple[Boundary, ...]:
+    def boundaries_at(
+        self, omega: Array, environments: tuple[str, ...] | None = None
+    ) -> tuple[Boundary, ...]:
         """Boundaries at frequencies of one's own.
 
         Parameters
@@ -247,7 +250,8 @@ class Study:
         from percept.study.boundaries import Bench
 
         table = self.scene.device
-        assert table is not None and self.device is not None  # noqa: S101
+        assert table is not None
+        assert self.device is not None
         environments = {
             e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
             for e in self.environments

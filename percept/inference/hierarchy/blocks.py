@@ -33,7 +33,7 @@ class Scalar:
         return Scalar(self.v[key])
 
     def __add__(self, other: Block) -> Scalar:
-        assert isinstance(other, Scalar)  # noqa: S101
+        assert isinstance(other, Scalar)
         return Scalar(self.v + other.v)
 
     def plus_diagonal(self, variances: Vector) -> Scalar:
@@ -85,7 +85,7 @@ class Pair:
         return Pair(self.v[key], self.g[key], self.w[key])
 
     def __add__(self, other: Block) -> Pair:
-        assert isinstance(other, Pair)  # noqa: S101
+        assert isinstance(other, Pair)
         return Pair(*_sum_of_two(self.v, self.g, self.w, other.v, other.g, other.w))
 
     def plus_diagonal(self, variances: Vector) -> Pair:

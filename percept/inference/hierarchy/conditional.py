@@ -61,8 +61,7 @@ class Conditional:
         self._on_latents, self._constant = on_latents, constant
         latents = self._solved.mean
         self.mean: Vector = tuple(
-            c + np.einsum("qjw,qw->jw", rows, latents)
-            for c, rows in zip(constant, on_latents, strict=True)
+            c + np.einsum("qjw,qw->jw", rows, latents) for c, rows in zip(constant, on_latents, strict=True)
         )
         spread = [self._solved.solve_transposed(rows) for rows in on_latents]
         self.covariance = _gram(spread) if self._own is None else _gram(spread) + self._own

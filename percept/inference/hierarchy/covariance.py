@@ -80,4 +80,4 @@ class SharedCovariance:
             np.einsum("nw,nw->w", flat, flat)
             for piece in pieces
             for flat in (component.reshape(-1, component.shape[-1]) for component in piece)
-        )  # type: ignore[return-value]
+        )

@@ -42,7 +42,10 @@ class IntervalEstimands:
         self.level, self.share, self.confidence = level, share, confidence
         self.cells = model.cells
         self.names = tuple(
-            f"{side} {kind} limit of {p} in {e}" for kind in kinds for side in ("lower", "upper") for p, e in self.cells
+            f"{side} {kind} limit of {p} in {e}"
+            for kind in kinds
+            for side in ("lower", "upper")
+            for p, e in self.cells
         )
 
     def components(self, points: Array) -> Array:
@@ -75,8 +78,8 @@ class IntervalEstimands:
         tail = 0.5 * (1.0 - self.level)
         lower = mixture_quantile(laws.mean, sd, tail, upper=False)
         upper = mixture_quantile(laws.mean, sd, tail, upper=True)
-        influence = [mixture_influence(laws.mean, sd, limit) for limit in (lower, upper)]
-        return lower, upper, np.concatenate(influence, axis=1)
+        pulls = [mixture_influence(laws.mean, sd, limit) for limit in (lower, upper)]
+        return lower, upper, np.concatenate(pulls, axis=1)
 
     def estimate(self, components: Array) -> Estimates:
         """All limits of all kinds asked for, their scale being the interval's half-width."""

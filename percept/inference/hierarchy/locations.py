@@ -9,7 +9,6 @@ fewer latents. With a single pattern alpha and ubar enter only as their sum, so 
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +124,8 @@ class LocationProblem:
     def _keeping_biases(self, scales: Scales, cells: list[Block]) -> Whitened:
         width = scales.log_prior.size
         tau = scales.tau
-        assert tau is not None and scales.shared is not None  # noqa: S101
+        assert tau is not None
+        assert scales.shared is not None
         columns = self._trend_columns((self._environments, width))
         for j in range(self._environments):
             at = (np.arange(self._environments) == j)[:, None]
@@ -156,7 +156,9 @@ class LocationProblem:
         rows = [[np.zeros((len(deviations), width))] for _ in columns]
         if scales.shared is not None and merge:
             subjects = self._patterns[0].subjects
-            prior = scales.shared.scaled(1.0 / subjects).plus_diagonal((self._alpha_sd**2,) * self._size)
+            prior = scales.shared.scaled(1.0 / subjects).plus_diagonal(
+                (np.array(self._alpha_sd**2),) * self._size
+            )
             columns[: self._size] = prior.factor_columns()
         elif scales.shared is not None:
             for g, pattern in enumerate(self._patterns):
@@ -167,7 +169,9 @@ class LocationProblem:
             np.concatenate([*_flatten([spread.whiten(column)]), *below])
             for column, below in zip(columns, rows, strict=True)
         ]
-        target = np.concatenate([*_flatten([spread.whiten(pooled.mean)]), np.reshape(deviations, (-1, width))])
+        target = np.concatenate(
+            [*_flatten([spread.whiten(pooled.mean)]), np.reshape(deviations, (-1, width))]
+        )
         log_determinant = pooled.log_determinant + spread.log_determinant().sum(axis=0)
         return Whitened(np.stack(design), target, log_determinant, columns, trend, pooled)
 

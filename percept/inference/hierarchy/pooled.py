@@ -42,9 +42,7 @@ class Pooled:
 
     def laws(self, points: Array) -> Laws:
         """Laws of beta and spread of the population at coordinates (W, d)."""
-        parts = [
-            self._laws(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)
-        ]
+        parts = [self._laws(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)]
         return Laws.unpack(np.concatenate(parts))
 
     def _laws(self, points: Array) -> Array:

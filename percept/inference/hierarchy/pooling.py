@@ -93,7 +93,7 @@ class Pooled:
             p.apply(tuple(v - o for v, o in zip(value, origin, strict=True)))
             for p, value in zip(precisions, values, strict=True)
         ]
-        shift = spread.apply(tuple(sum(parts) for parts in zip(*shifted, strict=True)))  # type: ignore[arg-type]
+        shift = spread.apply(tuple(sum(parts) for parts in zip(*shifted, strict=True)))
         return spread, tuple(o + s for o, s in zip(origin, shift, strict=True))
 
     def _constant(self, value: Array) -> Vector:
@@ -107,7 +107,9 @@ class Pooled:
     def deviations(self) -> list[Vector]:
         """Whitened deviations z_g - zbar where several patterns meet."""
         return [
-            self._noise[g, j].whiten(tuple(v - m[j] for v, m in zip(self._value[g, j], self.mean, strict=True)))
+            self._noise[g, j].whiten(
+                tuple(v - m[j] for v, m in zip(self._value[g, j], self.mean, strict=True))
+            )
             for g, j in self._contested()
         ]
 

@@ -44,7 +44,9 @@ class Product:
     def laws(self, points: Array) -> Laws:
         """Laws of all cells at coordinates (W, d)."""
         parts = [model.laws(part) for model, part in zip(self._models, self._split(points), strict=True)]
-        return Laws(*(np.concatenate([getattr(p, n) for p in parts], axis=1) for n in ("mean", "sd", "spread")))
+        return Laws(
+            *(np.concatenate([getattr(p, n) for p in parts], axis=1) for n in ("mean", "sd", "spread"))
+        )
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw population means and new users of all cells, each (W, C)."""

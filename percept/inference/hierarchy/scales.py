@@ -98,14 +98,10 @@ class Layout:
         self.subject_effect = options.subject_effect and self.trend and not statistics.summary
         self.weber = options.weber
         self.common_spread = options.common_spread and self.trend
-        self.levels = [
-            _Level("", priors.log_s_mean, priors.log_s_sd, priors.kappa_sd, priors.omega_scale)
-        ]
+        self.levels = [_Level("", priors.log_s_mean, priors.log_s_sd, priors.kappa_sd, priors.omega_scale)]
         if statistics.repeats:
             self.levels.append(
-                _Level(
-                    "_e", priors.log_s_e_mean, priors.log_s_e_sd, priors.kappa_e_sd, priors.omega_e_scale
-                )
+                _Level("_e", priors.log_s_e_mean, priors.log_s_e_sd, priors.kappa_e_sd, priors.omega_e_scale)
             )
         self._rough = [self._rough_between(), self._rough_trial()]
         self._slots: dict[str, slice] = {}

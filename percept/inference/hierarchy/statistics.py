@@ -156,7 +156,7 @@ def from_trials(
     trial_rows = np.zeros((len(parameters), len(parameters), count_environments))
     for j in range(count_environments):
         inside = deviation[:, environment == j].T
-        factor = np.linalg.qr(inside, mode="r")
+        factor = _triangle(inside)
         trial_rows[:, : factor.shape[0], j] = factor.T
     trial_df = np.maximum(counts - 1, 0).sum(axis=0).astype(float)
     patterns = tuple(_patterns(counts, cell_means))
@@ -236,12 +236,17 @@ def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
         mean = values.mean(axis=0)
         mean = mean + (values - mean).mean(axis=0)
         flat = (values - mean).reshape(members.size, -1)
-        rows = _contrasts(flat) if members.size <= flat.shape[1] else np.linalg.qr(flat, mode="r")
+        rows = _contrasts(flat) if members.size <= flat.shape[1] else _triangle(flat)
         rows = rows.reshape(rows.shape[0], *mean.shape).transpose(1, 0, 2)
         patterns.append(
             Pattern(present, pattern[present].astype(float), members, mean, np.ascontiguousarray(rows))
         )
     return patterns
+
+
+def _triangle(rows: Array) -> Array:
+    """Upper triangular R with R'R = rows'rows."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _contrasts(flat: Array) -> Array:

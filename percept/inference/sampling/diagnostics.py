@@ -14,7 +14,7 @@ _BATCHES = (4, 20)  # fewest and most batches per ensemble
 
 
 def autocorrelation_time(series: Array) -> Array:
-    """Integrated autocorrelation time, averaged over ensembles and walkers.
+    """Integrate the autocorrelation function, averaged over ensembles and walkers.
 
     The autocorrelation functions of all walkers are averaged before they are summed over Sokal's
     window, so that runs of ten autocorrelation times are enough with 64 walkers or more.
@@ -48,7 +48,7 @@ def autocorrelation_time(series: Array) -> Array:
 
 
 def monte_carlo_error(influence: Array, times: Array) -> Array:
-    """Standard error of the estimates, from their influence functions.
+    """Estimate the standard error of the estimates from their influence functions.
 
     Parameters
     ----------
@@ -67,7 +67,9 @@ def monte_carlo_error(influence: Array, times: Array) -> Array:
     longest = float(np.max(times, initial=1.0))
     batches = int(np.clip(length / (3.0 * longest), *_BATCHES)) if np.isfinite(longest) else _BATCHES[0]
     size = length // batches
-    averages = influence.mean(axis=2)[:, : size * batches].reshape(ensembles, batches, size, count).mean(axis=2)
+    averages = (
+        influence.mean(axis=2)[:, : size * batches].reshape(ensembles, batches, size, count).mean(axis=2)
+    )
     by_batches = np.sqrt(averages.reshape(-1, count).var(axis=0, ddof=1) / (ensembles * batches))
     draws = ensembles * length * walkers
     by_time = np.sqrt(np.mean(influence**2, axis=(0, 1, 2)) * np.minimum(times, draws) / draws)

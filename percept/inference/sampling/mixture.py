@@ -40,7 +40,7 @@ def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> Arr
     sign = 1.0 if upper else -1.0
     z = -special.ndtri(tail)
     spread = np.sqrt(np.var(mean, axis=0) + np.mean(sd * sd, axis=0))
-    # Every component has at most `tail` beyond the farthest component quantile, at least that beyond the nearest.
+    # The mixture's quantile lies between the nearest and the farthest of its components'.
     reach = sign * mean + z * sd
     low, high = reach.min(axis=0), reach.max(axis=0)
     x = np.clip((sign * mean).mean(axis=0) + z * spread, low, high)
@@ -191,7 +191,9 @@ def share_half_width(
     least = special.ndtri(0.5 * (1.0 + share)) * spread
     low = least.min(axis=0)
     high = np.max(
-        special.ndtri(0.5 * (1.0 + share)) * spread + np.abs(mean - centre) - special.ndtri(1e-3 * (1 - confidence)) * sd,
+        special.ndtri(0.5 * (1.0 + share)) * spread
+        + np.abs(mean - centre)
+        - special.ndtri(1e-3 * (1 - confidence)) * sd,
         axis=0,
     )
     h = np.quantile(least, confidence, axis=0)

@@ -20,7 +20,7 @@ _SHARES = {"independent": 0.4, "elliptic": 0.4, "differential": 0.2}
 
 
 def moves(law: Proposal) -> list[tuple[Any, float]]:
-    """Moves and their shares, for `emcee.EnsembleSampler(moves=...)`.
+    """Return moves and their shares, for `emcee.EnsembleSampler(moves=...)`.
 
     Independent draws from the law decorrelate at once where it fits. Elliptic steps turn a walker
     about the law's centre by a random angle: they keep the law invariant, and leave places it serves

@@ -77,7 +77,7 @@ class Proposal:
 
     @classmethod
     def _with(cls, location: Array, width: Array, skew: Array, centre: Array, covariance: Array) -> Self:
-        # A t law's covariance is df/(df - 2) times its scale matrix; the ridge keeps a thin sample factorable.
+        # A t law's covariance is df/(df - 2) times its scale matrix; a ridge lets a thin sample be factored.
         scale = covariance * ((_DF - 2.0) / _DF)
         scale = scale + 1e-10 * np.trace(scale) / len(scale) * np.eye(len(scale))
         factor = np.linalg.cholesky(scale)
@@ -112,7 +112,7 @@ class Proposal:
         distance = np.einsum("dn,dn->n", whitened, whitened)
         precision = rng.standard_gamma(0.5 * (_DF + size), size=count) / (0.5 * (_DF + distance))
         towards = (rng.standard_normal((count, size)) @ self.factor.T) / np.sqrt(precision)[:, None]
-        angle = rng.uniform(0.0, 0.5 * math.pi, size=count)[:, None]
+        angle = 0.5 * math.pi * rng.random_sample(count)[:, None]
         return self._map(self.centre + np.cos(angle) * z + np.sin(angle) * towards)
 
     def _map(self, z: Array) -> Array:

@@ -155,8 +155,8 @@ class Run:
     stride: int
     settings: Settings
 
-    def thinned(self) -> Array:
-        """Indices (E', N) of kept positions thinned to the effective size, per ensemble, flattened over walkers."""
+    def thinned(self) -> NDArray[np.intp]:
+        """Return indices (E, N) of positions thinned to the effective size, walkers flattened into steps."""
         ensembles, length, walkers, _ = self.points.shape
         gap = max(1, round(self.gate.autocorrelation_time / self.stride))
         positions = np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
@@ -197,9 +197,7 @@ def sample(
     walkers = settings.walkers or max(64, 2 * (dimension + 1))
     warm_seed, *seeds = np.random.SeedSequence(settings.seed).spawn(1 + settings.ensembles)
     law, points = warm_up(target, settings.ensembles * walkers, warm_seed)
-    states = [
-        start(target, points[i * walkers : (i + 1) * walkers], seed) for i, seed in enumerate(seeds)
-    ]
+    states = [start(target, points[i * walkers : (i + 1) * walkers], seed) for i, seed in enumerate(seeds)]
     states = [advance(target, law, state, steps=_BURN_IN, stride=_BURN_IN)[0] for state in states]
     record = _Record(estimands)
     wanted = _FIRST_ROUND
@@ -289,14 +287,15 @@ class _Record:
             reasons.append(f"the ensembles disagree: rank R-hat {rhat:.4f}, limit {_RHAT_LIMIT}.")
         if not times_run >= _TIMES_NEEDED:
             reasons.append(
-                f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity; {_TIMES_NEEDED:g} are needed."
+                f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity; "
+                f"{_TIMES_NEEDED:g} are needed."
             )
         if accepted.min() < _STUCK:
             reasons.append(f"a walker is stuck: it accepted {accepted.min():.2%} of its proposals.")
         if not relative[worst] <= settings.tolerance:
             reasons.append(
-                f"{estimates.names[worst]} has a Monte Carlo error of {relative[worst]:.2%} of its half-width; "
-                f"{settings.tolerance:.2%} was asked. Raise the cap on steps or the tolerance."
+                f"{estimates.names[worst]} has a Monte Carlo error of {relative[worst]:.2%} of its "
+                f"half-width; {settings.tolerance:.2%} was asked. Raise the cap on steps or the tolerance."
             )
         return Gate(
             passed=not reasons,
@@ -312,7 +311,7 @@ class _Record:
         )
 
     def steps_needed(self, judged: Run, settings: Settings) -> int:
-        """Steps the run should span in all, from its errors so far; it at least grows by a tenth."""
+        """Predict the steps the run should span in all; it at least grows by a tenth."""
         ratio = judged.gate.worst_error / settings.tolerance
         by_error = self.steps * ratio * ratio * 1.1 if math.isfinite(ratio) else 2.0 * self.steps
         by_time = 1.2 * _TIMES_NEEDED * judged.gate.autocorrelation_time

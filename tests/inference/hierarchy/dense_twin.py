@@ -14,19 +14,19 @@ def trial_covariance(subject, environment, x, scales, w, *, alpha_sd, gamma_sd):
     covariance = np.zeros((trials, size, trials, size))
     for m in range(trials):
         for n in range(trials):
-            i, j, k, l = subject[m], environment[m], subject[n], environment[n]
+            i, j, k, h = subject[m], environment[m], subject[n], environment[n]
             for p in range(size):
                 covariance[m, p, n, p] += alpha_sd**2
                 if "tau" in named:
-                    covariance[m, p, n, p] += gamma_sd**2 * x[p, j] * x[p, l]
-                    covariance[m, p, n, p] += (j == l) * named["tau"][p] ** 2
+                    covariance[m, p, n, p] += gamma_sd**2 * x[p, j] * x[p, h]
+                    covariance[m, p, n, p] += (j == h) * named["tau"][p] ** 2
             for p in range(size):
                 for q in range(size):
                     same = p == q
                     if i == k and "sigma_u" in named:
                         sigma_u = named["sigma_u"]
                         covariance[m, p, n, q] += (1.0 if same else rho_u) * sigma_u[p] * sigma_u[q]
-                    if i == k and j == l:
+                    if i == k and j == h:
                         sigma = named["sigma"][:, j]
                         covariance[m, p, n, q] += (1.0 if same else rho_w) * sigma[p] * sigma[q]
                     if m == n and "sigma_e" in named:

@@ -30,9 +30,9 @@ def study(name: str, rng: np.random.Generator) -> Study:
         cells = [cell for cell in cells if cell not in {(0, 1), (2, 3), (2, 0), (5, 1)}]
     if name == "one environment each":
         cells = [(i, j) for i, j in cells if i > 1 or j == i]
-    trials = {cell: 1 for cell in cells}
+    trials = dict.fromkeys(cells, 1)
     if name in ("trials", "one environment, trials"):
-        trials = {cell: 3 for cell in cells}
+        trials = dict.fromkeys(cells, 3)
     if name in ("unequal trials", "many patterns"):
         trials = {cell: int(rng.integers(1, 4)) for cell in cells}
     return _simulate(parameters, environments, subjects, trials, rng)

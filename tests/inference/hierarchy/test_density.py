@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.priors import Priors
 from tests.inference.hierarchy import dense_twin, designs
 
 
