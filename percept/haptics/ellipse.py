@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import FloatArray, nonnegative_array, ratio, real_array
+from percept.haptics._arrays import BoolArray, FloatArray, nonnegative_array, ratio, real_array
 from percept.haptics._warp import warp
 from percept.haptics.parameters import AnyDevice
 from percept.haptics.perceived import distance_axes
@@ -62,6 +64,64 @@ def magnitude_envelope_ellipse(
         A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table,
         T not positive, a value that is not finite.
     """
+    region = plane_ellipse(omega, device, centre, shape, radius, period, mass=mass, hold=hold)
+    p, q = region.centre
+    longer, shorter, towards_long, towards_short = _principal(*region.images)
+    w1 = np.abs(towards_long[0] * p + towards_long[1] * q)
+    w2 = np.abs(towards_short[0] * p + towards_short[1] * q)
+    # Everything is scaled to one, so that squares stay in range.
+    scale = np.maximum(np.maximum(w1, w2), longer)
+    scale = np.where(scale == 0, 1.0, scale)
+    scaled = longer / scale, shorter / scale, w1 / scale, w2 / scale
+    lower = np.where(region.far, np.inf, scale * _nearest(*scaled))
+    upper = np.where(region.far, np.inf, scale * _farthest(*scaled))
+    if region.at_dc.any():
+        first, last = _range_at_dc(region)
+        lower, upper = np.where(region.at_dc, first, lower), np.where(region.at_dc, last, upper)
+    return lower[()], upper[()]
+
+
+@dataclass(frozen=True)
+class PlaneEllipse:
+    """An ellipse of (k, b) as Z_h·e^{jh} in the complex plane.
+
+    Attributes
+    ----------
+    centre : pair of ndarray
+        Real and imaginary part, N·s/m; where `far`, only the signs of what is infinite.
+    images : triple of ndarray
+        p1, p2, q1: the ellipse is centre + [[p1, p2], [q1, 0]]·(unit disc), N·s/m.
+    far, at_dc : ndarray of bool
+        Where a mass term is infinite; where ω is 0, the centre and images being of no use there.
+    across : ndarray
+        Real part that the device alone contributes, N·s/m.
+    chord : pair of float or None
+        Lowest and highest b of the ellipse at k = 0, N·s/m.
+    stiffness : pair of float
+        Centre and half-width in k, N/m.
+    """
+
+    centre: tuple[FloatArray, FloatArray]
+    images: tuple[FloatArray, FloatArray, FloatArray]
+    far: BoolArray
+    at_dc: BoolArray
+    across: FloatArray
+    chord: tuple[float, float] | None
+    stiffness: tuple[float, float]
+
+
+def plane_ellipse(
+    omega: ArrayLike,
+    device: AnyDevice,
+    centre: tuple[float, float],
+    shape: ArrayLike,
+    radius: float,
+    period: float,
+    *,
+    mass: float,
+    hold: str,
+) -> PlaneEllipse:
+    """Map an ellipse of (k, b) to where Z_h·e^{jh} can be at each ω."""
     k, b = checked_centre(centre)
     factor = checked_factor(shape, radius)
     grid = warp(omega, period)
@@ -69,23 +129,20 @@ def magnitude_envelope_ellipse(
     across, along = np.broadcast_arrays(across, along)
     at_dc = np.isinf(np.broadcast_to(held.per_rate, across.shape))
     per_rate = np.where(at_dc, 1.0, held.per_rate)
-    longer, shorter, towards_long, towards_short = _principal(held.gain, per_rate, factor)
-    p, q = held.gain * b + across, per_rate * k - along
-    # A mass is infinitely far from everything at Nyquist.
+    p, q = held.gain * b + across, along - per_rate * k
     far = np.isinf(p) | np.isinf(q)
-    p, q = np.where(far, 0.0, p), np.where(far, 0.0, q)
-    w1 = np.abs(towards_long[0] * p + towards_long[1] * q)
-    w2 = np.abs(towards_short[0] * p + towards_short[1] * q)
-    # Everything is scaled to one, so that squares stay in range.
-    scale = np.maximum(np.maximum(w1, w2), longer)
-    scale = np.where(scale == 0, 1.0, scale)
-    scaled = longer / scale, shorter / scale, w1 / scale, w2 / scale
-    lower = np.where(far, np.inf, scale * _nearest(*scaled))
-    upper = np.where(far, np.inf, scale * _farthest(*scaled))
-    if at_dc.any():
-        first, last = _range_at_dc(k, b, factor, across)
-        lower, upper = np.where(at_dc, first, lower), np.where(at_dc, last, upper)
-    return lower[()], upper[()]
+    # Of an infinite mass term only the direction is left.
+    p, q = (np.where(far, np.where(np.isinf(part), np.sign(part), 0.0), part) for part in (p, q))
+    gain, per_rate = np.where(far, 0.0, held.gain), np.where(far, 0.0, per_rate)
+    return PlaneEllipse(
+        centre=(p, q),
+        images=(gain * factor[1, 0], gain * factor[1, 1], -per_rate * factor[0, 0]),
+        far=far,
+        at_dc=at_dc,
+        across=across,
+        chord=_chord_at_zero_stiffness(k, b, factor),
+        stiffness=(k, float(factor[0, 0])),
+    )
 
 
 def checked_centre(centre: tuple[float, float]) -> tuple[float, float]:
@@ -120,12 +177,9 @@ def checked_factor(shape: ArrayLike, radius: float) -> FloatArray:
 Axis = tuple[FloatArray, FloatArray]
 
 
-def _principal(
-    gain: FloatArray, per_rate: FloatArray, factor: FloatArray
-) -> tuple[FloatArray, FloatArray, Axis, Axis]:
-    """Return the semi-axes, longer first, and their directions, in the plane of (g·b, g·k/Ω)."""
-    b1, b2, k1 = gain * factor[1, 0], gain * factor[1, 1], per_rate * factor[0, 0]
-    # Singular values of [[b1, b2], [k1, 0]]: their sum and difference are lengths, their product |b2·k1|.
+def _principal(b1: FloatArray, b2: FloatArray, k1: FloatArray) -> tuple[FloatArray, FloatArray, Axis, Axis]:
+    """Return the semi-axes, longer first, and their directions, of [[b1, b2], [k1, 0]]·(unit disc)."""
+    # The sum and difference of the singular values are lengths, their product is |b2·k1|.
     longer = (np.hypot(b1, np.abs(b2) + np.abs(k1)) + np.hypot(b1, np.abs(b2) - np.abs(k1))) / 2
     unit = np.where(longer == 0, 1.0, longer)
     b1, b2, k1 = b1 / unit, b2 / unit, k1 / unit
@@ -193,17 +247,17 @@ def _secular_step(x1: FloatArray, x2: FloatArray, d1: FloatArray, d2: FloatArray
     return ratio((size - 1) * size**2, ratio(x1**2, d1, empty=0.0) + ratio(x2**2, d2, empty=0.0), empty=0.0)
 
 
-def _range_at_dc(k: float, b: float, factor: FloatArray, across: FloatArray) -> Axis:
+def _range_at_dc(region: PlaneEllipse) -> Axis:
     """Return the limits as ω goes to 0: only the points with k = 0 stay at a finite distance."""
-    chord = chord_at_zero_stiffness(k, b, factor)
-    if chord is None:
-        return np.full_like(across, np.inf), np.full_like(across, np.inf)
-    low, high = across + chord[0], across + chord[1]
-    upper = np.full_like(across, np.inf) if factor[0, 0] else np.maximum(np.abs(low), np.abs(high))
+    everywhere = np.full_like(region.across, np.inf)
+    if region.chord is None:
+        return everywhere, everywhere
+    low, high = region.across + region.chord[0], region.across + region.chord[1]
+    upper = everywhere if region.stiffness[1] else np.maximum(np.abs(low), np.abs(high))
     return np.maximum(0.0, np.maximum(low, -high)), upper
 
 
-def chord_at_zero_stiffness(k: float, b: float, factor: FloatArray) -> tuple[float, float] | None:
+def _chord_at_zero_stiffness(k: float, b: float, factor: FloatArray) -> tuple[float, float] | None:
     """Return the lowest and highest b of the ellipse at k = 0, None where it does not reach so far."""
     reach = factor[0, 0]
     if abs(k) > reach:

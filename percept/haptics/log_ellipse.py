@@ -8,7 +8,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from percept.haptics._arrays import BoolArray, FloatArray, ratio, real_array, times
+from percept.errors import UsageError
+from percept.haptics._arrays import LARGEST, BoolArray, FloatArray, ratio, real_array, times
 from percept.haptics._search import golden_section
 from percept.haptics._warp import warp
 from percept.haptics.ellipse import checked_centre, checked_factor
@@ -66,11 +67,18 @@ def magnitude_envelope_log_ellipse(
     Raises
     ------
     UsageError
-        A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table,
-        T not positive, a value that is not finite.
+        A shape that is not a covariance, a negative radius, an ellipse beyond 1e±100, ω above Nyquist or
+        outside a device's table, T not positive, a value that is not finite.
     """
     log_k, log_b = checked_centre(centre)
     factor = checked_factor(shape, radius)
+    reach = max(abs(log_k) + abs(factor[0, 0]), abs(log_b) + float(np.hypot(*factor[1])))
+    if reach > np.log(LARGEST):
+        raise UsageError(
+            f"the ellipse reaches beyond {LARGEST:g} or below its inverse.",
+            value=reach,
+            hint="centre and shape are of natural logarithms of k and b.",
+        )
     grid = warp(omega, period)
     across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
     outer = np.broadcast_shapes(across.shape, along.shape)

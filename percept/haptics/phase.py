@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.haptics._arrays import BoolArray, FloatArray, real_array
+from percept.haptics._arrays import BoolArray, FloatArray
 from percept.haptics._warp import warp
-from percept.haptics.ellipse import checked_centre, checked_factor, chord_at_zero_stiffness
+from percept.haptics.ellipse import PlaneEllipse, plane_ellipse
 from percept.haptics.envelope import Limits, plane_box
 from percept.haptics.parameters import AnyDevice
-from percept.haptics.perceived import distance_axes
 
 __all__ = ["phase_envelope", "phase_envelope_ellipse"]
 
@@ -129,35 +128,18 @@ def phase_envelope_ellipse(
         A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table,
         T not positive, a value that is not finite.
     """
-    k, b = checked_centre(centre)
-    factor = checked_factor(shape, radius)
-    grid = warp(omega, period)
-    across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
-    across, along = np.broadcast_arrays(across, along)
-    at_dc = np.isinf(np.broadcast_to(held.per_rate, across.shape))
-    per_rate = np.where(at_dc, 1.0, held.per_rate)
-    p, q = held.gain * b + across, along - per_rate * k
-    # An infinite mass term leaves its direction only.
-    far = np.isinf(p) | np.isinf(q)
-    p, q = (
-        np.where(far, np.where(np.isinf(p), np.sign(p), 0.0), p),
-        np.where(far, np.where(np.isinf(q), np.sign(q), 0.0), q),
-    )
-    near = np.where(far, 0.0, 1.0)
-    # Images of the unit circle's axes.
-    p1, p2, q1 = (
-        near * held.gain * factor[1, 0],
-        near * held.gain * factor[1, 1],
-        -near * per_rate * factor[0, 0],
-    )
-    scale = np.maximum(np.hypot(p, q), np.maximum(np.hypot(p1, q1), np.abs(p2)))
+    region = plane_ellipse(omega, device, centre, shape, radius, period, mass=mass, hold=hold)
+    # Angles do not change with scale, and squares then stay in range.
+    parts = np.broadcast_arrays(*region.centre, *region.images)
+    scale = np.max(np.abs(parts), axis=0)
     scale = np.where(scale == 0, 1.0, scale)
-    p, q, p1, p2, q1 = (part / scale for part in (p, q, p1, p2, q1))
-    lower, upper, free = _tangents(p, q, p1, p2, q1)
-    if at_dc.any():
-        ends = _rectangle(*_rectangle_at_dc(k, b, factor, across))
-        lower, upper, free = (np.where(at_dc, *pair) for pair in zip(ends, (lower, upper, free), strict=True))
-    return _wrapped(lower, upper, free, grid.half)
+    lower, upper, free = _tangents(*(part / scale for part in parts))
+    if region.at_dc.any():
+        ends = _rectangle(*_rectangle_at_dc(region))
+        lower, upper, free = (
+            np.where(region.at_dc, *pair) for pair in zip(ends, (lower, upper, free), strict=True)
+        )
+    return _wrapped(lower, upper, free, warp(omega, period).half)
 
 
 def _tangents(
@@ -179,13 +161,11 @@ def _tangents(
     return middle + np.arctan2(-(n**2), along - aside), middle + np.arctan2(n**2, along + aside), free
 
 
-def _rectangle_at_dc(
-    k: float, b: float, factor: FloatArray, across: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _rectangle_at_dc(region: PlaneEllipse) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the limit of the ellipse as ω goes to 0: stiffness leads, unless the chord k = 0 exists."""
-    chord = chord_at_zero_stiffness(k, b, factor)
-    if chord is None:
-        end = np.full_like(across, -np.copysign(np.inf, k))
-        return across, across, end, end
-    reach = np.full_like(across, np.inf if factor[0, 0] else 0.0)
-    return across + chord[0], across + chord[1], -reach, reach
+    k, reach = region.stiffness
+    if region.chord is None:
+        end = np.full_like(region.across, -np.copysign(np.inf, k))
+        return region.across, region.across, end, end
+    high = np.full_like(region.across, np.inf if reach else 0.0)
+    return region.across + region.chord[0], region.across + region.chord[1], -high, high

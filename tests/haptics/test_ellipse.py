@@ -294,6 +294,11 @@ def test_log_ellipse_finds_the_extreme_to_every_digit():
             assert value == pytest.approx(abs(found.fun), rel=1e-12)
 
 
+def test_log_ellipse_of_plain_numbers_is_refused():
+    with pytest.raises(UsageError, match=r"reaches beyond 1e\+100.*natural logarithms"):
+        magnitude_envelope_log_ellipse(1.0, DEVICE, (25000.0, 25.0), np.eye(2), 1.0, T)
+
+
 def test_small_log_ellipse_is_an_ellipse():
     shape = np.array([[1.0, 0.3], [0.3, 1.0]]) * 1e-8
     centre = np.array([1000.0, 2.0])
