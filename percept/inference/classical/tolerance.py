@@ -13,7 +13,7 @@ noncentral t to all digits.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,6 +37,7 @@ from percept.inference.intervals import FloatOrArray
 __all__ = ["howe_factor", "tolerance_factor"]
 
 _BLOCK = 512  # requests handled at once
+_TABLE = 1 << 16  # whole numbers this close together are looked up
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -125,17 +126,30 @@ def _per_distinct(
 ) -> FloatOrArray:
     asked = subject_counts(n), tail(share, "share"), tail(confidence, "confidence")
     requests = fitted("n, share and confidence", *asked)
-    # one number per combination of distinct values: sorting numbers is far quicker than sorting triples
+    # one whole number per combination of n, share and confidence, from 0 up without gaps
     code = np.zeros(requests[0].shape, dtype=np.int64)
     for part in asked:
         if part.size > 1:
-            values, index = np.unique(part, return_inverse=True)
-            code = code * values.size + index.reshape(part.shape)
-    _, first, where = np.unique(code, return_index=True, return_inverse=True)
-    distinct = np.stack([part.reshape(-1)[first] for part in requests])
+            index = _ranks(part)
+            code = _ranks(code * (index.max() + 1) + index)
+    of_code = np.empty(code.max() + 1, dtype=np.int64)
+    of_code[code.reshape(-1)] = np.arange(code.size)  # any one of the requests that are alike
+    distinct = np.stack([part.reshape(-1)[of_code] for part in requests])
     blocks = [distinct[:, start : start + _BLOCK] for start in range(0, distinct.shape[1], _BLOCK)]
     factors = np.concatenate([factor(*block) for block in blocks])
-    return plain(factors[where.reshape(-1)].reshape(requests[0].shape))
+    return plain(factors[code])
+
+
+def _ranks(values: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the rank of each value among the distinct ones; whole numbers close together need no sorting."""
+    if values.dtype.kind == "i":
+        least = values.min()
+        span = int(values.max() - least) + 1
+        if span <= max(_TABLE, values.size):
+            present = np.zeros(span, dtype=np.int64)
+            present[values.reshape(-1) - least] = 1
+            return (np.cumsum(present) - 1)[values - least]
+    return np.unique(values, return_inverse=True)[1].reshape(values.shape)
 
 
 def _two_sided(n: Array, outside: Array, doubt: Array) -> Array:

@@ -127,6 +127,16 @@ def test_repeats_are_worked_out_once(monkeypatch):
     assert factors[3, 7] == work(np.array([float(n[3, 7])]), np.array([1 - 0.99]), np.array([1 - 0.95]))[0]
 
 
+def test_repeats_of_all_three_are_each_their_own():
+    random = np.random.default_rng(2)
+    n = random.choice([2, 7, 30, 10**6], (6, 5, 4))
+    share, confidence = random.choice([0.5, 0.9, 0.99], (5, 1)), random.choice([0.8, 0.95], 4)
+    factors = tolerance_factor(n, share, confidence)
+    for place in np.ndindex(n.shape):
+        alone = tolerance_factor(n[place], share[place[1], 0], confidence[place[2]])
+        assert factors[place] == pytest.approx(alone, rel=1e-14)
+
+
 def test_single_numbers_give_a_float():
     assert type(tolerance_factor(10, 0.99, 0.95)) is float
     assert tolerance_factor([10], 0.99, 0.95).shape == (1,)
