@@ -101,7 +101,7 @@ def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
     """Ids that differ only in leading zeros, case or surrounding space; they are kept apart."""
     same: dict[str, list[str]] = {}
     for name in ids:
-        same.setdefault(name.strip().casefold().lstrip("0"), []).append(name)
+        same.setdefault(name.strip("\ufeff \t\r\n\xa0").casefold().lstrip("0"), []).append(name)
     return [
         Notice(f"{what}s {shown(names)} look alike and are kept apart")
         for names in same.values()

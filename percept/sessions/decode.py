@@ -17,7 +17,6 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16-le"),
     (codecs.BOM_UTF16_BE, "utf-16-be"),
 )
-_MARK = "\ufeff"
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
     Returns
     -------
     Decoded
-        Byte-order marks at the start of any line are dropped: appending writers leave them in mid-file.
+        Without the byte-order mark at its start.
 
     Raises
     ------
@@ -70,11 +69,6 @@ def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
             row=line_of(text, nul),
             hint='Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".',
         )
-    if _MARK in text:
-        for newline in ("\n", "\r"):
-            while newline + _MARK in text:
-                text = text.replace(newline + _MARK, newline)
-        text = text.lstrip(_MARK)
     return Decoded(text, name, bool(mark))
 
 

@@ -14,6 +14,8 @@ __all__ = ["DELIMITERS", "Dialect", "Grid", "read_grid", "split_plain"]
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
 _SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
+_FIRST_LINE = re.compile(r"[^\r\n]*")
+_MARK = "\ufeff"
 _END_OF_FILE = "END OF FILE"
 
 
@@ -78,6 +80,7 @@ def read_grid(text: str, *, file: str, delimiter: str | None, resolves: Callable
         delimiter = delimiter or sep[1]
         text = text[sep.end() :]
         first_row = 2
+    text = _without_marks(text)
     if not text.strip():
         raise UsageError("the file has no header.", file=file, hint="Leave it out, or export it again.")
     candidates = [delimiter] if delimiter else [d for d in DELIMITERS if d in text]
@@ -108,6 +111,18 @@ def read_grid(text: str, *, file: str, delimiter: str | None, resolves: Callable
         row=first_row,
         hint="Export it as CSV, or declare [sessions] delimiter.",
     )
+
+
+def _without_marks(text: str) -> str:
+    """Drop the byte-order mark that an appending writer puts before each repeated header."""
+    if _MARK not in text:
+        return text
+    text = text.lstrip(_MARK)
+    header = _FIRST_LINE.match(text)
+    line = header[0] if header else ""
+    for end in ("\n", "\r"):
+        text = text.replace(f"{end}{_MARK}{line}", f"{end}{line}")
+    return text
 
 
 def split_plain(text: str, header: Sequence[str], *, delimiter: str, file: str, first_row: int) -> Grid:
@@ -228,7 +243,8 @@ def _trim(grid: Grid, file: str, header_row: int) -> Grid:
     odd = next((at for at, record in enumerate(cells) if len(record) != common), None)
     names_end = width - (header[-1] == "")
     fits = odd is None and (
-        common in (width, names_end) or (common == width + 1 and all(not r[-1] for r in cells))
+        common in (width, names_end)
+        or (common == width + 1 == names_end + 1 and not any(r[-1] for r in cells))
     )
     if not fits:
         wrong = next((at for at, r in enumerate(cells) if len(r) not in (width, names_end)), odd or 0)

@@ -209,13 +209,7 @@ class _Reader:
         out: dict[str, list[str]] = {}
         for canonical in (c for c in _ALL if c in every):
             at = slot.columns.get(canonical)
-            path = self.resolution.rules[canonical].path
-            if at is None:
-                out[canonical] = [""] * len(cells)
-            elif path is None:
-                out[canonical] = [record[at] for record in cells]
-            else:
-                out[canonical] = self._picked(canonical, at, path)
+            out[canonical] = [""] * len(cells) if at is None else [record[at] for record in cells]
         fixed = {**named, "environment": slot.environment, "trial": slot.trial}
         for canonical, value in {**fixed, **named}.items():
             if value is not None:
@@ -224,24 +218,23 @@ class _Reader:
             out[f"own:{name}"] = [record[at] for record in cells]
         return out
 
-    def _picked(self, canonical: str, at: int, path: str) -> list[str]:
-        out = []
-        for row, record in zip(self.grid.rows, self.grid.cells, strict=True):
+    def _pick(self, canonical: str, path: str) -> None:
+        picked = []
+        for row, cell in zip(self.rows, self.text[canonical], strict=True):
             try:
-                out.append(pick(record[at], path))
+                picked.append(pick(cell, path))
             except CellError as error:
-                # Other kinds of trials put other things in the same column; those rows hold no adjustment
-                # only if the scene says so, hence a problem and not a blank.
+                # Whether such a row holds no adjustment is the scene's to say, hence a problem, not a blank.
                 self.problems.add(
                     f"{error}.",
                     file=self.file,
                     row=row,
-                    column=self.grid.header[at],
-                    value=record[at],
+                    column=self._name(canonical),
+                    value=cell,
                     hint=f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only.",
                 )
-                out.append("")
-        return out
+                picked.append("")
+        self.text[canonical] = picked
 
     def read(self) -> pd.DataFrame:
         for name, texts in self.options.only.items():
@@ -252,6 +245,9 @@ class _Reader:
             if rule.equals:
                 cells = self.text[rule.column if rule.column in _ALL else f"own:{rule.column}"]
                 self._exclude([cell in rule.equals for cell in cells], rule.why)
+        for canonical, found in self.resolution.rules.items():
+            if found.path is not None:
+                self._pick(canonical, found.path)
         adjusted = [self.text[c] for c in ("k_adj", "b_adj") if c in self.text]
         blank = [all(is_missing(cell) for cell in cells) for cells in zip(*adjusted, strict=True)]
         self._exclude(blank, "no adjustment", log=self._is_trial)

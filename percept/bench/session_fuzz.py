@@ -1,0 +1,257 @@
+"""Mutated session files against the reader: it reads them rightly or says why not, and never anything else.
+
+Run as `python -m percept.bench.session_fuzz --files 200000`. A file is one of the known dialects with a few
+random edits. What is accepted is checked against the file's own text by a scan that shares nothing with the reader.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from percept.bench.session_dialects import WRITERS, example
+from percept.errors import PerceptError
+from percept.sessions import ReadOptions, Sessions, read_sessions
+
+__all__ = ["Outcome", "check", "fuzz", "mutate"]
+
+_TOKEN = re.compile(r"[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?")
+_NOT_DROPPED = frozenset(
+    {
+        "rows read", "observations", "subjects", "environments", "empty cells (subject × environment)",
+        "missing repeats", "rows without k", "rows without b", "blank line", "repeated header",
+        "end-of-file mark",
+    }
+)  # fmt: skip
+_PIECES = (
+    b'"', b'""', b'\\"', b",", b";", b"\t", b"\n", b"\r", b"\r\n", b"\0", b"\xef\xbb\xbf", b"\xff\xfe",
+    b"\x80", b"1,286", b"1.286", b"-", b"NaN", b"null", b"inf", b"1e400", b"1e-400", b"0x10", b"1_0", b"True",
+    b"=1+1", b"[1.5, 2]", b'{"k": 1}', b"0", b"-1", b"1 000", b"\xd9\xa1", b"sep=;\n", b"END OF FILE", b"None",
+    b" ", b"k_adj", b"9" * 400, b"\xc2\xa0", b"\xe2\x80\xa8", b"\x1a", b"\x0c", b"..", b"+", b"e5",
+)  # fmt: skip
+
+
+@dataclass
+class Outcome:
+    """What became of the files.
+
+    Attributes
+    ----------
+    files, accepted : int
+    refused : Counter
+        Refusals by the message's first words.
+    failures : list of (int, str)
+        Seeds of files that were misread, crashed the reader or took too long, and how.
+    slowest : float
+        Seconds for the slowest file.
+    """
+
+    files: int = 0
+    accepted: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    failures: list[tuple[int, str]] = field(default_factory=list)
+    slowest: float = 0.0
+
+
+def mutate(data: bytes, rng: np.random.Generator) -> bytes:
+    """Edit a file at random: one to four edits of bytes, pieces, lines or length."""
+    for _ in range(int(rng.integers(1, 5))):
+        data = _EDITS[int(rng.integers(len(_EDITS)))](data, rng)
+    return data
+
+
+def _place(data: bytes, rng: np.random.Generator) -> int:
+    return int(rng.integers(len(data) + 1))
+
+
+def _flip(data: bytes, rng: np.random.Generator) -> bytes:
+    at = _place(data, rng)
+    return data[:at] + bytes([int(rng.integers(256))]) + data[at + 1 :]
+
+
+def _insert(data: bytes, rng: np.random.Generator) -> bytes:
+    at = _place(data, rng)
+    return data[:at] + _PIECES[int(rng.integers(len(_PIECES)))] + data[at:]
+
+
+def _delete(data: bytes, rng: np.random.Generator) -> bytes:
+    at = _place(data, rng)
+    return data[:at] + data[at + int(rng.integers(1, 20)) :]
+
+
+def _cell(data: bytes, rng: np.random.Generator) -> bytes:
+    """Replace one run of a cell's characters, so that the table keeps its shape."""
+    cells = list(re.finditer(rb"[^,;\t\r\n\"\0]+", data))
+    if not cells:
+        return data
+    cell = cells[int(rng.integers(len(cells)))]
+    return data[: cell.start()] + _PIECES[int(rng.integers(len(_PIECES)))] + data[cell.end() :]
+
+
+def _lines(data: bytes, rng: np.random.Generator) -> bytes:
+    """Repeat, drop or swap lines."""
+    lines = data.split(b"\n")
+    i, j = (int(rng.integers(len(lines))) for _ in range(2))
+    kind = int(rng.integers(3))
+    if kind == 0:
+        lines.insert(j, lines[i])
+    elif kind == 1:
+        del lines[i]
+    else:
+        lines[i], lines[j] = lines[j], lines[i]
+    return b"\n".join(lines)
+
+
+def _cut(data: bytes, rng: np.random.Generator) -> bytes:
+    return data[: _place(data, rng)]
+
+
+def _translate(data: bytes, rng: np.random.Generator) -> bytes:
+    """Exchange one separator or mark for another throughout."""
+    marks = b".,;\t\"'\r\n"
+    a, b = (marks[int(rng.integers(len(marks)))] for _ in range(2))
+    return data.translate(bytes.maketrans(bytes([a]), bytes([b])))
+
+
+_EDITS: Sequence[Callable[[bytes, np.random.Generator], bytes]] = (
+    _flip, _insert, _delete, _cell, _cell, _cell, _lines, _cut, _translate,
+)  # fmt: skip
+
+
+def check(sessions: Sessions, data: bytes, options: ReadOptions) -> str | None:
+    """Look for every number of an accepted file in its text, and for every row.
+
+    Returns
+    -------
+    str or None
+        What is wrong.
+    """
+    text = _text(data)
+    lines = re.split(r"\r\n|\n|\r", text)
+    everywhere = _numbers(text)
+    joined = '"' in text and any(line.count('"') % 2 for line in lines)
+    numbers = ("k_ref", "b_ref", "k_adj", "b_adj")
+    for at, row in zip(sessions.table.index, sessions.table[list(numbers)].to_numpy(), strict=True):
+        line = sessions.locate(int(at))[1] - 1
+        here = everywhere if joined or options.keep else _numbers(lines[line])
+        for name, value in zip(numbers, row.tolist(), strict=True):
+            if value == value and value not in (here if name.endswith("_adj") else everywhere):
+                return f"{name} = {value!r} is not in row {line + 1}"
+    counts = dict(sessions.counts)
+    wide = any("{environment}" in rule.name for rule in options.columns.values()) or "k_adj_" in text
+    dropped = sum(number for reason, number in counts.items() if reason not in _NOT_DROPPED)
+    if not wide and counts["rows read"] != len(sessions.table) + dropped:
+        return f"{counts['rows read']} rows became {len(sessions.table)} and {dropped}"
+    if not np.isfinite(sessions.table[["k_adj", "b_adj"]].to_numpy()).any(axis=1).all():
+        return "a row without an adjustment"
+    return None
+
+
+def _text(data: bytes) -> str:
+    for mark, encoding in ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"", "utf-8-sig")):
+        if data.startswith(mark):
+            try:
+                return data.decode(encoding)
+            except UnicodeDecodeError:
+                break
+    return data.decode("cp1252")
+
+
+def _numbers(text: str) -> set[float]:
+    """All numbers a text can be read to hold, with either decimal mark."""
+    found: set[float] = set()
+    for token in _TOKEN.findall(text):
+        for piece in {token, *re.split("[,]", token), *re.split("[.]", token)}:
+            for reading in (piece, piece.replace(",", ".")):
+                try:
+                    found.add(float(reading))
+                except ValueError:
+                    continue
+    return found
+
+
+def fuzz(files: int, *, seed: int = 0, seconds_per_100kb: float = 1.0) -> Outcome:
+    """Read mutated files and collect what became of them.
+
+    Parameters
+    ----------
+    files : int
+        How many.
+    seed : int, optional
+        File i of a run is made from (seed, i) alone.
+    seconds_per_100kb : float, optional
+        A file may take this long (and never less than this is allowed).
+
+    Returns
+    -------
+    Outcome
+    """
+    outcome = Outcome()
+    cases = [
+        (data, writer.options)
+        for writer in WRITERS.values()
+        for data in writer.write(example(writer.decimals)).values()
+    ]
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        path = Path(folder) / "sub-001_ses-01.csv"
+        for at in range(files):
+            rng = np.random.default_rng([seed, at])
+            data, options = cases[int(rng.integers(len(cases)))]
+            mutant = mutate(data, rng)
+            path.write_bytes(mutant)
+            _one(path, mutant, options, at, outcome, seconds_per_100kb)
+    return outcome
+
+
+def _one(path: Path, data: bytes, options: ReadOptions, at: int, outcome: Outcome, allowed: float) -> None:
+    start = time.perf_counter()
+    try:
+        sessions = read_sessions(path, options=options)
+    except PerceptError as error:
+        outcome.refused[" ".join(error.message.split()[:4])] += 1
+        wrong = None
+    except Exception as error:  # noqa: BLE001 - any exception that is not ours is what is looked for
+        wrong = f"{type(error).__name__}: {error}"
+    else:
+        outcome.accepted += 1
+        wrong = check(sessions, data, options)
+    took = time.perf_counter() - start
+    outcome.files += 1
+    outcome.slowest = max(outcome.slowest, took)
+    if took > allowed * max(1.0, len(data) / 1e5):
+        wrong = wrong or f"took {took:.1f} s for {len(data)} bytes"
+    if wrong:
+        outcome.failures.append((at, wrong))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line of the fuzzer; exit code 1 if a file failed."""
+    parser = argparse.ArgumentParser(prog="percept.bench.session_fuzz", description=__doc__)
+    parser.add_argument("--files", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args(arguments)
+    outcome = fuzz(given.files, seed=given.seed)
+    report = [
+        f"{outcome.files} files, {outcome.accepted} accepted and found again in their text, "
+        f"{sum(outcome.refused.values())} refused, {len(outcome.failures)} failures; "
+        f"slowest {outcome.slowest:.3f} s",
+        *(f"  {number:>7}  {reason} …" for reason, number in outcome.refused.most_common(25)),
+        *(f"FAILED seed {given.seed} file {at}: {how}" for at, how in outcome.failures[:50]),
+    ]
+    sys.stdout.write("\n".join(report) + "\n")
+    return 1 if outcome.failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
