@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -11,21 +12,37 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from percept.report.figures.canvas import Drawing, inline_svg
 from percept.report.numbers import number
 from percept.report.sections import build_parts
 
-__all__ = ["render_page"]
+__all__ = ["Plate", "render_page"]
 
 
-def render_page(document: Mapping[str, Any], drawings: Mapping[str, Drawing], *, date: str) -> str:
+@dataclass(frozen=True)
+class Plate:
+    """A figure for the page.
+
+    Attributes
+    ----------
+    title, description : str
+        Text, not yet escaped.
+    svg : str
+        An ``<svg>`` element as `percept.report.figures.canvas.inline_svg` writes it.
+    """
+
+    title: str
+    description: str
+    svg: str
+
+
+def render_page(document: Mapping[str, Any], plates: Mapping[str, Plate], *, date: str) -> str:
     """Render the page of a document.
 
     Parameters
     ----------
     document : mapping
         As `percept.report.document.build_document` returns it; every number on the page is in it.
-    drawings : mapping of str to Drawing
+    plates : mapping of str to Plate
         The figures the page may show, by name.
     date : str
         Printed at the head.
@@ -43,7 +60,7 @@ def render_page(document: Mapping[str, Any], drawings: Mapping[str, Drawing], *,
         return Markup('<data value="{}" data-at="{}">{}</data>').format(found.exact, found.place, found.text)
 
     def figure(name: str) -> Markup:
-        return Markup(inline_svg(drawings[name]))
+        return Markup(plates[name].svg)
 
     template = _environment().get_template("page.html.j2")
     return template.render(
@@ -52,7 +69,7 @@ def render_page(document: Mapping[str, Any], drawings: Mapping[str, Drawing], *,
         date=date,
         n=shown,
         figure=figure,
-        drawings=drawings,
+        plates=plates,
         style=_asset("page.css"),
         script=_asset("page.js"),
     )

@@ -8,9 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["array", "distinct", "first", "matching"]
+__all__ = ["KINDS", "METHODS", "METHOD_NAMES", "array", "distinct", "family_of", "first", "matching"]
 
 Record = Mapping[str, Any]
+
+KINDS = ("mean", "user", "share")
+METHODS = ("classical", "bayesian")
+METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
+
+
+def family_of(document: Mapping[str, Any]) -> str:
+    """Return the family of the study's own model."""
+    scene = document["provenance"]["scene"]
+    return str(scene.get("inference", {}).get("family", "lognormal"))
 
 
 def array(values: Sequence[Any] | None) -> NDArray[np.float64]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import os
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ from percept.report.document import build_document
 from percept.report.plain import dumps
 
 if TYPE_CHECKING:
+    from percept.report.page import Plate
     from percept.study import Study
 
 __all__ = ["write_report"]
@@ -86,8 +86,6 @@ def write_report(
 def _fill(
     folder: Path, study: Study, document: dict[str, object], formats: Sequence[str], date: str, step: Progress
 ) -> None:
-    from percept.report.figures.canvas import render
-    from percept.report.figures.catalogue import drawings
     from percept.report.page import render_page
     from percept.report.tables import csv_tables
 
@@ -97,17 +95,28 @@ def _fill(
     for name, text in csv_tables(document).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
     step("figures")
-    found = drawings(document)
-    if formats and found:
-        (folder / "figures").mkdir()
-        for drawing in found.values():
-            for form in formats:
-                (folder / "figures" / f"{drawing.name}.{form}").write_bytes(render(drawing, form))
+    plates = _figures(folder / "figures", document, formats)
     if study.posterior is not None:
         step("posterior")
         study.posterior.to_netcdf(folder / "posterior.nc")
     step("page")
-    (folder / "report.html").write_text(render_page(document, found, date=date), encoding="utf-8")
+    (folder / "report.html").write_text(render_page(document, plates, date=date), encoding="utf-8")
+
+
+def _figures(folder: Path, document: dict[str, object], formats: Sequence[str]) -> dict[str, Plate]:
+    """Draw every figure once, write its files, and return what the page shows."""
+    from percept.report.figures.canvas import drawn, inline_svg, rendered
+    from percept.report.figures.catalogue import drawings
+    from percept.report.page import Plate
+
+    plates = {}
+    for drawing in drawings(document):
+        figure = drawn(drawing)
+        for form in formats:
+            folder.mkdir(exist_ok=True)
+            (folder / f"{drawing.name}.{form}").write_bytes(rendered(figure, form))
+        plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(figure, drawing))
+    return plates
 
 
 def _move(aside: Path, out: Path) -> Path:
@@ -117,5 +126,5 @@ def _move(aside: Path, out: Path) -> Path:
     for path in [*others, page]:
         target = out / path.relative_to(aside)
         target.parent.mkdir(parents=True, exist_ok=True)
-        os.replace(path, target)
+        path.replace(target)
     return out / "report.html"

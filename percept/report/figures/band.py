@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ __all__ = ["Widths", "draw_band"]
 
 FloatArray = NDArray[np.float64]
 _MARK = {"classical": "o", "bayesian": "D"}
-_DASHES = ((None, None), (6, 2), (2, 1.5))
+_DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +27,8 @@ class Widths:
 
     Attributes
     ----------
+    label : str
+        For the legend.
     method : {"classical", "bayesian"}
     environments : tuple of str
     impedance, band : ndarray, shape (n,)
@@ -35,6 +37,7 @@ class Widths:
         Fitted band, N·s/m, by the law's name, at the impedances drawn.
     """
 
+    label: str
     method: str
     environments: tuple[str, ...]
     impedance: FloatArray
@@ -63,12 +66,11 @@ def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None
             markersize=4,
             linestyle="none",
             color=colour,
-            label=one.method,
+            label=one.label,
         )
         for (name, curve), dashes in zip(one.laws.items(), _DASHES, strict=False):
-            drawn = ax.plot(impedance, curve, color=colour, linewidth=0.9, label=f"{one.method}: {name}")
-            if dashes[0] is not None:
-                drawn[0].set_dashes(dashes)
+            label = f"{one.label}: {name}"
+            ax.plot(impedance, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
     first = series[0]
     for name, x, y in zip(first.environments, first.impedance, first.band, strict=True):
         ax.annotate(plain_text(name), (x, y), xytext=(4, -8), textcoords="offset points", fontsize=6.5)

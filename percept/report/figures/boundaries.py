@@ -1,4 +1,4 @@
-"""Curves of abs(Z_h): the whole range, a close view, and limits against the reference."""
+"""Curves of abs(Z_h): the boundary as in Fig. 7, and limits against the reference."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["Limits", "draw_magnitude", "draw_ratio", "refined"]
 
 FloatArray = NDArray[np.float64]
+_REFERENCE = (0, (7, 3))
+_COUPLED = (0, (2.5, 1.5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ def refined(
     Parameters
     ----------
     omega, curve : ndarray, shape (n,)
-        rad/s, increasing, and values; positive and finite inside and beside the window.
+        rad/s, increasing, and values; positive and finite inside the window and beside it.
     window : tuple of float
         rad/s, inside the range of `omega`.
     points : int
@@ -59,12 +61,11 @@ def refined(
     """
     from scipy.interpolate import CubicSpline
 
-    near = np.flatnonzero((omega >= window[0]) & (omega <= window[1]))
-    first, last = np.searchsorted(omega, window[0]), np.searchsorted(omega, window[1])
-    low, high = max(min(first, *near) - 4 if near.size else first - 4, 0), min(last + 4, omega.size)
-    kept = slice(low, high)
+    # A few points on either side carry the cubic; the rest of the range has nothing to say here.
+    low = max(int(np.searchsorted(omega, window[0])) - 4, 0)
+    kept = slice(low, int(np.searchsorted(omega, window[1])) + 4)
     spline = CubicSpline(np.log(omega[kept]), np.log(curve[kept]))
-    return np.exp(spline(np.log(np.linspace(*window, points))))
+    return np.exp(np.asarray(spline(np.log(np.linspace(*window, points)))))
 
 
 def draw_magnitude(
@@ -92,14 +93,14 @@ def draw_magnitude(
         Logarithmic axes.
     """
     _draw_limits(ax, omega, limits)
-    ax.plot(omega, reference, color=COLOURS["ink"], dashes=(7, 3), linewidth=1.0, label="reference, Z$_h$")
+    ax.plot(omega, reference, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Z$_h$|")
     if coupled is not None:
-        ax.plot(
-            omega, coupled, color=COLOURS["coupled"], dashes=(2.5, 1.5), label="with coupling, Z$_{h,vc}$"
-        )
+        label = "reference with coupling, |Z$_{h,vc}$|"
+        ax.plot(omega, coupled, color=COLOURS["coupled"], linestyle=_COUPLED, label=label)
     if log:
-        ax.set_xscale("log")
+        _log_axis(ax)
         ax.set_yscale("log")
+        ax.yaxis.minorticks_off()
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("angular frequency ω (rad/s)")
     ax.set_ylabel("|Z$_h$| (N·s/m)")
@@ -125,17 +126,21 @@ def draw_ratio(
     reference, coupled : ndarray, shape (n,)
         N·s/m.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = [
-            Limits(one.label, one.method, one.lower / reference, one.upper / reference) for one in limits
-        ]
-        seen = None if coupled is None else coupled / reference
-    _draw_limits(ax, omega, shares)
-    ax.axhline(1.0, color=COLOURS["ink"], dashes=(7, 3), linewidth=1.0)
-    if seen is not None:
-        ax.plot(omega, seen, color=COLOURS["coupled"], dashes=(2.5, 1.5))
-    ax.set_xscale("log")
+    ratios = [Limits(one.label, one.method, one.lower / reference, one.upper / reference) for one in limits]
+    _draw_limits(ax, omega, ratios)
+    ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Z$_h$|")
+    if coupled is not None:
+        label = "reference with coupling, |Z$_{h,vc}$|"
+        ax.plot(omega, coupled / reference, color=COLOURS["coupled"], linestyle=_COUPLED, label=label)
+    _log_axis(ax)
     ax.set_xlim(omega[0], omega[-1])
+    ax.set_xlabel("ω (rad/s)")
+    low, high = ax.get_ylim()
+    if high > 8:
+        # A boundary may reach zero, which has no place on a log axis.
+        ax.set_yscale("log", nonpositive="clip")
+        ax.set_ylim(max(low, high * 1e-5, 1e-3), None)
+        ax.yaxis.minorticks_off()
 
 
 def _draw_limits(ax: Axes, omega: FloatArray, limits: Sequence[Limits]) -> None:
@@ -148,5 +153,13 @@ def _draw_limits(ax: Axes, omega: FloatArray, limits: Sequence[Limits]) -> None:
             # The corner curves cross; the band between them is what is meant.
             low, high = np.minimum(one.lower, one.upper), np.maximum(one.lower, one.upper)
             ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=one.label)
-            ax.plot(omega, low, color=colour, linewidth=0.7)
-            ax.plot(omega, high, color=colour, linewidth=0.7)
+            ax.plot(omega, low, color=colour, linewidth=0.6)
+            ax.plot(omega, high, color=colour, linewidth=0.6)
+
+
+def _log_axis(ax: Axes) -> None:
+    from matplotlib.ticker import FuncFormatter
+
+    ax.set_xscale("log")
+    ax.xaxis.minorticks_off()
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

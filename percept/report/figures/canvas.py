@@ -12,14 +12,25 @@ from typing import TYPE_CHECKING, Any
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "FORMATS", "Drawing", "inline_svg", "plain_text", "render"]
+__all__ = [
+    "COLOURS",
+    "FORMATS",
+    "Drawing",
+    "drawn",
+    "inline_svg",
+    "legend_below",
+    "panels",
+    "plain_text",
+    "rendered",
+]
 
 FORMATS = ("svg", "pdf", "png")
 
-# Blue and vermilion of Okabe and Ito, which remain apart in every common form of colour blindness; never told
-# apart by colour alone. The names are those of the page's style sheet, where the dark page has its own values.
+# Blue and vermilion remain apart in every common form of colour blindness, and form tells them apart as well.
+# The names are those of the page's style sheet, where the dark page has its own values.
 COLOURS = {
     "ink": "#1c2127",
     "quiet": "#667079",
@@ -32,7 +43,7 @@ COLOURS = {
 }
 
 _MM = 1 / 25.4
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 7.5,
@@ -100,13 +111,87 @@ def plain_text(text: str) -> str:
     return text.replace("\\", "\\\\").replace("$", r"\$") if "$" in text else text
 
 
-def render(drawing: Drawing, form: str, *, dpi: int = 300) -> bytes:
-    """Draw for a file: fonts embedded, white ground.
+def panels(
+    figure: Figure,
+    *,
+    left: float = 14.0,
+    right: float = 3.0,
+    top: float = 6.0,
+    bottom: float = 11.0,
+    gap: float = 12.0,
+    columns: int = 1,
+) -> list[Axes]:
+    """Add axes in a row, placed in millimetres so that figures of one size line up.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+        Where to add them.
+    left, right, top, bottom : float
+        Margins, mm.
+    gap : float
+        Between axes, mm.
+    columns : int
+        How many.
+
+    Returns
+    -------
+    list of Axes
+    """
+    width, height = (float(side) / _MM for side in figure.get_size_inches())
+    each = (width - left - right - gap * (columns - 1)) / columns
+    return [
+        figure.add_axes(
+            (
+                (left + column * (each + gap)) / width,
+                bottom / height,
+                each / width,
+                (height - top - bottom) / height,
+            )
+        )
+        for column in range(columns)
+    ]
+
+
+def legend_below(ax: Axes, *, columns: int = 2) -> None:
+    """Put the legend of some axes at the lower edge of their figure."""
+    handles, labels = ax.get_legend_handles_labels()
+    figure = ax.get_figure(root=True)
+    if figure is not None and handles:
+        figure.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=columns, borderaxespad=0.2
+        )
+
+
+def drawn(drawing: Drawing) -> Figure:
+    """Draw once, for any number of formats.
 
     Parameters
     ----------
     drawing : Drawing
         What to draw.
+
+    Returns
+    -------
+    Figure
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(_STYLE):
+        width, height = drawing.size
+        figure = Figure(figsize=(width * _MM, height * _MM))
+        drawing.draw(figure)
+    return figure
+
+
+def rendered(figure: Figure, form: str, *, dpi: int = 300) -> bytes:
+    """Write a drawn figure for a file: fonts embedded, white ground.
+
+    Parameters
+    ----------
+    figure : Figure
+        As `drawn` returns it.
     form : {"svg", "pdf", "png"}
         The format.
     dpi : int
@@ -124,53 +209,67 @@ def render(drawing: Drawing, form: str, *, dpi: int = 300) -> bytes:
     """
     if form not in FORMATS:
         raise UsageError(f"figures come as {', '.join(FORMATS)}.", value=form)
-    return _drawn(drawing, form, dpi, {"svg.fonttype": "path", "figure.facecolor": "white"})
+    return _saved(figure, form, {"svg.fonttype": "path"}, dpi=dpi, facecolor="white")
 
 
-def inline_svg(drawing: Drawing) -> str:
-    """Draw for the page: an ``<svg>`` element with a title, text as text, and the page's colours.
+def inline_svg(figure: Figure, drawing: Drawing) -> str:
+    """Write a drawn figure for the page: an ``<svg>`` with a title, text as text, and the page's colours.
 
     Parameters
     ----------
+    figure : Figure
+        As `drawn` returns it.
     drawing : Drawing
-        What to draw.
+        What it shows.
 
     Returns
     -------
     str
         Safe to put into HTML; every id starts with the drawing's name.
     """
-    settings = {"svg.fonttype": "none", "figure.facecolor": "none"}
-    text = _drawn(drawing, "svg", 72, settings).decode("utf-8")
-    body = text[text.index("<svg") :]
-    body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
-    body = re.sub(r"<!--.*?-->", "", body, flags=re.DOTALL)
-    body = re.sub(r'\b(id|xlink:href|href)="(#?)([^"]+)"', rf'\1="\2{drawing.name}-\3"', body)
-    body = re.sub(r"url\(#([^)]+)\)", rf"url(#{drawing.name}-\1)", body)
+    body = _saved(figure, "svg", {"svg.fonttype": "none"}, dpi=72, facecolor="none").decode("utf-8")
+    opening, _, rest = body[body.index("<svg") :].partition(">")
+    for pattern, replacement in _INLINE:
+        rest = pattern.sub(replacement.replace("NAME", drawing.name), rest)
     for name, colour in COLOURS.items():
-        body = body.replace(colour, f"var(--{name})")
-    opening, _, rest = body.partition(">")
+        rest = rest.replace(colour, f"var(--{name})")
     box = re.search(r'viewBox="[^"]*"', opening)
     if box is None:
         raise RuntimeError("matplotlib wrote an SVG without a viewBox.")
-    head = (
+    return (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0]} '
+        f'style="max-width:{drawing.size[0] * _INLINE_SCALE:.4g}rem" '
         f'role="img" aria-labelledby="{drawing.name}-title {drawing.name}-desc">'
         f'<title id="{drawing.name}-title">{escape(drawing.title)}</title>'
-        f'<desc id="{drawing.name}-desc">{escape(drawing.description)}</desc>'
+        f'<desc id="{drawing.name}-desc">{escape(drawing.description)}</desc>' + rest.strip()
     )
-    return re.sub(r"\n\s*", "\n", head + rest).strip()
 
 
-def _drawn(drawing: Drawing, form: str, dpi: int, settings: dict[str, Any]) -> bytes:
+# rem per mm: at its largest a figure's 7.5 pt lettering is as large as the page's small print.
+_INLINE_SCALE = 0.3
+_INLINE = tuple(
+    (re.compile(pattern, re.DOTALL), replacement)
+    for pattern, replacement in (
+        (r"<metadata>.*?</metadata>|<!--.*?-->", ""),
+        (r'\bid="([^"]+)"', r'id="NAME-\1"'),
+        (r'xlink:href="#([^"]+)"', r'xlink:href="#NAME-\1"'),
+        (r"url\(#([^)]+)\)", r"url(#NAME-\1)"),
+        (r"\n\s*", "\n"),
+    )
+)
+
+
+def _saved(figure: Figure, form: str, settings: dict[str, Any], *, dpi: int, facecolor: str) -> bytes:
     from matplotlib import rc_context
-    from matplotlib.figure import Figure
 
-    with rc_context({**_STYLE, **settings}):
-        figure = Figure(figsize=tuple(side * _MM for side in drawing.size), layout="constrained")
-        drawing.draw(figure)
-        buffer = io.BytesIO()
-        # Dates and versions would make equal figures differ.
-        quiet = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}[form]
-        figure.savefig(buffer, format=form, dpi=dpi, metadata=quiet)
+    buffer = io.BytesIO()
+    # Dates and versions would make equal figures differ.
+    quiet: dict[str, Any] = {
+        "svg": {"Date": None, "Creator": None},
+        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+        "png": {"Software": None},
+    }[form]
+    style: Any = {**_STYLE, **settings}
+    with rc_context(style):
+        figure.savefig(buffer, format=form, dpi=dpi, facecolor=facecolor, metadata=quiet)
     return buffer.getvalue()

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.report.figures.canvas import COLOURS, plain_text
+from percept.report.select import KINDS, METHOD_NAMES, METHODS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["Bar", "draw_intervals"]
 
-KINDS = ("mean", "user", "share")
-METHODS = ("classical", "bayesian")
 _WIDTH = {"mean": 3.2, "user": 1.6, "share": 0.7}
+
 _MARK = {"classical": "o", "bayesian": "D"}
 
 
@@ -78,7 +78,7 @@ def draw_intervals(
             [y, y],
             color=COLOURS[bar.method],
             linewidth=_WIDTH[bar.kind],
-            label=f"{bar.method}, {bar.kind}" if bar.environment == environments[0] else None,
+            label=f"{METHOD_NAMES[bar.method]}, {bar.kind}" if bar.environment == environments[0] else None,
         )
         if bar.kind == "mean":
             ax.plot(
@@ -122,9 +122,9 @@ def _plain_ticks(ax: Axes) -> None:
 
     low, high = ax.get_xlim()
     decades = np.log10(high / low)
-    marks = (1.0, 2.0, 5.0) if decades < 3 else (1.0,)
+    marks: list[float] = [1.0, 2.0, 5.0] if decades < 3 else [1.0]
     if decades < 0.7:
-        marks = tuple(np.arange(1, 10, 0.5 if decades > 0.3 else 0.2))
+        marks = np.arange(1, 10, 0.5 if decades > 0.3 else 0.2).tolist()
     ax.xaxis.set_major_locator(LogLocator(base=10, subs=marks))
     ax.xaxis.set_minor_locator(NullLocator())
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
