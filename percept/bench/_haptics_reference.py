@@ -101,7 +101,9 @@ def _point(inputs: Mapping[str, Number]) -> SimpleNamespace:
 
     theta = inputs["omega"] * inputs["period"]
     z = mpmath.expj(theta)
-    return SimpleNamespace(**inputs, theta=theta, z=z, s=2 / inputs["period"] * (z - 1) / (z + 1), mp=mpmath)
+    # On the unit circle s is imaginary; a real part is rounding, and would count where nothing else is real.
+    s = mpmath.mpc(0, (2 / inputs["period"] * (z - 1) / (z + 1)).imag)
+    return SimpleNamespace(**inputs, theta=theta, z=z, s=s, mp=mpmath)
 
 
 def series(a: Number, b: Number) -> Number:

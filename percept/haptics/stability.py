@@ -72,7 +72,10 @@ def required_damping_at(
     beta = tustin_damping(coupling, grid.period, discretization)
     stretch = np.multiply(coupling.stiffness, grid.period)
     # Only positive terms, and K²/β as K·(K/β): K² alone may leave the range of a double.
-    return (np.multiply(beta, viscous) + times(elastic, stretch * ratio(stretch, beta, empty=0.0)))[()]
+    load = stretch * ratio(stretch, beta, empty=0.0)
+    needed = np.multiply(beta, viscous) + times(elastic, load)
+    # A spring without a damper asks for infinitely much right up to Nyquist, so also there.
+    return np.where(np.isinf(load), np.inf, needed)[()]
 
 
 def demands(grid: Warp, hold: str) -> tuple[FloatArray, FloatArray]:

@@ -93,6 +93,11 @@ def test_binding_frequency_slides_into_dc():
 def test_tustin_without_damping_is_never_stable():
     need = required_damping(Coupling([0.0, 1e3], 0.0), T, discretization="tustin")
     np.testing.assert_array_equal(need.damping, [0.0, np.inf])
+    for kind in ("average", "true"):
+        at = required_damping_at(
+            [0.0, 1.0, np.pi / T], Coupling(1e3, 0.0), T, discretization="tustin", hold=kind
+        )
+        np.testing.assert_array_equal(at, np.inf)
 
 
 def test_backward_difference_is_tustin_with_more_damping():
