@@ -112,7 +112,7 @@ class Proposal:
         distance = np.einsum("dn,dn->n", whitened, whitened)
         precision = rng.standard_gamma(0.5 * (_DF + size), size=count) / (0.5 * (_DF + distance))
         towards = (rng.standard_normal((count, size)) @ self.factor.T) / np.sqrt(precision)[:, None]
-        angle = 0.5 * math.pi * rng.random_sample(count)[:, None]
+        angle = 0.5 * math.pi * rng.random_sample((count, 1))
         return self._map(self.centre + np.cos(angle) * z + np.sin(angle) * towards)
 
     def _map(self, z: Array) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from percept.errors import UsageError
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, rank_rhat
-from percept.inference.sampling.ensemble import EnsembleState, Target, advance, start
+from percept.inference.sampling.ensembles import Ensembles, Target, advance, start
 from percept.inference.sampling.estimands import Estimands, Estimates
 from percept.inference.sampling.proposal import Proposal
 from percept.inference.sampling.warmup import warm_up
@@ -195,22 +195,21 @@ def sample(
     """
     dimension = len(target.names)
     walkers = settings.walkers or max(64, 2 * (dimension + 1))
-    warm_seed, *seeds = np.random.SeedSequence(settings.seed).spawn(1 + settings.ensembles)
-    law, points = warm_up(target, settings.ensembles * walkers, warm_seed)
-    states = [start(target, points[i * walkers : (i + 1) * walkers], seed) for i, seed in enumerate(seeds)]
-    states = [advance(target, law, state, steps=_BURN_IN, stride=_BURN_IN)[0] for state in states]
+    warm_seed, run_seed = np.random.SeedSequence(settings.seed).spawn(2)
+    law, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
+    state, _ = advance(target, law, start(target, points, run_seed), steps=_BURN_IN, stride=_BURN_IN)
     record = _Record(estimands)
     wanted = _FIRST_ROUND
     while True:
-        states = record.extend(target, law, states, wanted)
-        judged = record.judge(states, settings)
+        state = record.extend(target, law, state, wanted)
+        judged = record.judge(state, settings)
         needed = record.steps_needed(judged, settings)
         if progress:
             worst = judged.gate.worst_error
-            progress(Progress(states[0].steps, _BURN_IN + needed, worst, settings.tolerance))
-        if judged.gate.passed or states[0].steps >= settings.most_steps:
+            progress(Progress(state.steps, _BURN_IN + needed, worst, settings.tolerance))
+        if judged.gate.passed or state.steps >= settings.most_steps:
             return judged
-        wanted = min(needed - record.steps, settings.most_steps - states[0].steps)
+        wanted = min(needed - record.steps, settings.most_steps - state.steps)
 
 
 class _Record:
@@ -218,39 +217,35 @@ class _Record:
 
     def __init__(self, estimands: Estimands) -> None:
         self._estimands = estimands
-        self._points: list[Array] = []
-        self._components: list[Array] = []
+        self._points: Array | None = None
+        self._components: Array | None = None
         self.stride = 3
 
     @property
     def steps(self) -> int:
         """Steps the kept positions span."""
-        return self._points[0].shape[0] * self.stride if self._points else 0
+        return 0 if self._points is None else self._points.shape[1] * self.stride
 
-    def extend(
-        self, target: Target, law: Proposal, states: list[EnsembleState], steps: int
-    ) -> list[EnsembleState]:
+    def extend(self, target: Target, law: Proposal, state: Ensembles, steps: int) -> Ensembles:
         """Run every ensemble for at least `steps` and keep what is needed."""
         steps = max(self.stride, math.ceil(steps / self.stride) * self.stride)
-        results = [advance(target, law, state, steps=steps, stride=self.stride) for state in states]
-        kept = [points for _, points in results]
-        components = [
-            self._estimands.components(points.reshape(-1, points.shape[-1])).reshape(*points.shape[:2], -1)
-            for points in kept
-        ]
-        if self._points:
-            kept = [np.concatenate(pair) for pair in zip(self._points, kept, strict=True)]
-            components = [np.concatenate(pair) for pair in zip(self._components, components, strict=True)]
-        self._points, self._components = kept, components
-        while len(kept) * kept[0].shape[0] * kept[0].shape[1] > _KEPT_LIMIT:
-            self._points = kept = [points[1::2] for points in kept]
-            self._components = [values[1::2] for values in self._components]
+        state, points = advance(target, law, state, steps=steps, stride=self.stride)
+        flat = points.reshape(-1, points.shape[-1])
+        components = self._estimands.components(flat).reshape(*points.shape[:3], -1)
+        if self._points is not None and self._components is not None:
+            points = np.concatenate([self._points, points], axis=1)
+            components = np.concatenate([self._components, components], axis=1)
+        while points[..., 0].size > _KEPT_LIMIT:
+            points, components = points[:, 1::2], components[:, 1::2]
             self.stride *= 2
-        return [state for state, _ in results]
+        self._points, self._components = points, components
+        return state
 
-    def judge(self, states: list[EnsembleState], settings: Settings) -> Run:
+    def judge(self, state: Ensembles, settings: Settings) -> Run:
         """Estimate, measure and pass the gate or not."""
-        points, components = np.stack(self._points), np.stack(self._components)
+        assert self._points is not None
+        assert self._components is not None
+        points, components = self._points, self._components
         shape = components.shape[:3]
         estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]))
         influence = estimates.influence.reshape(*shape, -1)
@@ -262,15 +257,15 @@ class _Record:
         slowest = float(times.max())
         gap = max(1, round(min(slowest, shape[1] / 4.0)))
         rhat = rank_rhat(watched[:, ::gap].reshape(shape[0], -1, watched.shape[3]))
-        gate = self._gate(states, settings, estimates, errors, slowest, float(rhat.max()), shape)
+        gate = self._gate(state, settings, estimates, errors, slowest, float(rhat.max()), shape)
         return Run(
             points, components, estimates, errors, times[:count] * self.stride, gate,
-            states[0].steps, self.stride, settings,
+            state.steps, self.stride, settings,
         )  # fmt: skip
 
     def _gate(
         self,
-        states: list[EnsembleState],
+        state: Ensembles,
         settings: Settings,
         estimates: Estimates,
         errors: Array,
@@ -280,7 +275,7 @@ class _Record:
     ) -> Gate:
         relative = errors / estimates.scale
         worst = int(np.argmax(relative))
-        accepted = np.concatenate([state.accepted for state in states]) / states[0].steps
+        accepted = state.accepted / state.steps
         times_run = shape[1] / slowest
         reasons = []
         if not rhat < _RHAT_LIMIT:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.ensemble import Target, advance, start
+from percept.inference.sampling.ensembles import Target, advance, start
 from percept.inference.sampling.mode import find_mode
 from percept.inference.sampling.proposal import Proposal
 
@@ -17,18 +17,18 @@ _STEPS = 48
 _STRIDE = 12
 
 
-def warm_up(target: Target, walkers: int, seed: np.random.SeedSequence) -> tuple[Proposal, Array]:
+def warm_up(target: Target, shape: tuple[int, int], seed: np.random.SeedSequence) -> tuple[Proposal, Array]:
     """Fit a proposal to a density and find starting points.
 
-    Mode and curvature give the first law; importance weights refine it; a short run of one ensemble
-    gives the sample to which the final, skewed law is fitted.
+    Mode and curvature give the first law; importance weights refine it; a short run gives
+     the sample to which the final, skewed law is fitted.
 
     Parameters
     ----------
     target : Target
         The density.
-    walkers : int
-        Starting points wanted.
+    shape : tuple of int
+        Ensembles and walkers that starting points are wanted for.
     seed : numpy.random.SeedSequence
         Seed of the warm-up.
 
@@ -36,17 +36,18 @@ def warm_up(target: Target, walkers: int, seed: np.random.SeedSequence) -> tuple
     -------
     proposal : Proposal
         Frozen from here on.
-    points : ndarray, shape (walkers, d)
-        Last positions of the warm-up's ensemble.
+    points : ndarray, shape (ensembles, walkers, d)
+        Last positions of the warm-up's own ensembles.
     """
     adapt_seed, run_seed = seed.spawn(2)
     mode, covariance = find_mode(target, np.zeros(len(target.names)))
+    count = shape[0] * shape[1]
     law, points = _importance_rounds(
-        target, Proposal.normal(mode, covariance), np.random.default_rng(adapt_seed), walkers
+        target, Proposal.normal(mode, covariance), np.random.default_rng(adapt_seed), count
     )
-    state = start(target, points[:walkers], run_seed)
+    state = start(target, points[:count].reshape(*shape, -1), run_seed)
     state, kept = advance(target, law, state, steps=_STEPS, stride=_STRIDE)
-    return Proposal.fit(kept[1:].reshape(-1, mode.size)), state.coords
+    return Proposal.fit(kept[:, 1:].reshape(-1, mode.size)), state.coords
 
 
 def _importance_rounds(

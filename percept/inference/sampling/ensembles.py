@@ -1,0 +1,168 @@
+"""Ensembles of walkers, advanced in pieces that can be stopped, stored and taken up again."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Protocol
+
+import emcee
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError
+from percept.inference.sampling.moves import standard_moves
+from percept.inference.sampling.proposal import Proposal
+
+__all__ = ["Ensembles", "Target", "advance", "start"]
+
+Array = NDArray[np.float64]
+
+
+class Target(Protocol):
+    """A log density to sample."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of points (W, d), shape (W,); -inf allowed, NaN not."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Ensembles:
+    """Everything E ensembles of W walkers need to go on.
+
+    Attributes
+    ----------
+    coords : ndarray, shape (E, W, d)
+        Walkers.
+    log_density : ndarray, shape (E, W)
+        Their log densities.
+    schedule : tuple
+        State of the generator that chooses the kind of step (legacy Mersenne Twister tuple).
+    generators : tuple of tuple
+        State of each ensemble's own generator.
+    accepted : ndarray of int, shape (E, W)
+        Accepted steps per walker so far.
+    steps : int
+        Steps taken so far.
+    """
+
+    coords: Array
+    log_density: Array
+    schedule: tuple[Any, ...]
+    generators: tuple[tuple[Any, ...], ...]
+    accepted: NDArray[np.int64]
+    steps: int
+
+
+def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensembles:
+    """Place walkers and give every ensemble a generator of its own.
+
+    Parameters
+    ----------
+    target : Target
+        The density.
+    points : ndarray, shape (E, W, d)
+        First positions.
+    seed : numpy.random.SeedSequence
+        Its children seed the schedule and the ensembles.
+
+    Returns
+    -------
+    Ensembles
+
+    Raises
+    ------
+    RefusalError
+        If the density is NaN anywhere, or -inf everywhere, naming the coordinates.
+    """
+    ensembles, walkers, dimension = points.shape
+    flat = points.reshape(-1, dimension)
+    log_density = target(flat)
+    bad = np.isnan(log_density)
+    if bad.any():
+        where = flat[int(np.argmax(bad))]
+        raise RefusalError(f"the log density is NaN at {_describe(target.names, where)}.")
+    if np.all(np.isneginf(log_density)):
+        raise RefusalError(
+            f"the log density is -inf at every walker, for example at {_describe(target.names, flat[0])}.",
+            hint="Check the data and the priors of these parameters.",
+        )
+    schedule, *generators = (_legacy(child) for child in seed.spawn(1 + ensembles))
+    return Ensembles(
+        points.copy(),
+        log_density.reshape(ensembles, walkers),
+        schedule,
+        tuple(generators),
+        np.zeros((ensembles, walkers), dtype=np.int64),
+        0,
+    )
+
+
+def _legacy(seed: np.random.SeedSequence) -> tuple[Any, ...]:
+    # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in silence.
+    return tuple(np.random.RandomState(np.random.MT19937(seed)).get_state(legacy=True))
+
+
+def _describe(names: list[str], point: Array) -> str:
+    extreme = np.argsort(-np.abs(point))[:4]
+    return ", ".join(f"{names[i]} = {point[i]:.6g}" for i in sorted(extreme.tolist()))
+
+
+def advance(
+    target: Target, law: Proposal, state: Ensembles, *, steps: int, stride: int
+) -> tuple[Ensembles, Array]:
+    """Run all ensembles for some steps and keep every `stride`-th position.
+
+    Parameters
+    ----------
+    target : Target
+        The density.
+    law : Proposal
+        Fitted law of the moves, frozen.
+    state : Ensembles
+        Where to go on from.
+    steps : int
+        Steps to take, a multiple of `stride`.
+    stride : int
+        Keep one position in so many.
+
+    Returns
+    -------
+    state : Ensembles
+        Where the ensembles stand now.
+    kept : ndarray, shape (E, steps // stride, W, d)
+        Positions kept.
+    """
+    ensembles, walkers, dimension = state.coords.shape
+    generators = [np.random.RandomState() for _ in range(ensembles)]
+    for generator, stored in zip(generators, state.generators, strict=True):
+        generator.set_state(stored)
+    sampler = emcee.EnsembleSampler(
+        ensembles * walkers, dimension, target, moves=standard_moves(law, generators), vectorize=True
+    )
+    current = emcee.State(
+        state.coords.reshape(-1, dimension),
+        log_prob=state.log_density.ravel(),
+        random_state=state.schedule,
+        copy=True,
+    )
+    kept = np.empty((ensembles, steps // stride, walkers, dimension))
+    accepted, before = state.accepted.ravel().copy(), state.log_density.ravel()
+    chain = sampler.sample(current, iterations=steps, store=False, skip_initial_state_check=True)
+    for step, current in enumerate(chain, start=1):
+        accepted += current.log_prob != before
+        before = np.array(current.log_prob)
+        if step % stride == 0:
+            kept[:, step // stride - 1] = current.coords.reshape(state.coords.shape)
+    after = Ensembles(
+        np.array(current.coords).reshape(state.coords.shape),
+        np.array(current.log_prob).reshape(state.log_density.shape),
+        tuple(sampler.random_state) if steps else state.schedule,
+        tuple(tuple(generator.get_state(legacy=True)) for generator in generators),
+        accepted.reshape(state.accepted.shape),
+        state.steps + steps,
+    )
+    return after, kept
