@@ -189,49 +189,7 @@ def test_wrong_ellipses_are_refused(function, change, message):
         function(1.0, DEVICE, period=T, **arguments)
 
 
-def curve(centre, shape, radius, count=40_001):
-    angle = np.linspace(0, 2 * np.pi, count)
-    return np.array(centre)[:, None] + radius * np.linalg.cholesky(shape) @ np.array(
-        [np.cos(angle), np.sin(angle)]
-    )
-
-
-def test_phase_range_of_ellipses():
-    from tests.haptics.test_envelope import compare_phase, naive
-
-    rng = np.random.default_rng(12)
-    seen = set()
-    for _ in range(60):
-        device = Device(*10 ** rng.uniform(-2, 1, 2))
-        omega = 10 ** rng.uniform(-1, 3.4)
-        centre = rng.normal(0, [1e3, 5.0])
-        sd = 10 ** rng.uniform([0, -2], [3.5, 1.2])
-        cross = rng.uniform(-0.99, 0.99) * sd[0] * sd[1]
-        shape = [[sd[0] ** 2, cross], [cross, sd[1] ** 2]]
-        lower, upper = phase_envelope_ellipse(omega, device, centre, shape, 1.5, T)
-        angles = np.angle(naive(omega, device, *curve(centre, shape, 1.5)))
-        seen.add(compare_phase(angles, lower, upper))
-    assert seen == {"turn", "range"}
-
-
-def test_phase_range_of_points_segments_and_dc():
-    point = phase_envelope_ellipse(10.0, DEVICE, (100.0, 1.0), [[0.0, 0.0], [0.0, 0.0]], 1.0, T)
-    assert point[0] == point[1]
-    segment = phase_envelope_ellipse(10.0, DEVICE, (0.0, 1.0), [[1e4, 0.0], [0.0, 0.0]], 1.0, T)
-    ends = [
-        phase_envelope_ellipse(10.0, DEVICE, (k, 1.0), np.zeros((2, 2)), 1.0, T)[0] for k in (-100.0, 100.0)
-    ]
-    np.testing.assert_allclose(segment, sorted(ends), atol=1e-14)
-    shape = [[100.0, 0.0], [0.0, 1.0]]
-    np.testing.assert_array_equal(
-        phase_envelope_ellipse(0.0, DEVICE, (25.0, 1.0), shape, 2.0, T), [-np.pi / 2] * 2
-    )
-    np.testing.assert_array_equal(
-        phase_envelope_ellipse(0.0, DEVICE, (15.0, 1.0), shape, 2.0, T), [-np.pi / 2, np.pi / 2]
-    )
-
-
-def test_log_ellipse_against_its_curve_and_its_inside():
+def test_log_ellipse_against_its_curve_and_its_inside(ellipse_edge):
     rng = np.random.default_rng(13)
     held = 0
     for index in range(40):
@@ -251,11 +209,13 @@ def test_log_ellipse_against_its_curve_and_its_inside():
         cross = rng.uniform(-0.95, 0.95) * sd[0] * sd[1]
         shape = np.array([[sd[0] ** 2, cross], [cross, sd[1] ** 2]])
         lower, upper = magnitude_envelope_log_ellipse(omega, device, centre, shape, 1.5, T)
-        edge = perceived_magnitude(omega, device, *np.exp(curve(centre, shape, 1.5)), T)
+        edge = perceived_magnitude(omega, device, *np.exp(ellipse_edge(centre, shape, 1.5)), T)
         assert upper >= edge.max() * (1 - 1e-13)
         assert upper == pytest.approx(edge.max(), rel=1e-6)
         radii = np.sqrt(rng.uniform(0, 1, 20_000))
-        within = np.array(centre)[:, None] + (curve(centre, shape, 1.5, 20_000) - centre[:, None]) * radii
+        within = (
+            np.array(centre)[:, None] + (ellipse_edge(centre, shape, 1.5, 20_000) - centre[:, None]) * radii
+        )
         filled = perceived_magnitude(omega, device, *np.exp(within), T)
         assert lower <= min(edge.min(), filled.min()) * (1 + 1e-12)
         if lower == 0:
