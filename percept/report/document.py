@@ -8,7 +8,11 @@ from importlib import metadata
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from percept.report.design import coupling_design
+from percept.report.findings import findings
 from percept.report.plain import plain
+from percept.report.select import distinct
+from percept.report.sensitivity import device_sensitivity
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -22,7 +26,6 @@ _ZOOM_AT = 10.0
 _ZOOM_BY = 0.02
 
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
-_CELL = ("environment", "parameter", "reference", "n", "mean", "sd", "unit")
 UNITS = {"k": "N/m", "b": "N·s/m"}
 
 
@@ -42,23 +45,28 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     -------
     dict
         ``schema``, ``provenance``, ``data``, ``zoom``, ``intervals``, ``boundaries``, ``coupling``, ``band``,
-        ``comparison``, ``diagnostics``, ``skipped``: JSON values only (see `percept.report.plain`), in the
+        ``comparison``, ``diagnostics``, ``skipped``, and what is worked out from them: ``sensitivity``,
+        ``design``, ``summary``. JSON values only (see `percept.report.plain`), in the
         units of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
-    boundaries = [_boundary(boundary) for boundary in study.boundaries] if curves else []
-    return {
+    document = {
         "schema": SCHEMA,
         "provenance": _provenance(study, seed),
         "data": _data(study),
-        "zoom": zoom_windows(study.scene, [row["environment"] for row in boundaries]),
+        "zoom": {},
         "intervals": plain(study.intervals),
-        "boundaries": boundaries,
-        "coupling": plain(study.coupling) if curves else None,
+        "boundaries": plain(study.boundaries),
+        "coupling": plain(study.coupling),
         "band": plain(study.band),
         "comparison": plain(study.comparison),
         "diagnostics": plain(study.diagnostics),
         "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
     }
+    document["zoom"] = zoom_windows(study.scene, distinct(document["boundaries"], "environment"))
+    document["sensitivity"] = device_sensitivity(document)
+    document["design"] = coupling_design(document)
+    document["summary"] = findings(document)
+    return document
 
 
 def zoom_windows(scene: Any, environments: list[str]) -> dict[str, list[float]]:
@@ -154,12 +162,6 @@ def _cells(sessions: Any) -> list[dict[str, Any]]:
                 }
             )
     return cells
-
-
-def _boundary(boundary: Any) -> dict[str, Any]:
-    record: dict[str, Any] = plain(boundary)
-    # On most grids the mean, user and share of one environment share what does not depend on the kind.
-    return record
 
 
 def _pair(entry: Any) -> tuple[Any, Any]:

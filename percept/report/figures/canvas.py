@@ -20,6 +20,7 @@ __all__ = [
     "FORMATS",
     "Drawing",
     "drawn",
+    "grid",
     "inline_svg",
     "legend_below",
     "panels",
@@ -138,18 +139,55 @@ def panels(
     -------
     list of Axes
     """
+    return grid(figure, columns, columns=columns, left=left, right=right, top=top, bottom=bottom, gap=gap)
+
+
+def grid(
+    figure: Figure,
+    count: int,
+    *,
+    columns: int,
+    left: float = 14.0,
+    right: float = 3.0,
+    top: float = 6.0,
+    bottom: float = 11.0,
+    gap: float = 12.0,
+    line: float = 17.0,
+) -> list[Axes]:
+    """Add axes in rows, placed in millimetres.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+        Where to add them.
+    count : int
+        How many in all.
+    columns : int
+        How many in a row.
+    left, right, top, bottom : float
+        Margins, mm.
+    gap, line : float
+        Between axes, sideways and from row to row, mm.
+
+    Returns
+    -------
+    list of Axes
+        Row by row from the top left.
+    """
     width, height = (float(side) / _MM for side in figure.get_size_inches())
-    each = (width - left - right - gap * (columns - 1)) / columns
+    rows = -(-count // columns)
+    wide = (width - left - right - gap * (columns - 1)) / columns
+    high = (height - top - bottom - line * (rows - 1)) / rows
     return [
         figure.add_axes(
             (
-                (left + column * (each + gap)) / width,
-                bottom / height,
-                each / width,
-                (height - top - bottom) / height,
+                (left + (index % columns) * (wide + gap)) / width,
+                (bottom + (rows - 1 - index // columns) * (high + line)) / height,
+                wide / width,
+                high / height,
             )
         )
-        for column in range(columns)
+        for index in range(count)
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +57,7 @@ def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
                 f"{environment}: boundary of |Z_h| over the whole range",
                 f"Limits that feel like {environment} to the average user, the reference{coupling}; on this "
                 "scale the curves can hardly be told apart.",
-                (85.0, 70.0),
+                (85.0, 74.0),
                 partial(_draw_range, curves),
             )
         )
@@ -68,7 +68,7 @@ def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
                     f"boundary_{index}_zoom",
                     f"{environment}: close view, {window[0]:g} to {window[1]:g} rad/s",
                     f"The same limits, the reference{coupling}, on linear axes.",
-                    (85.0, 70.0),
+                    (85.0, 74.0),
                     partial(_draw_zoom, curves, window),
                 )
             )
@@ -126,17 +126,19 @@ def _like_limits(rows: list[Any], kind: str, family: str) -> list[Limits]:
             first(matching(candidates, method=method, shape=shape), family=families) for method in METHODS
         ]
         if any(found):
-            return [_limits(row) for row in reversed(found) if row is not None]
+            limits = [_limits(row) for row in reversed(found) if row is not None]
+            # One legend serves all kinds.
+            return [replace(one, label=one.label.replace(f" {kind},", "")) for one in limits]
     return []
 
 
 def _limits(row: Mapping[str, Any]) -> Limits:
-    label = f"{METHOD_NAMES[row['method']]}, {row['kind']}, {row['shape']} ({row['family']})"
+    label = f"{METHOD_NAMES[row['method']]} {row['kind']}, {row['shape']} ({row['family']})"
     return Limits(label, row["method"], array(row["lower"]), array(row["upper"]))
 
 
 def _draw_range(curves: _Curves, figure: Figure) -> None:
-    (ax,) = panels(figure, bottom=23)
+    (ax,) = panels(figure, bottom=28)
     draw_magnitude(ax, curves.omega, curves.paper, curves.reference, curves.coupled)
     ax.set_title(plain_text(curves.environment), loc="left")
     legend_below(ax, columns=1)
@@ -153,7 +155,7 @@ def _draw_zoom(curves: _Curves, window: tuple[float, float], figure: Figure) -> 
         if (one.lower[near] > 0).all() and np.isfinite(one.upper[near]).all()
     ]
     coupled = close(curves.coupled) if curves.coupled is not None else None
-    (ax,) = panels(figure, bottom=23)
+    (ax,) = panels(figure, bottom=28)
     draw_magnitude(ax, np.linspace(*window, 121), limits, close(curves.reference), coupled, log=False)
     ax.set_title(plain_text(f"{curves.environment}, {window[0]:g} to {window[1]:g} rad/s"), loc="left")
     legend_below(ax, columns=1)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from percept.report.figures.canvas import Drawing, panels
+import numpy as np
+
+from percept.report.figures.canvas import Drawing, grid, legend_below, panels, plain_text
+from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
 from percept.report.select import array
 
@@ -14,9 +18,12 @@ if TYPE_CHECKING:
 
 __all__ = ["coupling_drawings"]
 
+_LABEL = "this coupling"
+_COLUMNS = 3
+
 
 def coupling_drawings(document: Mapping[str, Any]) -> list[Drawing]:
-    """Return the stability criterion over ω (Fig. 4).
+    """Return the stability criterion over ω (Fig. 4), and the map of couplings that qualify.
 
     Parameters
     ----------
@@ -27,29 +34,63 @@ def coupling_drawings(document: Mapping[str, Any]) -> list[Drawing]:
     list of Drawing
         Empty where there is no coupling.
     """
-    coupling = document["coupling"]
-    if not coupling:
-        return []
+    found = []
+    if document["coupling"] and document["coupling"].get("bound"):
+        found.append(
+            Drawing(
+                "stability",
+                "Stability of the coupling over the angular frequency",
+                "Re 1/Z_c of the coupling and the lower bound it has to stay above (Eq. 10).",
+                (120.0, 80.0),
+                partial(_draw_stability, document["coupling"]),
+            )
+        )
+    if document["design"]:
+        maps = [*document["design"]["environments"], {"name": "all together", **document["design"]["common"]}]
+        rows = -(-len(maps) // _COLUMNS)
+        found.append(
+            Drawing(
+                "design",
+                "Couplings that qualify, by environment",
+                "Shaded: stable with this device, and inside the next user's boundary over the whole range. "
+                "The line is the edge of what is stable, the cross the coupling in use.",
+                (175.0, 16.0 + 52.0 * rows),
+                partial(_draw_design, document, maps),
+            )
+        )
+    return found
 
-    def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18, top=3)
-        curve = array(coupling["admittance"])
-        binding = coupling["binding_omega"]
-        inside = coupling["omega"][0] <= binding <= coupling["omega"][-1]
-        draw_stability(
+
+def _draw_stability(coupling: Mapping[str, Any], figure: Figure) -> None:
+    (ax,) = panels(figure, left=18, top=3)
+    omega, binding = array(coupling["omega"]), coupling["binding_omega"]
+    inside = binding is not None and omega[0] <= float(binding) <= omega[-1]
+    draw_stability(
+        ax,
+        omega,
+        array(coupling["bound"]),
+        {_LABEL: array(coupling["admittance"])},
+        binding={_LABEL: float(binding)} if inside else None,
+    )
+
+
+def _draw_design(document: Mapping[str, Any], maps: list[Mapping[str, Any]], figure: Figure) -> None:
+    design = document["design"]
+    scene = document["provenance"]["scene"]["coupling"]
+    edge = design["stable"]
+    stable = (array(edge["stiffness"]), array(edge["damping"])) if edge else None
+    axes = grid(figure, len(maps), columns=_COLUMNS, bottom=17)
+    for ax, one in zip(axes, maps, strict=True):
+        intervals = [np.array(part, dtype=float).reshape(-1, 2) for part in one["intervals"]]
+        draw_design(
             ax,
-            array(coupling["omega"]),
-            array(coupling["bound"]),
-            {"this coupling": curve},
-            binding={"this coupling": binding} if inside else None,
+            array(design["damping"]),
+            intervals,
+            stable=stable,
+            coupling=(scene["stiffness"], scene["damping"]),
         )
-
-    return [
-        Drawing(
-            "stability",
-            "Stability of the coupling over the angular frequency",
-            "Re 1/Z_c of the coupling and the lower bound it has to stay above (Eq. 10).",
-            (120.0, 80.0),
-            draw,
-        )
-    ]
+        ax.set_title(plain_text(one["name"]), loc="left")
+    for ax in axes[::_COLUMNS]:
+        ax.set_ylabel("b$_c$ (N·s/m)")
+    richest = max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0]))
+    legend_below(richest, columns=3)

@@ -54,9 +54,9 @@ def interval_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             Drawing(
                 f"intervals_{parameter}",
                 f"Intervals of {name}, divided by the reference",
-                "In each environment from top to bottom: average user (thick bar, mark at the estimate), next "
-                "user, share of users (thin); each classical above Bayesian, and below them the subjects. "
-                "The dashed line is the reference.",
+                "In each environment from top to bottom: average user (thick bar, mark at the estimate), "
+                "next user, share of users (thin); each classical above Bayesian, and below them the "
+                "subjects. The dashed line is the reference.",
                 (130.0, 26.0 + 17.0 * len(environments)),
                 partial(_draw, name, environments, bars, values, family == "lognormal"),
             )

@@ -1,0 +1,75 @@
+"""Couplings that qualify, in the plane of stiffness and damping."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.report.figures.canvas import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_design"]
+
+FloatArray = NDArray[np.float64]
+
+
+def draw_design(
+    ax: Axes,
+    damping: FloatArray,
+    intervals: Sequence[FloatArray],
+    *,
+    stable: tuple[FloatArray, FloatArray] | None = None,
+    coupling: tuple[float, float] | None = None,
+) -> None:
+    """Draw the couplings that are stable and stay inside a boundary.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+        Where to draw; stiffness in kN/m to the right, damping in N·s/m upward.
+    damping : ndarray, shape (n,)
+        b_c of each line, N·s/m.
+    intervals : sequence of ndarray, each of shape (m, 2)
+        The k_c that qualify on each line, N/m.
+    stable : pair of ndarray, optional
+        k_c (N/m) and b_c (N·s/m) along the edge of the stable region.
+    coupling : tuple of float, optional
+        k_c (N/m) and b_c (N·s/m) of the coupling in use.
+    """
+    if stable is not None:
+        ax.plot(
+            *(np.append(side, side[0]) for side in (stable[0] / 1e3, stable[1])),
+            color=COLOURS["quiet"],
+            linewidth=0.8,
+            label="edge of the stable region",
+        )
+    for rank in range(max((len(part) for part in intervals), default=0)):
+        low = np.array([part[rank, 0] if len(part) > rank else np.nan for part in intervals])
+        high = np.array([part[rank, 1] if len(part) > rank else np.nan for part in intervals])
+        ax.fill_betweenx(
+            damping,
+            low / 1e3,
+            high / 1e3,
+            color=COLOURS["coupled"],
+            alpha=0.35,
+            linewidth=0,
+            label="stable and inside the boundary" if rank == 0 else None,
+        )
+    if coupling is not None:
+        ax.plot(
+            [coupling[0] / 1e3],
+            [coupling[1]],
+            marker="X",
+            markersize=5,
+            linestyle="none",
+            color=COLOURS["warn"],
+            label="coupling in use",
+        )
+    ax.set_xlim(left=0)
+    ax.set_ylim(bottom=0)
+    ax.set_xlabel("k$_c$ (kN/m)")

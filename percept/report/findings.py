@@ -1,0 +1,81 @@
+"""What the summary says, worked out from the rest of the document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from percept.report.select import METHODS, distinct, matching
+
+__all__ = ["findings"]
+
+
+def findings(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Count what a reader asks first.
+
+    Parameters
+    ----------
+    document : mapping
+        With intervals and boundaries.
+
+    Returns
+    -------
+    dict
+        ``references``: per method and family, how many references lie ``inside`` their own interval of kind
+        mean, ``of`` how many, and which lie ``outside``. ``widths``: per method, family, parameter and
+        kind the ``narrowest`` and ``widest`` interval relative to its reference, and where.
+    """
+    return {"references": _references(document["intervals"]), "widths": _widths(document["intervals"])}
+
+
+def _references(intervals: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    found = []
+    for method in METHODS:
+        rows = matching(intervals, method=method, kind="mean", joint="marginal")
+        for family in distinct(rows, "family"):
+            known = [
+                row
+                for row in matching(rows, family=family)
+                if row["reference"] is not None and row["lower"] is not None and row["upper"] is not None
+            ]
+            outside = [
+                {name: row[name] for name in ("environment", "parameter")}
+                for row in known
+                if not float(row["lower"]) <= row["reference"] <= float(row["upper"])
+            ]
+            if known:
+                found.append(
+                    {
+                        "method": method,
+                        "family": family,
+                        "level": known[0]["level"],
+                        "inside": len(known) - len(outside),
+                        "of": len(known),
+                        "outside": outside,
+                    }
+                )
+    return found
+
+
+def _widths(intervals: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    groups: dict[tuple[str, str, str, str], list[tuple[float, str]]] = {}
+    for row in matching(intervals, joint="marginal"):
+        if not row["reference"] or row["lower"] is None or row["upper"] is None:
+            continue
+        key = (row["method"], row["family"], row["parameter"], row["kind"])
+        width = (float(row["upper"]) - float(row["lower"])) / row["reference"]
+        groups.setdefault(key, []).append((width, row["environment"]))
+    found = []
+    for (method, family, parameter, kind), widths in groups.items():
+        (least, narrowest), (most, widest) = min(widths), max(widths)
+        found.append(
+            {
+                "method": method,
+                "family": family,
+                "parameter": parameter,
+                "kind": kind,
+                "narrowest": {"environment": narrowest, "width": least},
+                "widest": {"environment": widest, "width": most},
+            }
+        )
+    return found
