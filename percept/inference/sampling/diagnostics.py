@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special, stats
 
-__all__ = ["autocorrelation_time", "monte_carlo_error", "rank_rhat"]
+__all__ = ["autocorrelation_time", "monte_carlo_error", "normal_scores", "rank_rhat"]
 
 Array = NDArray[np.float64]
 _WINDOW = 5.0  # Sokal's window, in autocorrelation times
@@ -93,10 +93,22 @@ def rank_rhat(chains: Array) -> Array:
     split = np.concatenate([chains[:, :half], chains[:, chains.shape[1] - half :]])
     folded = np.abs(split - np.median(split, axis=(0, 1)))
     constant = np.ptp(split, axis=(0, 1)) == 0
-    return np.where(constant, 1.0, np.maximum(_rhat(_normal_scores(split)), _rhat(_normal_scores(folded))))
+    return np.where(constant, 1.0, np.maximum(_rhat(normal_scores(split)), _rhat(normal_scores(folded))))
 
 
-def _normal_scores(values: Array) -> Array:
+def normal_scores(values: Array) -> Array:
+    """Replace values by the normal scores of their ranks.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., Q)
+        Q quantities, ranked over all other axes.
+
+    Returns
+    -------
+    ndarray, shape (..., Q)
+        Standard normal in law, whatever the law of the values.
+    """
     flat = values.reshape(-1, values.shape[-1])
     ranks = stats.rankdata(flat, axis=0)
     return np.asarray(special.ndtri((ranks - 0.375) / (len(flat) + 0.25))).reshape(values.shape)

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
-from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, rank_rhat
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    normal_scores,
+    rank_rhat,
+)
 from percept.inference.sampling.ensembles import Ensembles, Target, advance, start
 from percept.inference.sampling.estimands import Estimands, Estimates
 from percept.inference.sampling.proposal import Proposal
@@ -250,7 +255,8 @@ class _Record:
         estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]))
         influence = estimates.influence.reshape(*shape, -1)
         varying = np.ptp(components, axis=(0, 1, 2)) > 0
-        watched = np.concatenate([influence, components[..., varying]], axis=3)
+        # Ranks: a heavy tail would make the autocorrelation that of its few extreme draws.
+        watched = np.concatenate([influence, normal_scores(components[..., varying])], axis=3)
         times = autocorrelation_time(watched)
         count = influence.shape[3]
         errors = monte_carlo_error(influence, times[:count])
