@@ -1,7 +1,8 @@
 """Mutated session files against the reader: it reads them rightly or says why not, and never anything else.
 
 Run as `python -m percept.bench.session_fuzz --files 200000`. A file is one of the known dialects with a few
-random edits. What is accepted is checked against the file's own text by a scan that shares nothing with the reader.
+random edits. What is accepted is checked against the file's own text, by a scan that shares nothing with the
+reader.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ _NOT_DROPPED = frozenset(
 _PIECES = (
     b'"', b'""', b'\\"', b",", b";", b"\t", b"\n", b"\r", b"\r\n", b"\0", b"\xef\xbb\xbf", b"\xff\xfe",
     b"\x80", b"1,286", b"1.286", b"-", b"NaN", b"null", b"inf", b"1e400", b"1e-400", b"0x10", b"1_0", b"True",
-    b"=1+1", b"[1.5, 2]", b'{"k": 1}', b"0", b"-1", b"1 000", b"\xd9\xa1", b"sep=;\n", b"END OF FILE", b"None",
-    b" ", b"k_adj", b"9" * 400, b"\xc2\xa0", b"\xe2\x80\xa8", b"\x1a", b"\x0c", b"..", b"+", b"e5",
+    b"=1+1", b"[1.5, 2]", b'{"k": 1}', b"0", b"-1", b"1 000", b"\xd9\xa1", b"sep=;\n", b"END OF FILE",
+    b"None", b" ", b"k_adj", b"9" * 400, b"\xc2\xa0", b"\xe2\x80\xa8", b"\x1a", b"\x0c", b"..", b"+", b"e5",
 )  # fmt: skip
 
 

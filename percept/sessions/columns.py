@@ -185,7 +185,7 @@ def _wide_by_name(header: Sequence[str], found: Mapping[str, ColumnRule]) -> dic
 def _pattern(name: str) -> re.Pattern[str]:
     text = re.escape(name)
     text = text.replace(r"\{environment\}", r"(?P<environment>.+)", 1)
-    return re.compile(text.replace(r"\{trial\}", r"(?P<trial>[0-9]+)", 1))
+    return re.compile(text.replace(r"\{trial\}", r"(?P<trial>[0-9]+)", 1), re.DOTALL)
 
 
 def _slots(

@@ -15,6 +15,8 @@ Quoting = Literal["plain", "doubled", "backslash", "wrapped"]
 CELLS = 20_000
 
 _LINE = re.compile(r"\r\n|\n|\r")
+_LONE = re.compile(r"\r(?!\n)")
+_MIXED = "a carriage return stands alone in a file whose lines end otherwise"
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,8 @@ def tokenise(text: str, *, delimiter: str, quoting: Quoting, first_row: int = 1)
     Raises
     ------
     SplitError
-        A quoted cell that is not closed, text after a closing quote, or too many cells in a line.
+        A quoted cell that is not closed, text after a closing quote, a lone carriage return among other line
+        ends (it may belong to a cell), or too many cells in a line.
     """
     if quoting == "plain":
         return _plain(text, delimiter, first_row)
@@ -78,6 +81,8 @@ def tokenise(text: str, *, delimiter: str, quoting: Quoting, first_row: int = 1)
 
 def _plain(text: str, delimiter: str, first_row: int) -> Records:
     lines = _LINE.split(text) if "\r" in text else text.split("\n")
+    if "\r" in text and "\n" in text and text.count("\r") != text.count("\r\n"):
+        raise SplitError(_MIXED, first_row + len(_LINE.findall(text[: _LONE.search(text).start()])))  # type: ignore[union-attr]
     if lines and not lines[-1]:
         lines.pop()
     for at, line in enumerate(lines):
@@ -119,6 +124,7 @@ def _quoted(text: str, delimiter: str, quoting: Quoting, first_row: int) -> Reco
     cells: list[list[str]] = []
     rows: list[int] = []
     record: list[str] = []
+    ends: set[str] = set()
     position, end, row, start = 0, len(text), first_row, first_row
     while position < end or record:
         found = match(text, position)
@@ -134,6 +140,9 @@ def _quoted(text: str, delimiter: str, quoting: Quoting, first_row: int) -> Reco
             raise SplitError(f"more than {CELLS} cells in a line", start)
         position = found.end()
         if stop != delimiter:
+            ends.add(stop)
+            if "\r" in ends and len(ends - {""}) > 1:
+                raise SplitError(_MIXED, row)
             cells.append(record)
             rows.append(start)
             record = []

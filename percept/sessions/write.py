@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ if TYPE_CHECKING:
 
 __all__ = ["neutralised", "to_csv_text", "write_csv"]
 
+_SPECIAL = re.compile(r'[",\r\n]')
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -35,16 +35,15 @@ def to_csv_text(sessions: Sessions, *, for_spreadsheets: bool = False) -> str:
     str
         Numbers are the shortest texts that read back as the same doubles; a missing value is empty.
     """
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     clean = neutralised if for_spreadsheets else str
-    # The columns of a parameter without any adjustment are left out: it was not measured.
-    absent = [c for p in ("k", "b") if p not in sessions.parameters for c in (f"{p}_ref", f"{p}_adj")]
-    table = sessions.table.drop(columns=absent if sessions.form == "trials" else [])
-    writer.writerow([clean(str(name)) for name in table.columns])
+    table = sessions.table
+    if sessions.form == "trials":
+        # Columns of a parameter that was not measured would claim that it was.
+        pairs = [[f"{p}_ref", f"{p}_adj"] for p in ("k", "b")]
+        table = table.drop(columns=[c for pair in pairs if table[pair].isna().all(axis=None) for c in pair])
     columns = [[_cell(value, clean) for value in table[name].tolist()] for name in table.columns]
-    writer.writerows(zip(*columns, strict=True))
-    return out.getvalue()
+    header = [_quoted(clean(str(name))) for name in table.columns]
+    return "".join(",".join(record) + "\n" for record in [header, *zip(*columns, strict=True)])
 
 
 def write_csv(sessions: Sessions, path: str | Path, *, for_spreadsheets: bool = False) -> None:
@@ -56,4 +55,9 @@ def write_csv(sessions: Sessions, path: str | Path, *, for_spreadsheets: bool = 
 def _cell(value: Any, clean: Any) -> str:
     if isinstance(value, float):
         return "" if value != value else repr(value)
-    return clean(value) if isinstance(value, str) else str(value)
+    return _quoted(clean(value)) if isinstance(value, str) else str(value)
+
+
+def _quoted(text: str) -> str:
+    # csv.writer leaves a lone carriage return bare when lines end with LF.
+    return '"' + text.replace('"', '""') + '"' if _SPECIAL.search(text) else text

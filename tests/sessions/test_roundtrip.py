@@ -1,0 +1,147 @@
+"""What is written and read in any dialect comes back identical or is refused; never different."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import hypothesis.strategies as st
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from percept.bench.session_dialects import WRITERS, Trial, delimited, frame
+from percept.errors import UsageError
+from percept.sessions import ReadOptions, Sessions, read_sessions
+
+NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
+easy = st.text(st.sampled_from("aZé01_- "), min_size=1, max_size=4).filter(str.strip)
+nasty = st.text(st.sampled_from("ab01,;\t\"\\'\n\r =+-@{}<&\u2028\ufeffé")).filter(str.strip)
+anything = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1).filter(
+    str.strip
+)
+ids = st.one_of(easy, nasty, anything)
+positive = st.floats(1e-300, 1e300)
+factors = st.floats(0.1, 9.0)
+
+
+@st.composite
+def studies(draw, names=ids):
+    subjects = draw(st.lists(names, min_size=1, max_size=3, unique=True))
+    environments = draw(st.lists(names, min_size=1, max_size=3, unique=True))
+    references = [(draw(positive), draw(positive)) for _ in environments]
+    trials = []
+    for subject in subjects:
+        session = draw(names)
+        for environment, (k, b) in zip(environments, references, strict=True):
+            for trial in range(draw(st.integers(1, 2))):
+                k_adj, b_adj = k * draw(factors), b * draw(factors)
+                b_adj = None if draw(st.integers(0, 9)) == 0 else b_adj
+                trials.append(Trial(subject, session, environment, trial, k, b, k_adj, b_adj))
+    return trials
+
+
+def same(sessions, trials):
+    """Compare as plain Python values: no helper of the reader's own takes part."""
+    table = sessions.table
+    want = frame(trials)
+    for column in ("subject", "session", "environment", "trial"):
+        assert table[column].tolist() == want[column].tolist()
+    for column in NUMBERS:
+        for got, expected in zip(table[column].tolist(), want[column].tolist(), strict=True):
+            missing = expected is None or math.isnan(expected)
+            assert math.isnan(got) if missing else got == expected
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    trials=studies(),
+    delimiter=st.sampled_from([",", ";", "\t", "|"]),
+    mark=st.sampled_from([".", ","]),
+    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "cp1252"]),
+    newline=st.sampled_from(["\n", "\r\n", "\r"]),
+    quoting=st.sampled_from([csv.QUOTE_MINIMAL, csv.QUOTE_ALL]),
+    declared=st.booleans(),
+)
+def test_delimited(tmp_path_factory, trials, delimiter, mark, encoding, newline, quoting, declared):
+    header = ["subject", "session", "environment", "trial", *NUMBERS]
+    records = [header] + [
+        [t.subject, t.session, t.environment, str(t.trial)]
+        + ["" if v is None else repr(v).replace(".", mark) for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)]
+        for t in trials
+    ]
+    file = tmp_path_factory.mktemp("r") / "f.csv"
+    try:
+        file.write_bytes(
+            delimited(records, delimiter=delimiter, newline=newline, encoding=encoding, quoting=quoting)
+        )
+    except UnicodeEncodeError:
+        return
+    options = ReadOptions(decimal=mark, delimiter=delimiter) if declared else ReadOptions()
+    try:
+        sessions = read_sessions(file, options=options)
+    except UsageError:
+        return
+    same(sessions, trials)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@given(trials=studies())
+def test_tools(tmp_path_factory, name, trials):
+    writer = WRITERS[name]
+    if writer.decimals is not None:
+        trials = [t for t in trials if 1 < t.k_ref < 1e6 and 1 < t.b_ref < 1e6]
+        trials = [
+            Trial(*(v if not isinstance(v, float) else round(v, 6) for v in vars(t).values())) for t in trials
+        ]
+    if name.startswith("psychopy"):
+        # PsychoPy writes a line end in a cell as it is: its file is then one with a blank line.
+        trials = [t for t in trials if not set("\r\n") & set(t.subject + t.session + t.environment)]
+    folder = tmp_path_factory.mktemp("t")
+    try:
+        for file, data in writer.write(trials).items():
+            (folder / file).write_bytes(data)
+    except (UnicodeEncodeError, OSError, ValueError):
+        return
+    try:
+        sessions = read_sessions(folder, options=writer.options)
+    except UsageError:
+        return
+    if name in ("folder", "opensesame", "wide"):
+        # These write a file per subject, or a row per subject: the order of the rows is theirs.
+        order = ["subject", "session", "environment", "trial"]
+        table = sessions.table.sort_values(order, ignore_index=True)
+        want = frame(trials).sort_values(order, ignore_index=True)
+        pd.testing.assert_frame_equal(
+            table[[*order, *NUMBERS]], want[[*order, *NUMBERS]].astype(dict.fromkeys(NUMBERS, float)),
+            check_exact=True, check_dtype=False,
+        )  # fmt: skip
+    else:
+        same(sessions, trials)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(trials=studies())
+def test_own_csv_is_never_refused(tmp_path_factory, trials):
+    want = Sessions.from_frame(frame(trials))
+    file = tmp_path_factory.mktemp("o") / "own.csv"
+    want.to_csv(file)
+    got = read_sessions(file)
+    pd.testing.assert_frame_equal(got.table, want.table, check_exact=True)
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@given(trials=studies(easy))
+def test_simple_ids_are_accepted_in_every_common_dialect(tmp_path_factory, trials):
+    """The property above would hold for a reader that refuses everything; this one would not."""
+    folder = tmp_path_factory.mktemp("e")
+    for name in ("plain", "psychopy", "psychopy tab", "uxf", "gorilla", "e-prime export"):
+        writer = WRITERS[name]
+        kept = trials
+        if writer.decimals is not None:
+            continue
+        (data,) = writer.write(kept).values()
+        file = folder / f"{name}.csv"
+        file.write_bytes(data)
+        same(read_sessions(file, options=writer.options), kept)
