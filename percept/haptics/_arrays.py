@@ -108,7 +108,7 @@ def times(parameter: ArrayLike, factor: ArrayLike) -> FloatArray:
     return np.where(np.isnan(product), 0.0, product)
 
 
-def ratio(numerator: ArrayLike, denominator: ArrayLike, *, empty: float) -> FloatArray:
+def ratio(numerator: ArrayLike, denominator: ArrayLike, *, empty: ArrayLike) -> FloatArray:
     """Divide, with x/0 = inf of x's sign and 0/0 = `empty`."""
     with np.errstate(divide="ignore", invalid="ignore"):
         quotient = np.divide(numerator, denominator)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -93,11 +93,11 @@ class AbsoluteStability:
 
     verdict: Verdict
     reason: str
-    omega: FloatArray
-    margin: FloatArray
+    omega: FloatArray = field(repr=False)
+    margin: FloatArray = field(repr=False)
     smallest_margin: float
     binding_omega: float
-    poles: ComplexArray | None
+    poles: ComplexArray | None = field(repr=False)
     poles_allowed: bool | None
     rounding: float = ROUNDING
 

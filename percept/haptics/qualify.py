@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,8 +90,8 @@ class QualifyingRegion:
         None where nothing qualifies.
     """
 
-    damping: FloatArray
-    intervals: tuple[FloatArray, ...]
+    damping: FloatArray = field(repr=False)
+    intervals: tuple[FloatArray, ...] = field(repr=False)
     largest: Coupling | None
     softest: Coupling | None
 

@@ -171,7 +171,8 @@ def stability_margin(
     Returns
     -------
     ndarray
-        Ratio, dimensionless; inf where nothing is asked for, negative where the device itself is active.
+        Ratio, dimensionless; inf where nothing is asked for, 0 where the device gives nothing, negative where
+        it is active.
 
     Raises
     ------
@@ -180,7 +181,9 @@ def stability_margin(
     """
     required = required_damping_at(omega, coupling, period, discretization=discretization, hold=hold)
     available, _ = device_parts(warp(omega, period), device)
-    return ratio(available, required, empty=np.inf)[()]
+    # Where both vanish together (at an end, without damping) the device fell short all the way there.
+    joined = np.add(coupling.stiffness, coupling.damping) > 0
+    return ratio(available, required, empty=np.where(joined, 0.0, np.inf))[()]
 
 
 def coupling_bound(

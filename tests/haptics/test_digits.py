@@ -4,9 +4,11 @@ import os
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from percept.bench import _haptics_reference as reference
-from percept.bench.haptics_digits import QUANTITIES, digits_kept
+from percept.bench.haptics_digits import PROMISE, QUANTITIES, digits_kept
 from percept.haptics import Coupling, required_damping_at
 
 CASES = int(os.environ.get("PERCEPT_SWEEP_CASES", "60"))
@@ -23,6 +25,25 @@ def test_promise_is_kept(sweep, quantity):
     assert sum(row.cases for row in rows) == CASES
     worst = max(rows, key=lambda row: row.worst)
     assert worst.worst <= 1, worst
+
+
+parameter = st.one_of(st.just(0.0), st.floats(-15, 15).map(lambda e: 10.0**e), st.floats(0.5, 50))
+NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
+
+
+@settings(max_examples=int(os.environ.get("PERCEPT_SWEEP_EXAMPLES", "15")), deadline=None)
+@given(
+    log_period=st.floats(-6, 0),
+    share=st.one_of(st.just(1.0), st.floats(0, 1), st.floats(-15, -1e-3).map(lambda e: 10**e)),
+    parameters=st.tuples(*[parameter] * len(NAMES)),
+)
+def test_promise_is_kept_where_hypothesis_looks(log_period, share, parameters):
+    period = 10**log_period
+    omega = max(np.pi / period * share, 1e-9)
+    values = {"omega": omega, "period": period, **dict(zip(NAMES, parameters, strict=True))}
+    at_nyquist = reference.is_nyquist(omega * period)
+    for quantity, check in QUANTITIES.items():
+        assert check(values, at_nyquist) <= PROMISE, quantity
 
 
 def test_sweep_reaches_nyquist_and_low_frequency(sweep):

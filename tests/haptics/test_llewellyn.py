@@ -42,6 +42,7 @@ def test_binding_frequency_of_the_published_coupling():
     assert verdict.verdict == "unstable"
     assert f"{verdict.binding_omega:.6g}" == "2022.65"
     assert verdict.smallest_margin == pytest.approx(20 / 20.25479906887036, rel=1e-14)
+    assert len(repr(verdict)) < 300
     assert verdict.reason == "The smallest margin is 0.98742, at 2022.65 rad/s."
 
 
