@@ -205,7 +205,7 @@ def coupling_bound(
     Returns
     -------
     ndarray
-        m/(N·s); inf where the device dissipates nothing and something is asked for.
+        m/(N·s); inf where the device dissipates nothing.
 
     Raises
     ------
@@ -215,4 +215,4 @@ def coupling_bound(
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
     viscous, _ = demands(grid, hold)
-    return ratio(viscous, available, empty=0.0)[()]
+    return ratio(viscous, available, empty=np.inf)[()]
