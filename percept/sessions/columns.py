@@ -121,7 +121,7 @@ def resolve(header: Sequence[str], declared: Mapping[str, ColumnRule], *, file: 
             announced.append(f"column {name!r} is taken as {canonical}")
             found[canonical] = ColumnRule(name)
     if not summary and not wide and "environment" not in found:
-        wide = _wide_by_name(header, found)
+        wide = _wide_by_name(header, found, file)
         announced += [f"columns {rule.name!r} are taken as {c}" for c, rule in wide.items()]
     slots = _slots(header, found, wide, file)
     return Resolution("summary" if summary else "trials", slots, {**found, **wide}, tuple(announced))
@@ -168,7 +168,7 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.casefold()).strip("_")
 
 
-def _wide_by_name(header: Sequence[str], found: Mapping[str, ColumnRule]) -> dict[str, ColumnRule]:
+def _wide_by_name(header: Sequence[str], found: Mapping[str, ColumnRule], file: str) -> dict[str, ColumnRule]:
     """Patterns such as "k_adj_VE1" or "VE1_k_adj", where a header has them."""
     for shape in _WIDE:
         patterns = {c: shape.format(column=c) for c in _NUMBERS if c not in found}
@@ -178,8 +178,29 @@ def _wide_by_name(header: Sequence[str], found: Mapping[str, ColumnRule]) -> dic
             if any(_pattern(pattern).fullmatch(name) for name in header)
         }
         if wide.keys() & {"k_adj", "b_adj"}:
+            _refuse_numbered(header, wide, file)
             return wide
     return {}
+
+
+def _refuse_numbered(header: Sequence[str], wide: Mapping[str, ColumnRule], file: str) -> None:
+    """Ask where "k_adj_VE1_1", "k_adj_VE1_2" may be two trials of VE1 as well as two environments."""
+    for canonical, rule in wide.items():
+        matches = (_pattern(rule.name).fullmatch(name) for name in header)
+        names = [match["environment"] for match in matches if match]
+        stems = {re.sub(r"[_. -]?[0-9]+$", "", name) for name in names}
+        if (
+            canonical.endswith("_adj")
+            and any(re.search(r"[_. -][0-9]+$", n) for n in names)
+            and len(stems) < len(names)
+        ):
+            raise UsageError(
+                f"{shown(names)} may be environments, or environments and trials.",
+                file=file,
+                row=1,
+                column=canonical,
+                hint=f'Declare [columns] {canonical} = "{rule.name}" or "{rule.name}_{{trial}}".',
+            )
 
 
 def _pattern(name: str) -> re.Pattern[str]:

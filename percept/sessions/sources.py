@@ -105,7 +105,7 @@ def load(name: str) -> Iterator[Input]:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
     label = "standard input" if name == "-" else name
     if data.startswith(b"\x1f\x8b"):
-        yield Input(label, _gunzip(data, label))
+        yield Input(label, _flat(_gunzip(data, label), label))
     elif data.startswith(b"PK\x03\x04") and not is_workbook(data, label):
         yield from _members(data, label)
     else:
@@ -160,7 +160,13 @@ def _members(data: bytes, name: str) -> Iterator[Input]:
                 raise UsageError(
                     f"a broken zip member: {error}.", file=label, hint="Pack it again."
                 ) from None
-            yield Input(label, content)
+            yield Input(label, _flat(content, label))
+
+
+def _flat(content: bytes, name: str) -> bytes:
+    if content.startswith((b"\x1f\x8b", b"PK\x03\x04")):
+        raise UsageError("an archive inside an archive.", file=name, hint="Unpack the outer one first.")
+    return content
 
 
 def _skip(member: str) -> bool:

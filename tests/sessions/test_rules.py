@@ -1,0 +1,400 @@
+"""Each rule of the reader, with an input that trips it and the words it says."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from percept.errors import UsageError
+from percept.sessions import ReadError, ReadOptions, Sessions, read_sessions
+from percept.sessions.units import convert, factor
+
+HEAD = "subject,environment,k_ref,b_ref,trial,k_adj,b_adj\n"
+
+
+def read(tmp_path, text, tables=None, name="f.csv", **kwargs):
+    file = tmp_path / name
+    file.write_bytes(text.encode() if isinstance(text, str) else text)
+    options = None if tables is None else ReadOptions.from_mapping(tables)
+    return read_sessions(file, options=options, **kwargs)
+
+
+def refusal(tmp_path, text, tables=None, **kwargs):
+    with pytest.raises(UsageError) as caught:
+        read(tmp_path, text, tables, **kwargs)
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [
+        ("abc", "not a number"),
+        ("1_000", "not a number"),
+        ("0x10", "not a number"),
+        ("١٢", "not a number"),
+        ("−5", "not a number"),
+        ("True", "not a number"),
+        ("inf", "not a finite number"),
+        ("1e400", "beyond the range"),
+        ("1e-400", "beyond the range"),
+        ('"1,286"', "can be read as 1.286 or as 1286"),
+        ('"1,286.5"', "separators of thousands are not read"),
+        ("1.286.000", "separators of thousands are not read"),
+        ('"[0.36, 0.55]"', "a list or a record"),
+    ],
+)
+def test_cells_that_are_no_numbers(tmp_path, cell, message):
+    error = refusal(tmp_path, f"subject,environment,k_ref,k_adj\n1,a,2000,{cell}\n")
+    assert message in str(error)
+    assert (error.row, error.column, error.value) == (2, "k_adj", cell.strip('"'))
+    assert error.hint
+
+
+@pytest.mark.parametrize("cell", ["", "NaN", "nan", "NA", "null", "None", "-", " - "])
+def test_missing_values_stay_missing_and_are_counted(tmp_path, cell):
+    sessions = read(tmp_path, HEAD + f"1,a,10,1,1,11,{cell}\n2,a,10,1,1,{cell},1.5\n")
+    assert sessions.table["b_adj"].isna().tolist() == [True, False]
+    assert sessions.counts["rows without b"] == 1
+    assert sessions.counts["rows without k"] == 1
+
+
+def test_missing_words_are_names_in_id_columns(tmp_path):
+    words = ["NA", "null", "None", "nan", "-", "NaN"]
+    sessions = read(tmp_path, HEAD + "".join(f"{w},{w},10,1,1,11,1\n" for w in words))
+    assert sessions.subjects == tuple(words)
+    assert sessions.environments == tuple(words)
+
+
+def test_one_decimal_mark_per_file(tmp_path):
+    head = "subject;environment;k_ref;k_adj\n"
+    # 0,435 has one reading, and it settles the file's mark for 1,286.
+    sessions = read(tmp_path, head + "1;a;1,5;0,435\n2;a;1,5;1,286\n")
+    assert sessions.table["k_adj"].tolist() == [0.435, 1.286]
+    error = refusal(tmp_path, head + "1;a;1,5;0.435\n2;a;1,5;1,286\n")
+    assert "a decimal point, where row 2 has a comma ('1,5')" in str(error)
+    error = refusal(tmp_path, head + "1;a;2;1,286\n2;a;2;1,301\n")
+    assert [p.row for p in error.problems] == [2, 3]
+    assert 'decimal = ","' in str(error)
+    sessions = read(tmp_path, head + "1;a;2;1,286\n", {"sessions": {"decimal": ","}})
+    assert sessions.table["k_adj"].tolist() == [1.286]
+    error = refusal(tmp_path, head + "1;a;2;1,286\n", {"sessions": {"decimal": "."}})
+    assert "separators of thousands" in str(error)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from("eEfg"), st.integers(0, 25))
+def test_numbers_are_correctly_rounded(value, kind, digits):
+    from percept.sessions.numbers import parse_numbers
+    from percept.sessions.problems import Problems
+
+    text = f"{value:.{digits}{kind}}"
+    problems = Problems()
+    (got,) = parse_numbers([text], [2], mark=".", file="f", column="k_adj", problems=problems)
+    exact = Fraction(text)
+    if len(problems):
+        assert exact != 0
+        assert abs(exact) > Fraction("1.7976931348623157e308") or abs(exact) < Fraction("5e-324")
+        return
+    # The nearest double is no farther from the text than its neighbours.
+    error = abs(Fraction(float(got)) - exact)
+    for other in (math.nextafter(got, math.inf), math.nextafter(got, -math.inf)):
+        if math.isfinite(other):
+            assert error <= abs(Fraction(other) - exact)
+
+
+def test_all_problems_of_a_file_are_reported_together(tmp_path):
+    rows = "".join(f"{i},a,10,1,1,x{i},y\n" for i in range(8))
+    error = refusal(tmp_path, HEAD + rows)
+    assert isinstance(error, ReadError)
+    assert len(error.problems) == error.total == 16
+    assert str(error).startswith("16 problems:")
+    assert "and 6 more" in str(error)
+    assert error.problems[0].row == 2
+
+
+def test_ids_are_text_and_look_alikes_are_announced(tmp_path):
+    sessions = read(tmp_path, HEAD + "".join(f"{s},a,10,1,1,11,1\n" for s in ("001", "1", "01", "s1", "S1")))
+    assert sessions.subjects == ("001", "1", "01", "s1", "S1")
+    texts = [notice.text for notice in sessions.notices]
+    assert "subjects '001', '1', '01' look alike and are kept apart" in texts
+    assert "subjects 's1', 'S1' look alike and are kept apart" in texts
+
+
+def test_duplicates_name_both_rows(tmp_path):
+    error = refusal(tmp_path, HEAD + "1,a,10,1,1,11,1\n2,a,10,1,1,11,1\n1,a,10,1,1,12,1\n")
+    assert "stands already in" in str(error)
+    assert "f.csv:2" in error.message
+    assert error.row == 4
+    assert 'keep = "last"' in str(error)
+
+
+def test_identical_files_are_found(tmp_path):
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text(HEAD + "1,a,10,1,1,11,1\n")
+    with pytest.raises(UsageError, match=r"b\.csv: byte for byte the same file as .*a\.csv"):
+        read_sessions(tmp_path)
+
+
+def test_references_are_held_to_one_value(tmp_path):
+    error = refusal(tmp_path, HEAD + "1,a,10,1,1,11,1\n2,a,10.5,1,1,11,1\n")
+    assert "environment 'a' has the reference 10.0 in an earlier row" in str(error)
+    assert (error.row, error.column, error.value) == (3, "k_ref", 10.5)
+    scene = {"environments": {"a": {"stiffness": 10, "damping": 1}}}
+    sessions = read(tmp_path, "subject,environment,k_adj,b_adj\n1,a,11,1\n", scene)
+    assert sessions.table[["k_ref", "b_ref"]].to_numpy().tolist() == [[10.0, 1.0]]
+    error = refusal(tmp_path, HEAD + "1,a,11,1,1,11,1\n", scene)
+    assert "has the reference 10.0 in the scene" in str(error)
+    error = refusal(tmp_path, "subject,environment,k_adj,b_adj\n1,z,11,1\n", scene)
+    assert "environment 'z' has no reference" in str(error)
+
+
+def test_units_are_declared_converted_and_checked(tmp_path):
+    rows = "subject,environment,k_ref,k_adj\n1,a,1000,1.1\n2,a,1000,0.9\n"
+    error = refusal(tmp_path, rows)
+    assert "k_adj is typically 0.000995 times k_ref" in str(error)
+    assert "unit" in error.hint
+    sessions = read(tmp_path, rows, {"columns": {"k_adj": {"name": "k_adj", "unit": "N/mm"}}})
+    assert sessions.table["k_adj"].tolist() == [1100.0, 900.0]
+    sessions = read(tmp_path, rows, {"columns": {"k_adj": {"name": "k_adj", "unit": "N/m"}}})
+    assert any("their units seem to differ" in notice.text for notice in sessions.notices)
+    for unit in ("kg", "furlong", "10**10**10", "N/m; import os", ""):
+        with pytest.raises(UsageError, match="not a unit of stiffness"):
+            factor(unit, "k")
+
+
+@pytest.mark.parametrize(
+    ("unit", "parameter", "scale"),
+    [("N/mm", "k", 1000), ("kN/m", "k", 1000), ("mN/mm", "k", 1), ("N·s/mm", "b", 1000), ("Ns/cm", "b", 100)],
+)
+def test_conversions_round_once(unit, parameter, scale):
+    values = np.random.default_rng(3).lognormal(size=200)
+    want = [float(Fraction(v) * scale) for v in values.tolist()]
+    assert convert(values, unit, parameter).tolist() == want
+
+
+def test_small_units_divide(tmp_path):
+    assert convert(np.array([3.0]), "mN/m", "k").tolist() == [0.003]
+
+
+def test_columns_are_found_announced_or_asked_for(tmp_path):
+    sessions = read(tmp_path, "Participant,Env,Stiffness Ref,k_final,color\n7,a,10,11,red\n")
+    texts = [notice.text for notice in sessions.notices]
+    assert "column 'Participant' is taken as subject" in texts
+    assert "columns not used: 'color'" in texts
+    error = refusal(tmp_path, "participant,subj,environment,k_ref,k_adj\n7,8,a,10,11\n")
+    assert "'participant', 'subj' could each be subject" in str(error)
+    error = refusal(tmp_path, "who,environment,k_ref,k_adj\n7,a,10,11\n")
+    assert "no column for subject; the columns are 'who', 'environment'" in str(error)
+    error = refusal(tmp_path, "subject,environment,k_ref,k_adj,b_ref\n7,a,10,11,1\n")
+    assert "no column for b_adj" in str(error)
+    error = refusal(tmp_path, "subject,environment,k_ref,k_adj,k_adj\n7,a,10,11,1\n")
+    assert "two columns have this name" in str(error)
+    error = refusal(tmp_path, "subject,environment,k_ref,k_last\n7,a,1,2\n", columns={"k_adj": "k_lst"})
+    assert "no column has that name" in str(error)
+    assert "'k_last'" in error.hint
+
+
+def test_wide_tables_by_their_names(tmp_path):
+    sessions = read(tmp_path, "subject,k_ref_A,k_adj_A,k_ref_B,k_adj_B\n1,10,11,20,21\n2,10,9,20,\n")
+    assert sessions.table[["environment", "k_ref", "k_adj"]].to_numpy().tolist() == [
+        ["A", 10.0, 11.0],
+        ["B", 20.0, 21.0],
+        ["A", 10.0, 9.0],
+    ]
+    assert "columns 'k_adj_{environment}' are taken as k_adj" in [n.text for n in sessions.notices]
+    error = refusal(tmp_path, "subject,k_ref_A_1,k_adj_A_1,k_ref_A_2,k_adj_A_2\n1,10,11,10,12\n")
+    assert "may be environments, or environments and trials" in str(error)
+    wide = {"columns": {c: c + "_{environment}_{trial}" for c in ("k_adj", "k_ref")}}
+    assert "no column fits the pattern" in str(refusal(tmp_path, "subject,k_adj_A\n1,2\n", wide))
+
+
+def test_files_merge_by_column_name(tmp_path):
+    (tmp_path / "a.csv").write_text("subject,environment,k_ref,k_adj\n1,a,10,11\n")
+    (tmp_path / "b.csv").write_text("k_adj,environment,subject,k_ref,group\n12,a,2,10,left\n")
+    sessions = read_sessions(tmp_path)
+    assert sessions.table["k_adj"].tolist() == [11.0, 12.0]
+    assert sessions.table["group"].tolist() == ["", "left"]
+    assert sessions.parameters == ("k",)
+    assert sessions.locate(1) == (str(tmp_path / "b.csv"), 2)
+
+
+def test_ids_from_file_names(tmp_path):
+    text = "environment,k_ref,k_adj\na,10,11\n"
+    tables = {"sessions": {"filename": "s{subject}_v{session}"}}
+    table = read(tmp_path, text, tables, name="s007_v02.csv").table
+    assert table[["subject", "session"]].to_numpy().tolist() == [["007", "02"]]
+    assert "does not fit the pattern" in str(refusal(tmp_path, text, tables, name="x007.csv"))
+    error = refusal(tmp_path, text, {"sessions": {"filename": "{subject}_{session}"}}, name="a_b_c.csv")
+    assert "in more than one way" in str(error)
+
+
+def test_paths_into_cells(tmp_path):
+    head = "subject,environment,k_ref,value\n"
+    path = {"columns": {"k_adj": {"name": "value", "path": "s.-1"}}}
+    rows = '1,a,10,"{""s"": [1, 1.25e1]}"\n2,a,10,"{""s"": [np.float64(9.5)]}"\n'
+    assert read(tmp_path, head + rows, path).table["k_adj"].tolist() == [12.5, 9.5]
+    dotted = {"columns": {"k_adj": "value.s.0"}}
+    assert read(tmp_path, head + '1,a,10,"{""s"": [8]}"\n', dotted).table["k_adj"].tolist() == [8.0]
+    for cell, message in (
+        ('"{""s"": 1, ""s"": 2}"', "a key stands twice"),
+        ('"{""s"": []}"', "the list has no item -1"),
+        ('"{""s"": [true]}"', "leads to a record, a list or true/false"),
+        ("__import__('os')", "not a JSON record or list"),
+        ('"' + "[" * 100_000 + '"', "not a JSON record or list"),
+    ):
+        assert message in str(refusal(tmp_path, head + f"1,a,10,{cell}\n", path))
+
+
+def test_events_reduce_only_when_declared(tmp_path):
+    rows = "1,a,10,1,1,5,\n1,a,10,1,1,9,2\n1,a,10,1,1,11,\n1,a,10,1,2,8,3\n"
+    assert "stands already" in str(refusal(tmp_path, HEAD + rows))
+    sessions = read(tmp_path, HEAD + rows, {"sessions": {"keep": "last"}})
+    assert sessions.table[["k_adj", "b_adj"]].to_numpy().tolist() == [[11.0, 2.0], [8.0, 3.0]]
+    assert sessions.counts["earlier event of a trial"] == 2
+    assert [sessions.locate(i)[1] for i in (0, 1)] == [4, 5]
+
+
+def test_exclusions_are_declared_logged_and_counted(tmp_path):
+    text = (
+        "subject,environment,k_ref,trial,k_adj,practice,rt\n"
+        "1,a,10,0,11,yes,1\n1,a,10,1,12,no,2\n1,b,20,1,21,no,99\n2,a,10,1,1,no,3\n2,a,10,2,9,no,3\n3,a,10,1,,no,3\n"
+        "3,b,20,1,19,no,3\n"
+    )
+    tables = {
+        "sessions": {
+            "exclude": [
+                {"column": "practice", "equals": "yes", "why": "practice trials"},
+                {"column": "rt", "above": 60},
+                {"column": "k_adj", "below": 5, "why": "slipped"},
+            ]
+        }
+    }
+    sessions = read(tmp_path, text, tables)
+    assert sessions.table["k_adj"].tolist() == [12.0, 9.0, 19.0]
+    logged = [(e.who, e.what, e.why, e.row) for e in sessions.exclusions]
+    assert logged == [
+        ("1", "environment a, trial 0", "practice trials", 2),
+        ("3", "environment a, trial 1", "no adjustment", 7),
+        ("1", "environment b, trial 1", "rt is above 60", 4),
+        ("2", "environment a, trial 1", "slipped", 5),
+    ]
+    assert sessions.counts["excluded: slipped"] == 1
+    assert sessions.counts["empty cells (subject × environment)"] == 3
+    total = sum(n for why, n in sessions.counts.items() if why.startswith("excluded"))
+    assert sessions.counts["rows read"] == sessions.counts["observations"] + total
+
+
+def test_unfinished_subjects_leave_only_when_declared(tmp_path):
+    text = "subject,environment,k_ref,k_adj\n1,a,10,11\n1,b,20,21\n2,a,10,9\n"
+    assert read(tmp_path, text).subjects == ("1", "2")
+    sessions = read(tmp_path, text, {"sessions": {"unfinished": "exclude"}})
+    assert sessions.subjects == ("1",)
+    (entry,) = sessions.exclusions
+    assert (entry.who, entry.what, entry.why) == ("2", "all rows (no 'b')", "unfinished")
+    error = refusal(
+        tmp_path,
+        "subject,environment,k_ref,k_adj\n1,a,1,1\n2,b,1,1\n",
+        {"sessions": {"unfinished": "exclude"}},
+    )
+    assert "every subject lacks an environment" in str(error)
+
+
+def test_rows_without_ids_are_problems(tmp_path):
+    error = refusal(tmp_path, HEAD + ",a,10,1,1,11,1\n1, ,10,1,,11,1\n1,b,10,1,1.5,11,1\n")
+    assert [(p.row, p.message) for p in error.problems] == [
+        (2, "an adjustment without subject."),
+        (3, "an adjustment without environment."),
+        (3, "an adjustment without trial."),
+        (4, "a trial's number must be whole."),
+    ]
+
+
+SUMMARY = "environment,parameter,reference,lower,upper,n,level\n"
+
+
+def test_a_published_summary(tmp_path):
+    sessions = read(tmp_path, SUMMARY + "VE1,k,10,11,19,10,0.99\nVE1,b,1,0.5,0.8,10,0.99\n")
+    assert sessions.form == "summary"
+    assert sessions.parameters == ("k", "b")
+    assert sessions.subjects == ()
+    assert sessions.table.to_numpy().tolist()[0] == ["VE1", "k", 10.0, 11.0, 19.0, 10, 0.99]
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "message"),
+    [
+        ("VE1,stiffness,10,11,19,10,0.99", "parameter", 'must be "k" or "b"'),
+        ("VE1,k,10,19,11,10,0.99", "upper", "is below the lower limit"),
+        ("VE1,k,10,11,19,1,0.99", "n", "a whole number of at least 2"),
+        ("VE1,k,10,11,19,2.5,0.99", "n", "a whole number of at least 2"),
+        ("VE1,k,10,11,19,10,99", "level", "between 0 and 1"),
+        ("VE1,k,10,,19,10,0.99", "lower", "leaves no cell empty"),
+        (" ,k,10,11,19,10,0.99", "environment", "is empty"),
+        ("VE1,k,10,11,19,10,0.99\nVE1,k,10,11,19,10,0.99", "environment", "a second row"),
+    ],
+)
+def test_a_summary_that_cannot_be(tmp_path, row, column, message):
+    error = refusal(tmp_path, SUMMARY + row + "\n")
+    assert message in str(error)
+    assert error.column == column
+
+
+def test_trials_and_summary_do_not_mix(tmp_path):
+    (tmp_path / "a.csv").write_text(HEAD + "1,a,10,1,1,11,1\n")
+    (tmp_path / "b.csv").write_text(SUMMARY + "VE1,k,10,11,19,10,0.99\n")
+    with pytest.raises(UsageError, match="trials and a published summary"):
+        read_sessions(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"sessions": {"decimals": ","}}, "unknown key in [sessions]"),
+        ({"sessions": {"decimal": ";"}}, 'must be "." or ","'),
+        ({"sessions": {"delimiter": '"'}}, "must be one character"),
+        ({"sessions": {"keep": "first"}}, 'must be "last"'),
+        ({"sessions": {"filename": "subject"}}, "must name {subject}"),
+        ({"sessions": {"groups": 1.5}}, "must be a text or a list of texts"),
+        ({"sessions": {"only": "x"}}, "must be a table"),
+        ({"sessions": {"sheet": 3}}, "must be text"),
+        ({"sessions": {"exclude": {}}}, "must be a list of rules"),
+        ({"sessions": {"exclude": [{"column": "x"}]}}, "either equals or limits"),
+        ({"sessions": {"exclude": [{"column": "x", "above": "3"}]}}, "below and above are numbers"),
+        ({"columns": {"k": "x"}}, "no such column in [columns]"),
+        ({"columns": {"k_adj": {"nme": "x"}}}, "a column is a name, or a table"),
+        ({"environments": {"a": {"k_ref": "3"}}}, "the numbers k_ref and b_ref"),
+        ({"environments": []}, "must be a table"),
+    ],
+)
+def test_options_are_checked(tables, message):
+    with pytest.raises(UsageError) as caught:
+        ReadOptions.from_mapping(tables)
+    assert message in str(caught.value)
+
+
+def test_a_frame_passes_the_same_checks():
+    frame = pd.DataFrame(
+        {"subject": [1, 2], "environment": ["a", "a"], "k_ref": [10.0, 10.0], "k_adj": [11, np.nan]}
+    )
+    sessions = Sessions.from_frame(frame)
+    assert sessions.subjects == ("1",)
+    assert sessions.exclusions[0].row == 3
+    with pytest.raises(UsageError, match=r"<frame>:3, column 'k_adj', value 'x': not a number"):
+        Sessions.from_frame(frame.assign(k_adj=[11, "x"]))
+
+
+def test_paths_that_lead_nowhere(tmp_path):
+    for path, message in (
+        (tmp_path / "no.csv", "there is no such file"),
+        (tmp_path, "the folder holds no table"),
+        (tmp_path / "*.csv", "no file fits the pattern"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            read_sessions(path)
+    with pytest.raises(UsageError, match="no file was given"):
+        read_sessions()
