@@ -86,14 +86,17 @@ def write_report(
 def _fill(
     folder: Path, study: Study, document: dict[str, object], formats: Sequence[str], date: str, step: Progress
 ) -> None:
+    from percept.report.latex import latex_tables
     from percept.report.page import render_page
+    from percept.report.references import bibtex
     from percept.report.tables import csv_tables
 
     (folder / "report.json").write_text(dumps(document), encoding="utf-8")
     step("tables")
     (folder / "tables").mkdir()
-    for name, text in csv_tables(document).items():
+    for name, text in (csv_tables(document) | latex_tables(document)).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
+    (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
     step("figures")
     plates = _figures(folder / "figures", document, formats)
     if study.posterior is not None:

@@ -48,17 +48,23 @@ def draw_design(
             linewidth=0.8,
             label="edge of the stable region",
         )
-    for rank in range(max((len(part) for part in intervals), default=0)):
-        low = np.array([part[rank, 0] if len(part) > rank else np.nan for part in intervals])
-        high = np.array([part[rank, 1] if len(part) > rank else np.nan for part in intervals])
-        ax.fill_betweenx(
-            damping,
-            low / 1e3,
-            high / 1e3,
+    # One bar per line of b_c, up to half way to its neighbours; unlike a polygon, bars may split and join.
+    edges = np.concatenate([damping[:1], (damping[1:] + damping[:-1]) / 2, damping[-1:]])
+    bars = [(line, *part) for line, parts in enumerate(intervals) for part in parts]
+    if bars:
+        lines = np.array([line for line, _, _ in bars])
+        low, high = (np.array([bar[side] for bar in bars]) / 1e3 for side in (1, 2))
+        ax.barh(
+            edges[lines],
+            high - low,
+            height=edges[lines + 1] - edges[lines],
+            left=low,
+            align="edge",
             color=COLOURS["coupled"],
             alpha=0.35,
             linewidth=0,
-            label="stable and inside the boundary" if rank == 0 else None,
+            antialiased=False,
+            label="stable and inside the boundary",
         )
     if coupling is not None:
         ax.plot(

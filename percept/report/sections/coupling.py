@@ -24,4 +24,28 @@ def build(document: Mapping[str, Any]) -> Part | None:
     coupling = document["coupling"]
     if not coupling:
         return None
-    return Part("coupling", "The virtual coupling", {"coupling": coupling})
+    design = document["design"]
+    couplings = []
+    if design:
+        places = [
+            (one["name"], one, f"/design/environments/{index}")
+            for index, one in enumerate(design["environments"])
+        ]
+        places.append(("all together", design["common"], "/design/common"))
+        couplings = [
+            {"name": name, "place": place, "found": one["largest"] is not None} for name, one, place in places
+        ]
+    return Part(
+        "coupling",
+        "The virtual coupling",
+        {
+            "coupling": coupling,
+            "scene": document["provenance"]["scene"]["coupling"],
+            "realism": [
+                {**row, "place": f"/coupling/realism/{index}"}
+                for index, row in enumerate(coupling.get("realism") or ())
+            ],
+            "design": design,
+            "couplings": couplings,
+        },
+    )

@@ -10,13 +10,14 @@ from percept.report.sections.part import Part
 __all__ = ["build"]
 
 _MEASURES = (
-    ("rhat", "Rank R̂ across ensembles, largest", "below 1.01"),
-    ("autocorrelation_time", "Autocorrelation time, largest (steps)", "finite"),
-    ("times_run", "Length of each kept run (autocorrelation times)", "10 or more"),
-    ("effective_draws", "Effective draws, smallest", ""),
-    ("acceptance", "Share of proposals accepted", ""),
-    ("worst_error", "Monte Carlo error of the worst endpoint (half-widths)", "within the tolerance"),
+    ("rhat", "Rank R̂ across ensembles, largest", "below 1.01", 5),
+    ("autocorrelation_time", "Autocorrelation time, longest (steps)", "finite", 4),
+    ("times_run", "Length of a kept run in autocorrelation times", "10 or more", 4),
+    ("effective_draws", "Effective draws, fewest", "", 5),
+    ("acceptance", "Share of proposals accepted", "", 3),
+    ("worst_error", "Monte Carlo error of the worst endpoint (half-widths)", "within the tolerance", 3),
 )
+_COUNTS = ("ensembles", "walkers", "steps")
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
@@ -35,8 +36,15 @@ def build(document: Mapping[str, Any]) -> Part | None:
         return None
     gate = diagnostics["gate"]
     measures = [
-        {"label": label, "asked": asked, "place": f"/diagnostics/gate/{name}"}
-        for name, label, asked in _MEASURES
+        {"label": label, "asked": asked, "place": f"/diagnostics/gate/{name}", "digits": digits}
+        for name, label, asked, digits in _MEASURES
         if isinstance(gate.get(name), (int, float))
     ]
-    return Part("diagnostics", "Sampling and its checks", {"gate": gate, "measures": measures})
+    counts = [
+        {"label": name, "place": f"/diagnostics/{name}"}
+        for name in _COUNTS
+        if isinstance(diagnostics.get(name), int)
+    ]
+    return Part(
+        "diagnostics", "Sampling and its checks", {"gate": gate, "measures": measures, "counts": counts}
+    )

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from percept.report.sections.part import Part
-from percept.report.select import distinct
+from percept.report.select import KINDS, distinct
 
-__all__ = ["build"]
+__all__ = ["build", "interval_tables"]
 
-_KINDS = ("mean", "user", "share")
 _COLUMNS = (
     ("classical", "normal"),
     ("classical", "lognormal"),
@@ -21,7 +20,7 @@ _PARAMETERS = {"k": "Stiffness k", "b": "Damping b"}
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return one table per parameter and joint treatment: rows of environment and kind, columns of method.
+    """Return the tables of intervals, with the sentence each kind and method carries.
 
     Parameters
     ----------
@@ -31,51 +30,67 @@ def build(document: Mapping[str, Any]) -> Part | None:
     -------
     Part or None
     """
-    places = list(enumerate(document["intervals"]))
-    if not places:
+    tables = interval_tables(document)
+    if not tables:
         return None
+    return Part("intervals", "Intervals of the adjustments", {"tables": tables})
+
+
+def interval_tables(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return one table per joint treatment and parameter: rows of environment and kind, columns of method.
+
+    Parameters
+    ----------
+    document : mapping
+
+    Returns
+    -------
+    list of dict
+        ``title``, ``parameter``, ``joint``, ``unit``, ``columns`` (method and family), ``rows``
+        (environment, kind, place of the reference, places of the cells or None) and ``sentences``.
+    """
+    places = list(enumerate(document["intervals"]))
     tables = []
     for joint in distinct(document["intervals"], "joint"):
         for parameter in distinct(document["intervals"], "parameter"):
             rows = [(i, r) for i, r in places if r["parameter"] == parameter and r["joint"] == joint]
             if rows:
                 tables.append(_table(parameter, joint, rows))
-    return Part("intervals", "Intervals of the adjustments", {"tables": tables})
+    return tables
 
 
 def _table(parameter: str, joint: str, rows: list[tuple[int, Any]]) -> dict[str, Any]:
     columns = [c for c in _COLUMNS if any((r["method"], r["family"]) == c for _, r in rows)]
     place = {(r["environment"], r["kind"], r["method"], r["family"]): f"/intervals/{i}" for i, r in rows}
-    environments = distinct((r for _, r in rows), "environment")
-    kinds = [kind for kind in _KINDS if any(r["kind"] == kind for _, r in rows)]
-    groups = []
-    for environment in environments:
-        found = next(i for i, r in rows if r["environment"] == environment)
-        lines = [
-            {"kind": kind, "cells": [place.get((environment, kind, *column)) for column in columns]}
-            for kind in kinds
-        ]
-        groups.append(
-            {"environment": environment, "reference": f"/intervals/{found}/reference", "lines": lines}
-        )
+    reference = {r["environment"]: f"/intervals/{i}/reference" for i, r in reversed(rows)}
+    kinds = [kind for kind in KINDS if any(r["kind"] == kind for _, r in rows)]
     return {
         "title": _PARAMETERS[parameter],
         "parameter": parameter,
         "joint": joint,
         "unit": rows[0][1]["unit"],
         "columns": [{"method": method, "family": family} for method, family in columns],
-        "groups": groups,
+        "rows": [
+            {
+                "environment": environment,
+                "kind": kind,
+                "reference": reference[environment],
+                "cells": [place.get((environment, kind, *column)) for column in columns],
+            }
+            for environment in distinct((r for _, r in rows), "environment")
+            for kind in kinds
+        ],
         "sentences": _sentences(rows),
     }
 
 
 def _sentences(rows: list[tuple[int, Any]]) -> list[dict[str, Any]]:
-    """Return what each kind covers, each sentence once, with whom it holds for."""
+    """Return what each kind and method covers, each sentence once, with the families that carry it."""
     found: dict[tuple[str, str], dict[str, list[str]]] = {}
     for _, row in rows:
         sentences = found.setdefault((row["kind"], row["method"]), {})
         sentences.setdefault(row["covers"], []).append(row["family"])
-    ordered = sorted(found.items(), key=lambda item: (_KINDS.index(item[0][0]), item[0][1] != "classical"))
+    ordered = sorted(found.items(), key=lambda item: (KINDS.index(item[0][0]), item[0][1] != "classical"))
     return [
         {"kind": kind, "method": method, "families": sorted(set(families), reverse=True), "covers": covers}
         for (kind, method), sentences in ordered

@@ -1,11 +1,13 @@
-"""The methods paragraph, ready to paste."""
+"""The methods paragraph, ready to paste, and what it cites."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from percept.report.references import bibtex, cited
 from percept.report.sections.part import Part
+from percept.report.select import KINDS, family_of
 
 __all__ = ["build"]
 
@@ -22,18 +24,25 @@ def build(document: Mapping[str, Any]) -> Part:
     Part
     """
     scene = document["provenance"]["scene"]
-    used = {row["method"] for row in document["intervals"]}
+    intervals = document["intervals"]
+    used = {row["method"] for row in intervals}
+    references = cited(document)
     return Part(
         "methods",
         "Methods, ready to paste",
         {
             "data": document["data"],
-            "inference": scene.get("inference", {}),
-            "model": scene.get("model", {}),
-            "device": scene.get("device"),
-            "coupling": scene.get("coupling"),
+            "scene": scene,
+            "family": family_of(document),
+            "kinds": [kind for kind in KINDS if any(row["kind"] == kind for row in intervals)],
             "classical": "classical" in used,
             "bayesian": "bayesian" in used,
+            "pooled": scene.get("model", {}).get("pooling", "partial") == "partial",
+            "subjects": max((row["n"] for row in intervals), default=0),
+            "diagnostics": document["diagnostics"],
             "version": document["provenance"]["versions"]["percept"],
+            "references": references,
+            "numbers": {reference.key: rank for rank, reference in enumerate(references, start=1)},
+            "bibtex": bibtex(document),
         },
     )

@@ -1,0 +1,37 @@
+"""How the verdicts move with the device's mass and damping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from percept.report.sections.part import Part
+
+__all__ = ["build"]
+
+
+def build(document: Mapping[str, Any]) -> Part | None:
+    """Return the table of devices: a row per damping, a column per mass.
+
+    Parameters
+    ----------
+    document : mapping
+
+    Returns
+    -------
+    Part or None
+    """
+    found = document["sensitivity"]
+    if not found:
+        return None
+    return Part(
+        "device",
+        "If the device were another",
+        {
+            "sensitivity": found,
+            "kinds": list(found["inside"]),
+            "rows": range(len(found["damping"])),
+            "columns": range(len(found["mass"])),
+            "middle": len(found["mass"]) // 2,
+        },
+    )
