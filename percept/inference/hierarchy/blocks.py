@@ -172,7 +172,8 @@ def _sum_of_two(
     v = v1 + v2
     apart = g1 - g2
     share = v2 / v
-    return v, g1 - share * apart, w1 + w2 + v1 * share * apart * apart
+    # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
+    return v, (v1 * g1 + v2 * g2) / v, w1 + w2 + v1 * share * apart * apart
 
 
 def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = None) -> Block:

@@ -62,12 +62,19 @@ def correlation(u: Array, shape: float = 2.0) -> tuple[Array, Array]:
         # The Beta(2, 2) quantile is trigonometric; near the end the angle's distance from pi/6 is kept.
         angle = 2.0 / 3.0 * np.arcsin(np.sqrt(lower))
         rest = 2.0 * np.sin(angle / 2.0) ** 2 + np.sqrt(3.0) * np.sin(angle)
-        rest = np.minimum(rest, 1.0)
-        size = 2.0 * np.sin(np.arcsin(1.0 - 2.0 * lower) / 3.0)
     else:
-        rest = 2.0 * special.betaincinv(shape, shape, lower)
-        size = 1.0 - rest
-    return np.copysign(size, u), np.maximum(rest, _FLOOR)
+        rest = 2.0 * _beta_quantile(shape, lower)
+    rest = np.minimum(rest, 1.0)
+    # rho from its own distance to one: two forms would disagree by 1e-8 near the ends.
+    return np.copysign(1.0 - rest, u), np.maximum(rest, _FLOOR)
+
+
+def _beta_quantile(shape: float, lower: Array) -> Array:
+    """Quantile of Beta(shape, shape) at a lower tail; scipy has none for tails far below 1e-100."""
+    quantile = np.asarray(special.betaincinv(shape, shape, lower))
+    log_first = (np.log(lower) + np.log(shape) + special.betaln(shape, shape)) / shape
+    first = np.exp(log_first)
+    return np.where(np.isnan(quantile), first * (1.0 + (shape - 1.0) / (shape + 1.0) * first), quantile)
 
 
 def log_sigma(
