@@ -22,7 +22,7 @@ from percept.inference.hierarchy.unpooled import Unpooled
 from percept.inference.sampling.run import Progress, Run, Settings, sample
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.classical import cell_moments
+from percept.study.classical import Cell, cell_moments
 from percept.study.responses import ResponseScale, Trials, decades, references, trials
 from percept.study.units import NAMES, UNITS
 
@@ -209,11 +209,11 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     reference = references(sessions, parameters, environments)
     x = decades(reference)
     family = scene.inference.family
-    moments = {(p, e): m for p, e, m in cell_moments(sessions, parameters, family)}
+    found = {(cell.parameter, cell.environment): cell for cell in cell_moments(sessions, parameters, family)}
     models: list[Model] = []
     counts: list[int] = []
     for p, parameter in enumerate(parameters):
-        cells = [_published(moments[parameter, e], parameter, e) for e in environments]
+        cells = [_moments(found[parameter, e]) for e in environments]
         if family == "lognormal":
             cells = [cell.lognormal() for cell in cells]
         mean = np.array([float(cell.mean) for cell in cells])
@@ -231,29 +231,24 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     return Prepared(Product(models), scale, np.array(counts), False, None)
 
 
-def _published(moments: Moments | None, parameter: str, environment: str) -> Moments:
-    if moments is None:
+def _moments(cell: Cell) -> Moments:
+    if cell.moments is None:
         raise RefusalError(
-            f"there is no positive published mean of {NAMES[parameter]} in {environment}.",
-            hint='Set family = "normal", or [inference] parameters to the one that is complete.',
+            f"there is no posterior of {NAMES[cell.parameter]} in {cell.environment}: {cell.why}.",
+            hint='Set family = "normal", or leave the parameter or environment out in the scene.',
         )
-    if float(moments.sd) == 0:
-        raise RefusalError(
-            f"the published limits of {NAMES[parameter]} in {environment} coincide: "
-            "zero scatter has no proper posterior."
-        )
-    return moments
+    return cell.moments
 
 
 def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Each cell by itself, standardised by its own exact mean and SD."""
     family = scene.inference.family
     cells, origin, unit, counts, repeats = [], [], [], [], False
-    for parameter, environment, found in cell_moments(sessions, parameters, family):
-        moments = _published(found, parameter, environment)
+    for cell in cell_moments(sessions, parameters, family):
+        moments = _moments(cell)
         if family == "lognormal" and moments.scale == "linear":
             moments = moments.lognormal()
-        cells.append((parameter, environment))
+        cells.append((cell.parameter, cell.environment))
         origin.append(float(moments.mean))
         unit.append(float(moments.sd))
         counts.append(int(moments.n))

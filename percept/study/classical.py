@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,16 +16,35 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.units import UNITS
 
-__all__ = ["FAMILIES", "cell_interval", "cell_moments"]
+__all__ = ["FAMILIES", "Cell", "cell_interval", "cell_moments"]
 
 #: Classical rows are always given in both families, the paper's first.
 FAMILIES = ("normal", "lognormal")
 
 
-def cell_moments(
-    sessions: Sessions, parameters: tuple[str, ...], family: str
-) -> Iterator[tuple[str, str, Moments | None]]:
-    """Yield parameter, environment and moments of every cell; None where the family does not fit.
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One parameter in one environment, one value per subject.
+
+    Attributes
+    ----------
+    parameter, environment : str
+        Which.
+    moments : Moments or None
+        Of the subjects' values, the mean of their trials on the family's scale; None where there is
+        no interval.
+    why : str
+        Why there is none.
+    """
+
+    parameter: str
+    environment: str
+    moments: Moments | None
+    why: str = ""
+
+
+def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: str) -> Iterator[Cell]:
+    """Yield every cell of a study.
 
     Parameters
     ----------
@@ -37,32 +57,40 @@ def cell_moments(
 
     Yields
     ------
-    parameter, environment : str
-    moments : Moments or None
-        One value per subject, the mean of their trials on the family's scale. None for lognormal
-        where a value, or a published mean, is zero or negative.
+    Cell
+        Parameter-major. Lognormal moments are None where a value, or a published mean, is zero or
+        negative, and all are where there is no scatter.
     """
     for parameter in parameters:
         for environment, table in sessions.table.groupby("environment", sort=False):
-            yield parameter, str(environment), _moments(sessions, table, parameter, family)
+            moments = _moments(sessions, table, parameter, family)
+            if isinstance(moments, str):
+                yield Cell(parameter, str(environment), None, moments)
+            elif np.all(moments.sd == 0):
+                yield Cell(parameter, str(environment), None, "all subjects adjusted alike")
+            else:
+                yield Cell(parameter, str(environment), moments)
 
 
-def _moments(sessions: Sessions, table: pd.DataFrame, parameter: str, family: str) -> Moments | None:
+def _moments(sessions: Sessions, table: pd.DataFrame, parameter: str, family: str) -> Moments | str:
+    """Moments of one cell, or why there are none."""
     if sessions.form == "summary":
         row = table[table["parameter"] == parameter]
         if row.empty:
-            return None
+            return "it was not published"
         published = row.iloc[0]
         moments = Moments.from_limits(
             published["lower"], published["upper"], int(published["n"]), level=float(published["level"])
         )
-        if family == "lognormal" and float(moments.mean) <= 0:
-            return None
+        if family == "lognormal" and np.any(moments.mean <= 0):
+            return "the published mean is zero or negative"
         return moments
     values = table[["subject", f"{parameter}_adj"]].dropna()
     adjusted = values[f"{parameter}_adj"].to_numpy(dtype=float)
+    if values["subject"].nunique() < 2:
+        return "it has fewer than two subjects"
     if family == "lognormal" and np.any(adjusted <= 0):
-        return None
+        return "a value is zero or negative"
     return subject_means(adjusted, values["subject"].to_numpy(), family=family).moments()  # type: ignore[arg-type]
 
 

@@ -113,13 +113,15 @@ class Study:
     def _classical_rows(self) -> Iterator[dict[str, Any]]:
         joints = ("marginal", "bonferroni") if len(self.parameters) == 2 else ("marginal",)
         for family in FAMILIES:
-            for parameter, environment, moments in cell_moments(self.sessions, self.parameters, family):
-                if moments is None:
+            for cell in cell_moments(self.sessions, self.parameters, family):
+                if cell.moments is None:
                     continue
                 for kind in self.scene.inference.kinds:
                     for joint in joints:
-                        interval = cell_interval(moments, kind, family, self.scene, parameter, joint)
-                        yield self._row(interval, parameter, environment)
+                        interval = cell_interval(
+                            cell.moments, kind, family, self.scene, cell.parameter, joint
+                        )
+                        yield self._row(interval, cell.parameter, cell.environment)
 
     def _bayesian_rows(self, fit: Fit) -> Iterator[dict[str, Any]]:
         asked = self.scene.inference
@@ -343,10 +345,13 @@ class Study:
             found.append(("subject effects and k-b correlation", "published limits do not hold them"))
         if len(self.parameters) == 2:
             found.append(("ellipse of kind share", "there is no exact ellipse of a share of users"))
-        for parameter, environment, moments in cell_moments(self.sessions, self.parameters, "lognormal"):
-            if moments is None and self.scene.inference.method != "bayesian":
-                why = "a value is zero or negative"
-                found.append((f"classical lognormal intervals of {parameter} in {environment}", why))
+        if self.scene.inference.method != "bayesian":
+            found += [
+                (f"classical {family} intervals of {NAMES[cell.parameter]} in {cell.environment}", cell.why)
+                for family in FAMILIES
+                for cell in cell_moments(self.sessions, self.parameters, family)
+                if cell.moments is None
+            ]
         return tuple(found)
 
     def _repr_html_(self) -> str:

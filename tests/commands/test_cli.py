@@ -1,0 +1,123 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from percept.cli import COMMANDS, build_parser, main
+
+DATASETS = Path(__file__).resolve().parents[2] / "datasets"
+SESSIONS = str(DATASETS / "hbfd_sessions.csv")
+HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
+ROWS = ["S1,A,10,1,9,1.1", "S1,B,100,2,95,2.2", "S2,A,10,1,11,0.8", "S2,B,100,2,99,1.7", "S3,A,10,1,8,1.3"]
+
+
+def write(tmp_path, lines, header=HEADER):
+    path = tmp_path / "study.csv"
+    path.write_text(header + "\n".join(lines) + "\n", encoding="utf-8")
+    return str(path)
+
+
+def refused(arguments, capsys):
+    code = main(arguments)
+    return code, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("lines", "header", "code", "expected"),
+    [
+        (
+            [row.rsplit(",", 1)[0] for row in ROWS],
+            HEADER.replace(",b_adj", "").replace("k_adj", "k_set"),
+            2,
+            ["study.csv", "k_adj"],
+        ),
+        ([*ROWS, "S3,B,100,2,abc,2.0"], HEADER, 2, ["study.csv", "7", "k_adj", "abc"]),
+        (ROWS[:2], HEADER, 1, ["at least two subjects", "S1"]),
+        ([*ROWS, ROWS[1]], HEADER, 2, ["study.csv", "S1", "B"]),
+        ([*ROWS, "S3,B,100,2,-4,2.0"], HEADER, 1, ["study.csv", "7", "k_adj", "-4", "normal"]),
+    ],
+    ids=["missing column", "text in a number", "one subject", "two rows for one cell", "negative"],
+)
+def test_bad_input_says_where_and_leaves_nothing(tmp_path, capsys, lines, header, code, expected):
+    out = tmp_path / "out"
+    found, message = refused(["report", write(tmp_path, lines, header), "--out", str(out)], capsys)
+    assert found == code
+    for part in expected:
+        assert part in message
+    assert not out.exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["study.csv"]
+
+
+def test_level_outside_its_range_is_wrong_usage(tmp_path, capsys):
+    out = tmp_path / "out"
+    code, message = refused(["fit", SESSIONS, "--level", "1.5", "--out", str(out)], capsys)
+    assert code == 2
+    assert "inference.level" in message
+    assert "1.5" in message
+    assert not out.exists()
+
+
+def test_missing_scene_is_named(capsys):
+    code, message = refused(["report", SESSIONS, "--scene", "nowhere.toml"], capsys)
+    assert code == 2
+    assert "nowhere.toml" in message
+
+
+def test_fit_writes_the_intervals_it_prints(tmp_path, capsys):
+    out = tmp_path / "out"
+    code = main(["fit", SESSIONS, "--method", "classical", "--out", str(out), "--json"])
+    printed = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert printed == json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    row = next(r for r in printed["intervals"] if r["environment"] == "VE4" and r["kind"] == "mean")
+    assert f"{row['lower']:.0f} {row['upper']:.0f}" == "23316 24968"
+
+
+def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    code = main(["report", SESSIONS, "--method", "classical", "--out", str(out)])
+    last = capsys.readouterr().out.strip().splitlines()[-1]
+    assert code == 0
+    assert Path(last) == out / "report.html"
+    assert "VE5" in Path(last).read_text(encoding="utf-8")
+    assert (out / "notes.txt").read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_simulate_reproduces_the_committed_sessions(tmp_path):
+    out = tmp_path / "sessions.csv"
+    code = main(["simulate", "--like", str(DATASETS / "hbfd_table1.csv"), "--seed", "1", "--out", str(out)])
+    assert code == 0
+    assert out.read_bytes() == Path(SESSIONS).read_bytes()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        build_parser().parse_args([command, "--help"])
+    assert stopped.value.code == 0
+    text = capsys.readouterr().out
+    assert f"percept {command}" in text.split("example:")[1]
+
+
+def imported_by(code):
+    script = f"import sys\n{code}\nprint(' '.join(sorted(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return set(run.stdout.splitlines()[-1].split())
+
+
+def test_help_imports_no_numerics():
+    modules = imported_by("from percept.cli import build_parser; build_parser().format_help()")
+    assert not modules & {"numpy", "pandas", "scipy", "pydantic", "matplotlib", "emcee"}
+
+
+def test_classical_fit_imports_no_sampler(tmp_path):
+    modules = imported_by(
+        "from percept.cli import main\n"
+        f"main(['fit', {SESSIONS!r}, '--method', 'classical', '--out', {str(tmp_path / 'o')!r}])"
+    )
+    assert not modules & {"emcee", "arviz_base", "arviz_stats", "matplotlib", "xarray", "jinja2", "rich"}

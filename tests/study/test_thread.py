@@ -1,0 +1,200 @@
+"""The thread through the whole program on the published study."""
+
+import dataclasses
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept import RefusalError, Scene, Study, read_sessions
+from percept.sessions import Sessions
+
+DATASETS = Path(__file__).resolve().parents[2] / "datasets"
+TABLE = pd.read_csv(DATASETS / "hbfd_table1.csv", dtype=str)
+
+
+def hbfd_scene(**inference):
+    return Scene.load(DATASETS / "hbfd.toml").with_inference(**inference)
+
+
+def rounded_like(value, printed):
+    """`value` rounded to the decimals of a printed number."""
+    return Decimal(repr(float(value))).quantize(Decimal(printed))
+
+
+@pytest.mark.parametrize("name", ["hbfd_sessions.csv", "hbfd_table1.csv"])
+def test_classical_limits_print_as_the_published_table(name):
+    study = Study(read_sessions(DATASETS / name), hbfd_scene(method="classical"))
+    rows = study.intervals.query("kind == 'mean' and family == 'normal' and joint == 'marginal'")
+    found = rows.set_index(["environment", "parameter"])
+    for row in TABLE.itertuples():
+        ours = found.loc[(row.environment, row.parameter)]
+        assert rounded_like(ours["lower"], row.lower) == Decimal(row.lower)
+        assert rounded_like(ours["upper"], row.upper) == Decimal(row.upper)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), hbfd_scene(tolerance=0.05))
+
+
+def test_both_methods_stand_side_by_side(study):
+    marginal = study.intervals.query("joint == 'marginal' and family == 'lognormal'")
+    counts = marginal.groupby(["environment", "parameter", "kind"])["method"].agg(set)
+    assert len(counts) == 30
+    assert all(methods == {"classical", "bayesian"} for methods in counts)
+    assert (marginal["lower"] < marginal["estimate"]).all()
+    assert (marginal["estimate"] < marginal["upper"]).all()
+
+
+def test_kinds_nest(study):
+    keys = ["environment", "parameter", "method", "family", "joint"]
+    lower = study.intervals.pivot_table(index=keys, columns="kind", values="lower")
+    upper = study.intervals.pivot_table(index=keys, columns="kind", values="upper")
+    assert (lower["mean"] > lower["user"]).all()
+    assert (lower["user"] > lower["share"]).all()
+    assert (upper["mean"] < upper["user"]).all()
+    assert (upper["user"] < upper["share"]).all()
+
+
+def test_same_seed_same_bits_and_another_within_monte_carlo_error(study):
+    sessions = study.sessions
+    again = Study(sessions, study.scene)
+    pd.testing.assert_frame_equal(again.intervals, study.intervals, check_exact=True)
+    other = Study(sessions, study.scene.with_inference(seed=2))
+    first, second = study.fit.run, other.fit.run
+    difference = first.estimates.value - second.estimates.value
+    error = np.hypot(first.errors, second.errors)
+    assert np.abs(difference / error).max() < 5.0
+    assert np.any(difference != 0)
+
+
+def test_boundaries_hold_what_they_say(study):
+    shapes = {(b.method, b.shape) for b in study.boundaries}
+    assert {("classical", "corner"), ("classical", "envelope"), ("bayesian", "pointwise")} <= shapes
+    named = {(b.environment, b.kind, b.method, b.family, b.joint, b.shape): b for b in study.boundaries}
+    for (environment, kind, method, family, joint, shape), corner in named.items():
+        if shape == "corner":
+            envelope = named[environment, kind, method, family, joint, "envelope"]
+            slack = 1 + 1e-12
+            assert np.all(envelope.lower <= corner.lower * slack)
+            assert np.all(envelope.upper * slack >= corner.upper)
+    for b in study.boundaries:
+        if b.shape == "simultaneous":
+            point = named[b.environment, b.kind, b.method, b.family, b.joint, "pointwise"]
+            assert np.mean(b.upper / b.lower >= point.upper / point.lower) > 0.9
+
+
+def test_corner_curves_are_equations_16_and_17(study):
+    """Both lower limits together, both upper together, straight through Eqs 7, 8 and 13."""
+    rows = study.intervals.query(
+        "environment == 'VE3' and kind == 'mean' and family == 'normal' and joint == 'marginal'"
+    ).set_index("parameter")
+    corner = next(
+        b
+        for b in study.boundaries
+        if (b.environment, b.kind, b.method, b.family, b.joint, b.shape)
+        == ("VE3", "mean", "classical", "normal", "marginal", "corner")
+    )
+    z = np.exp(1j * corner.omega * 1e-3)
+    s = 2 / 1e-3 * (z - 1) / (z + 1)
+    hold = 0.5 * (z + 1) / z
+    for side in ("lower", "upper"):
+        k, b = rows.loc["k", side], rows.loc["b", side]
+        direct = np.abs((1.0 * s + 5.0) + hold * (b + k / s))
+        np.testing.assert_allclose(getattr(corner, side), direct, rtol=1e-9)
+
+
+def test_nothing_is_computed_for_what_the_scene_leaves_out():
+    bare = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical"))
+    assert bare.boundaries == ()
+    assert bare.coupling is None
+    assert bare.posterior is None
+    what = dict(bare.skipped)
+    assert what["boundaries of Z_h"] == "the scene has no [device]"
+    assert what["hierarchical model"] == "only the classical method was asked for"
+
+
+def test_failed_gate_withholds_the_bayesian_numbers():
+    scene = hbfd_scene(tolerance=1e-4, most_steps=300)
+    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
+    assert set(study.intervals["method"]) == {"classical"}
+    assert study.posterior is None
+    reason = dict(study.skipped)["Bayesian intervals"]
+    assert "Monte Carlo error" in reason
+    assert "Raise the cap" in reason
+
+
+def frame(**changes):
+    table = pd.read_csv(DATASETS / "hbfd_sessions.csv", dtype={"subject": str}).drop(columns="source")
+    return table.assign(**changes)
+
+
+def test_one_subject_is_refused():
+    table = frame()
+    study = Study(Sessions.from_frame(table[table.subject == "S01"]), hbfd_scene())
+    with pytest.raises(RefusalError, match=r"at least two subjects .* only one, 'S01'"):
+        _ = study.fit
+
+
+def test_negative_value_under_lognormal_is_refused_with_its_place():
+    table = frame()
+    table.loc[7, "b_adj"] = -0.5
+    study = Study(Sessions.from_frame(table), hbfd_scene())
+    with pytest.raises(RefusalError, match="has no logarithm") as caught:
+        _ = study.fit
+    assert (caught.value.row, caught.value.column, caught.value.value) == (9, "b_adj", -0.5)
+    assert 'family = "normal"' in str(caught.value)
+
+
+def test_zero_reference_is_refused_without_a_scale():
+    table = frame()
+    table.loc[table.environment == "VE1", "b_ref"] = 0.0
+    scene = hbfd_scene(family="normal")
+    with pytest.raises(RefusalError, match="reference damping of VE1 is 0, which has no ratio"):
+        _ = Study(Sessions.from_frame(table), scene).fit
+
+
+def test_no_scatter_is_refused_and_resolution_answers():
+    table = frame()
+    table.loc[table.environment == "VE2", "k_adj"] = 1000.0
+    sessions = Sessions.from_frame(table)
+    with pytest.raises(RefusalError, match="all subjects adjusted alike in stiffness of VE2") as caught:
+        _ = Study(sessions, hbfd_scene(tolerance=0.05)).fit
+    assert "resolution.k" in str(caught.value)
+    scene = Scene.from_tables({"model": {"resolution": {"k": 10.0}}, "inference": {"tolerance": 0.05}})
+    study = Study(sessions, scene)
+    assert study.fit.run.gate.passed
+    cell = study.intervals.query("environment == 'VE2' and parameter == 'k' and method == 'bayesian'")
+    assert np.isfinite(cell[["lower", "upper"]].to_numpy()).all()
+
+
+def test_one_parameter_alone():
+    scene = hbfd_scene(tolerance=0.05)
+    tables = scene.model_dump(exclude_none=True)
+    tables["inference"]["parameters"] = ("k",)
+    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene.from_tables(tables))
+    assert set(study.intervals["parameter"]) == {"k"}
+    assert study.boundaries == ()
+    assert study.band is None
+    assert ("boundaries and band", "only stiffness was adjusted") in study.skipped
+
+
+def test_posterior_keeps_named_dimensions(study):
+    posterior = study.posterior["posterior"]
+    assert posterior["population_mean"].dims == ("chain", "draw", "parameter", "environment")
+    assert list(posterior["environment"].values) == list(study.environments)
+    assert posterior.sizes["chain"] == study.fit.run.settings.ensembles
+    # Draws and the smooth mixture must describe one posterior: compare medians on the log scale.
+    draws = np.log(posterior["population_mean"].values)
+    laws_mean = np.log(study.fit.estimate).reshape(draws.shape[2:])
+    spread = draws.std(axis=(0, 1))
+    error = spread / np.sqrt(draws.shape[0] * draws.shape[1] / 4)
+    assert np.all(np.abs(draws.mean(axis=(0, 1)) - laws_mean) < 5 * error)
+
+
+def test_records_are_frozen(study):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        study.boundaries[0].level = 0.5
