@@ -22,6 +22,7 @@ from percept.sessions.problems import Problems
 from percept.sessions.recognise import refuse_binary, refuse_text
 from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS, Exclusion, Notice, Sessions, Source
 from percept.sessions.sources import Input, expand, is_workbook, load, names_from_file
+from percept.sessions.stream import NotPlain, open_stream
 from percept.sessions.tables import excel_grid, frame_grid, parquet_grid
 
 __all__ = ["read_grid_of", "read_sessions", "sessions_from_frame"]
@@ -65,6 +66,8 @@ def read_sessions(
         study.notices.append(Notice(f"{len(ignored)} files of other kinds in the folders are not read"))
     for file in files:
         with study.collecting():
+            if study.add_large(file):
+                continue
             for entry in load(file):
                 with study.collecting():
                     study.add(entry)
@@ -135,13 +138,41 @@ class _Study:
         """Context in which an error of ours becomes a problem, so that the next file is read too."""
         return _Collector(self.problems)
 
-    def add(self, entry: Input) -> None:
-        """Read one input."""
-        twin = next((s.name for s in self.sources if s.sha256 == entry.sha256), None)
+    def add_large(self, file: str) -> bool:
+        """Read a large plain file in blocks; False where it has to be read as a whole."""
+        if file == "-":
+            return False
+        problems = Problems()
+        named = names_from_file(file, self.options.filename)
+        stream = open_stream(file, options=self.options, named=named, problems=problems)
+        if stream is None:
+            return False
+        try:
+            blocks = [block for block in stream.frames() if len(block)]
+        except NotPlain:
+            return False
+        problems.raise_if_any()
+        self._refuse_twin(file, stream.sha256)
+        self.sources.append(Source(file, stream.sha256, stream.part.counts["rows read"]))
+        if blocks:
+            for block in blocks:
+                for c in ("subject", "session", "environment"):
+                    block[c] = np.asarray(block[c], dtype=object)
+            stream.part.frame = pd.concat(blocks, ignore_index=True)
+        stream.part.frame["file"] = len(self.sources) - 1
+        self.parts.append(stream.part)
+        return True
+
+    def _refuse_twin(self, name: str, sha256: str) -> None:
+        twin = next((s.name for s in self.sources if s.sha256 == sha256), None)
         if twin is not None:
             raise UsageError(
-                f"byte for byte the same file as {twin}.", file=entry.name, hint="Leave one of them out."
+                f"byte for byte the same file as {twin}.", file=name, hint="Leave one of them out."
             )
+
+    def add(self, entry: Input) -> None:
+        """Read one input."""
+        self._refuse_twin(entry.name, entry.sha256)
         self.sources.append(Source(entry.name, entry.sha256, 0))
         named = names_from_file(entry.name, self.options.filename)
         self.take(read_grid_of(entry, self.options, self.notices), entry.name, entry.sha256, named)

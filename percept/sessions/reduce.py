@@ -25,7 +25,9 @@ from percept.sessions.stream import NotPlain, open_stream
 __all__ = ["Reduced", "reduce_sessions"]
 
 _TRIALS = 1 << 31
-_ID = (1 << 21) - 1
+# Three numbers share 63 bits: two million ids of each kind.
+_BITS = 21
+_ID = (1 << _BITS) - 1
 _Floats = npt.NDArray[np.float64]
 
 
@@ -144,31 +146,27 @@ class _Registry:
         self.names: list[Any] = []
         self._number: dict[Any, int] = {}
 
-    def codes(self, column: Any) -> npt.NDArray[np.int64]:
-        """Numbers of a column: text, categories or integers."""
-        local, names = _local_codes(column)
-        lookup = np.full(max(1, len(names)), -1, dtype=np.int64)
-        for at in _by_first(local, len(names)):
-            name = names[at]
+    def numbers(self, codes: npt.NDArray[np.integer[Any]], names: Sequence[Any]) -> npt.NDArray[np.int64]:
+        """Numbers of ids given as codes into `names`, which stand in order of first appearance."""
+        lookup = np.empty(len(names), dtype=np.int64)
+        for at, name in enumerate(names):
             lookup[at] = self._number.setdefault(name, len(self.names))
             if lookup[at] == len(self.names):
                 self.names.append(name)
-        return lookup[local]
+        return lookup[codes]
 
 
-def _local_codes(column: Any) -> tuple[npt.NDArray[np.integer[Any]], Sequence[Any]]:
-    if isinstance(column, pd.Series) and isinstance(column.dtype, pd.CategoricalDtype):
+def _codes(column: pd.Series[Any]) -> tuple[npt.NDArray[np.integer[Any]], Sequence[Any]]:
+    """Codes of a column into its ids in order of first appearance."""
+    if isinstance(column.dtype, pd.CategoricalDtype):
         return column.cat.codes.to_numpy(), column.cat.categories.tolist()
     codes, names = pd.factorize(column)
     return codes, names.tolist()
 
 
-def _by_first(codes: npt.NDArray[np.integer[Any]], count: int) -> list[int]:
-    """Codes that occur, in order of their first position."""
-    first = np.full(count, len(codes), dtype=np.int64)
-    # Writing backwards leaves each code's first position.
-    first[codes[::-1]] = np.arange(len(codes) - 1, -1, -1)
-    return [int(at) for at in np.argsort(first, kind="stable") if first[at] < len(codes)]
+def _distinct(packed: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.integer[Any]], Sequence[int]]:
+    codes, names = pd.factorize(packed)
+    return codes, names.tolist()
 
 
 class _State:
@@ -214,18 +212,19 @@ class _State:
     def add(self, frame: pd.DataFrame, file: str) -> None:
         """Check and add one block."""
         rows = frame["row"].to_numpy()
-        subject, session, environment = (
-            registry.codes(frame[c])
-            for c, registry in (
-                ("subject", self.subjects),
-                ("session", self.sessions),
-                ("environment", self.environments),
-            )
+        ids = [_codes(frame[c]) for c in ("subject", "session", "environment")]
+        # Ids are numbered once for each run of equal ones: files are mostly sorted.
+        change = np.concatenate([[True], np.logical_or.reduce([c[1:] != c[:-1] for c, _ in ids])])
+        starts = np.flatnonzero(change)
+        lengths = np.diff(starts, append=len(rows))
+        registries = (self.subjects, self.sessions, self.environments)
+        subject, session, place = (
+            registry.numbers(codes[starts], names)
+            for registry, (codes, names) in zip(registries, ids, strict=True)
         )
-        # 21 bits each: two million ids of a kind.
-        visit = self.visits.codes((subject << 42) | (session << 21) | environment)
-        packed = np.array(self.visits.names, dtype=np.int64)
-        cell = self.cells.codes((packed >> 42 << 21) | (packed & _ID))[visit]
+        visits = self.visits.numbers(*_distinct((subject << 2 * _BITS) | (session << _BITS) | place))
+        cells = self.cells.numbers(*_distinct((subject << _BITS) | place))
+        visit, cell, environment = (np.repeat(run, lengths) for run in (visits, cells, place))
         self._check_trials(visit, frame["trial"].to_numpy(), rows, file)
         responses = [self._response(p, frame, environment, file) for p in self.parameters]
         complete = ~np.isnan(responses).any(axis=0)
@@ -246,12 +245,13 @@ class _State:
         """Find a trial that stands twice, with one number for each place in the visits × trials grid."""
         shape = (len(self.visits.names), int(trial.max()) + 1)
         if int(trial.min()) < 0 or shape[0] * shape[1] > _TRIALS:
+            at = int(np.argmin(trial) if trial.min() < 0 else np.argmax(trial))
             raise UsageError(
                 "trial numbers are negative or too large to be checked in blocks.",
                 file=file,
-                row=int(rows[int(np.argmax(np.abs(trial)))]),
+                row=int(rows[at]),
                 column="trial",
-                value=int(trial[int(np.argmax(np.abs(trial)))]),
+                value=int(trial[at]),
                 hint="Number the trials of each subject and environment 1, 2, 3 …",
             )
         self.rows = _grown(self.rows, shape)
@@ -359,7 +359,7 @@ class _State:
         packed = np.array(self.cells.names, dtype=np.int64)
         cells = pd.DataFrame(
             {
-                "subject": [self.subjects.names[i] for i in packed >> 21],
+                "subject": [self.subjects.names[i] for i in packed >> _BITS],
                 "environment": [self.environments.names[i] for i in packed & _ID],
                 "n": self.n.astype(np.int64),
             }

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,7 @@ __all__ = ["LARGE", "NotPlain", "Stream", "open_stream"]
 LARGE = 4 << 20
 _BLOCK = 8 << 20
 _HEAD = 1 << 16
+_NEWLINE = ord("\n")
 _IDS = ("subject", "session", "environment")
 _NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 _NA = sorted({form for word in MISSING for form in (word, word.upper(), word.capitalize(), "NaN")})
@@ -83,46 +84,56 @@ class Stream:
             A quote or a lone carriage return: the file must be read as a whole.
         """
         digest = hashlib.sha256()
-        pending: deque[tuple[Future[pd.DataFrame | None], bytes, int]] = deque()
+        pending: deque[tuple[bytes, Future[tuple[pd.DataFrame | None, int]]]] = deque()
         workers = min(4, os.cpu_count() or 1)
         with ThreadPoolExecutor(workers) as pool, Path(self.file).open("rb") as source:
             digest.update(source.read(self.skip))
-            rest = b""
-            while True:
-                block = source.read(_BLOCK)
-                # The next block waits to be parsed while this one is hashed.
-                at = block.rfind(b"\n") + 1 if block else 0
-                whole, rest = (
-                    (rest + block[:at], block[at:]) if at else (rest if not block else b"", rest + block)
-                )
-                if not block and whole and not whole.endswith(b"\n"):
-                    rest = b""
-                if whole:
-                    lines = whole.count(b"\n") + (not whole.endswith(b"\n"))
-                    pending.append((pool.submit(self._fast, whole, lines), whole, self._row))
-                    self._row += lines
-                digest.update(block)
-                while pending and (len(pending) > workers or not block):
-                    future, raw, row = pending.popleft()
-                    yield self._finish(future.result(), raw, row)
-                if not block:
-                    break
+            for raw in self._blocks(source):
+                # The parser lets go of the interpreter, and so does the digest: they run side by side.
+                pending.append((raw, pool.submit(self._fast, raw)))
+                digest.update(raw)
+                if len(pending) > workers:
+                    yield self._finish(*pending.popleft())
+            while pending:
+                yield self._finish(*pending.popleft())
         self.sha256 = digest.hexdigest()
 
-    def _fast(self, raw: bytes, lines: int) -> pd.DataFrame | None:
-        """Parse a block with pandas; None where anything in it needs the careful path."""
+    def _blocks(self, source: BinaryIO) -> Iterator[bytes]:
+        """Cut the file after line ends."""
+        while block := source.read(_BLOCK):
+            line = source.readline(_BLOCK)
+            if len(line) == _BLOCK:
+                raise UsageError(
+                    f"a line of more than {_BLOCK} bytes.",
+                    file=self.file,
+                    hint="This is no session table, or its line ends are lost.",
+                )
+            yield block + line
+
+    def _fast(self, raw: bytes) -> tuple[pd.DataFrame | None, int]:
+        """Parse a block with pandas, None where it needs the careful path; and count its lines."""
         if b'"' in raw or (b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n")):
             raise NotPlain
-        cells = lines * (len(self.header) - 1)
-        if b"\0" in raw or raw.count(self.delimiter.encode()) != cells or not _is_utf8(raw):
-            return None
+        characters = np.frombuffer(raw, dtype=np.uint8)
+        lines = int(np.count_nonzero(characters == _NEWLINE)) + (characters[-1] != _NEWLINE)
+        delimiters = int(np.count_nonzero(characters == ord(self.delimiter)))
+        if b"\0" in raw or delimiters != lines * (len(self.header) - 1) or not _is_utf8(raw):
+            return None, lines
+        frame = self._parsed(raw)
+        if frame is None or len(frame) != lines:
+            return None, lines
+        for c in (c for c in _IDS if c in frame):
+            frame[c] = _coded(frame[c].to_numpy())
+        return (frame if self._unchanged(frame) else None), lines
+
+    def _parsed(self, raw: bytes) -> pd.DataFrame | None:
         columns = self.resolution.slots[0].columns
         names = {at: name for name, at in columns.items()}
         kinds: dict[str, Any] = {name: object if name in _IDS else "float64" for name in columns}
         if "trial" in columns:
             kinds["trial"] = "int64"
         try:
-            frame = pd.read_csv(
+            return pd.read_csv(
                 io.BytesIO(raw),
                 sep=self.delimiter,
                 header=None,
@@ -139,12 +150,6 @@ class Stream:
             )
         except (ValueError, OverflowError):
             return None
-        if len(frame) != lines:
-            return None
-        for c in _IDS:
-            if c in frame:
-                frame[c] = _coded(frame[c].to_numpy())
-        return frame if self._unchanged(frame) else None
 
     def _unchanged(self, frame: pd.DataFrame) -> bool:
         """Whether no value can be one that pandas made of something else."""
@@ -162,7 +167,9 @@ class Stream:
             return False
         return bool(adjusted.all())
 
-    def _finish(self, frame: pd.DataFrame | None, raw: bytes, row: int) -> pd.DataFrame:
+    def _finish(self, raw: bytes, parsed: Future[tuple[pd.DataFrame | None, int]]) -> pd.DataFrame:
+        frame, lines = parsed.result()
+        row, self._row = self._row, self._row + lines
         if frame is None:
             return self._careful(raw, row)
         self.part.counts["rows read"] += len(frame)
@@ -257,10 +264,10 @@ def open_stream(
 
 
 def _coded(ids: npt.NDArray[np.object_]) -> pd.Categorical:
-    """Categories of a column of texts, by its runs of equal ones: files are mostly sorted."""
+    """Categories of a column of texts in order of first appearance, by its runs of equal ones."""
     starts = np.flatnonzero(np.concatenate([[True], ids[1:] != ids[:-1]]))
     codes, names = pd.factorize(ids[starts])
-    return pd.Categorical.from_codes(np.repeat(codes, np.diff(np.append(starts, len(ids)))), pd.Index(names))
+    return pd.Categorical.from_codes(np.repeat(codes, np.diff(starts, append=len(ids))), pd.Index(names))
 
 
 def _simple(options: ReadOptions) -> bool:

@@ -1,0 +1,251 @@
+"""Large files in blocks: the same observations as the careful path, and exact moments."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept.errors import RefusalError, UsageError
+from percept.sessions import ReadOptions, read_sessions, reduce_sessions
+from percept.sessions import stream as stream_module
+
+HEAD = "subject,session,environment,k_ref,b_ref,trial,k_adj,b_adj"
+
+
+def rows(seed=0, subjects=6, trials=40):
+    rng = np.random.default_rng(seed)
+    out = []
+    for s in range(subjects):
+        for e, (k, b) in enumerate([(15.0, 0.7), (1000.0, 1.5), (50000.0, 100.0)]):
+            for t in range(trials):
+                k_adj, b_adj = k * rng.lognormal(0, 0.1), b * rng.lognormal(0, 0.2)
+                out.append([f"{s:03d}", "1", f"VE{e}", repr(k), repr(b), str(t), repr(k_adj), repr(b_adj)])
+    return out
+
+
+def write(file, records, *, newline="\n", delimiter=",", header=HEAD, end=True):
+    lines = [header.replace(",", delimiter), *(delimiter.join(record) for record in records)]
+    file.write_text(newline.join(lines) + (newline if end else ""), newline="")
+    return file
+
+
+@pytest.fixture
+def blocks(monkeypatch):
+    """Make every file large, and every block a few lines."""
+    monkeypatch.setattr(stream_module, "LARGE", 0)
+    monkeypatch.setattr(stream_module, "_BLOCK", 600)
+    monkeypatch.setattr(stream_module, "_HEAD", 2000)
+
+
+def whole(monkeypatch, file, options=None):
+    with monkeypatch.context() as patch:
+        patch.setattr(stream_module, "LARGE", 1 << 60)
+        return read_sessions(file, options=options)
+
+
+def edited(kind):
+    records = rows()
+    if kind == "shuffled":
+        order = np.random.default_rng(1).permutation(len(records))
+        return [records[i] for i in order]
+    edits = {
+        "missing b": (300, 7, ""),
+        "missing words": (301, 6, "NaN"),
+        "no adjustment": (302, slice(6, 8), ["null", "None"]),
+        "other number style": (303, 6, "+1.5E1"),
+        "spaces": (304, 6, " 15.25 "),
+        "zero": (305, 7, "0"),
+        "id looks like a number": (306, slice(0, 3), ["1e3", "01", "VE0"]),
+        "id says NA": (307, slice(0, 3), ["NA", "null", "VE2"]),
+        "non-ASCII id": (308, 0, "Jürgen"),
+        "blank line": (309, slice(0, 8), [""] * 8),
+        "header again": (310, slice(0, 8), HEAD.split(",")),
+    }
+    if kind in edits:
+        at, cell, value = edits[kind]
+        records[at][cell] = value
+        if kind == "id says NA":
+            records[at][3:5] = ["50000.0", "100.0"]
+        elif kind == "id looks like a number":
+            records[at][3:5] = ["15.0", "0.7"]
+    return records
+
+
+KINDS = [
+    "as it is", "shuffled", "missing b", "missing words", "no adjustment", "other number style", "spaces",
+    "zero", "id looks like a number", "id says NA", "non-ASCII id", "blank line", "header again",
+]  # fmt: skip
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_blocks_give_what_the_careful_path_gives(tmp_path, monkeypatch, kind, newline):
+    file = write(tmp_path / "f.csv", edited(kind), newline=newline, end=kind != "as it is")
+    want = whole(monkeypatch, file)
+    got = read_sessions(file)
+    pd.testing.assert_frame_equal(got.table, want.table, check_exact=True)
+    pd.testing.assert_frame_equal(got.provenance, want.provenance)
+    assert got.sources == want.sources
+    assert got.counts == want.counts
+    assert got.exclusions == want.exclusions
+    assert set(got.notices) == set(want.notices)
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize(
+    ("cell", "value", "message"),
+    [
+        (6, "True", "not a number"),
+        (6, "1e400", "beyond the range"),
+        (6, "1e-400", "beyond the range"),
+        (6, "inf", "not a finite number"),
+        (6, "1_5", "not a number"),
+        (5, "1.5", "must be whole"),
+        (5, "", "an adjustment without trial"),
+        (0, " ", "an adjustment without subject"),
+        (7, "x,y", "9 cells where the header has 8"),
+        (3, "16.0", "has the reference 15.0"),
+        (5, "1", "stands already"),
+    ],
+)
+def test_blocks_refuse_what_the_careful_path_refuses(tmp_path, monkeypatch, cell, value, message):
+    records = rows()
+    records[200][cell] = value
+    if cell == 3:
+        records[200][2] = "VE0"
+        records[200][0] = "z"
+    file = write(tmp_path / "f.csv", records)
+    with pytest.raises(UsageError) as careful:
+        whole(monkeypatch, file)
+    with pytest.raises(UsageError) as streamed:
+        read_sessions(file)
+    assert message in str(streamed.value)
+    assert str(streamed.value) == str(careful.value)
+    assert streamed.value.row == careful.value.row
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize("value", ["True", "False"])
+def test_a_column_of_truth_is_no_column_of_ones(tmp_path, value):
+    """pandas reads a block of nothing but True as ones."""
+    records = [[*record[:7], value] for record in rows()]
+    with pytest.raises(UsageError, match="not a number"):
+        read_sessions(write(tmp_path / "f.csv", records))
+    records = [[*record[:5], value, *record[6:]] for record in rows()]
+    with pytest.raises(UsageError, match="not a number"):
+        read_sessions(write(tmp_path / "f.csv", records))
+
+
+@pytest.mark.usefixtures("blocks")
+def test_quotes_late_in_a_file_make_it_read_as_a_whole(tmp_path, monkeypatch):
+    records = rows()
+    records[350][0] = '"a ""b"", c"'
+    file = write(tmp_path / "f.csv", records)
+    got = read_sessions(file)
+    assert 'a "b", c' in got.subjects
+    assert got.table.equals(whole(monkeypatch, file).table)
+
+
+@pytest.mark.usefixtures("blocks")
+def test_european_files_units_and_file_names(tmp_path, monkeypatch):
+    records = [[cell.replace(".", ",") for cell in record[1:]] for record in rows(subjects=1)]
+    file = write(tmp_path / "s01.csv", records, delimiter=";", header=HEAD.partition(",")[2])
+    tables = {
+        "sessions": {"filename": "s{subject}"},
+        "columns": {c: {"name": c, "unit": "N/mm"} for c in ("k_ref", "k_adj")},
+    }
+    options = ReadOptions.from_mapping(tables)
+    got = read_sessions(file, options=options)
+    pd.testing.assert_frame_equal(got.table, whole(monkeypatch, file, options).table, check_exact=True)
+    assert got.table["k_ref"].iloc[0] == 15000.0
+
+
+def exact(values):
+    """Mean and scatter of doubles in rational arithmetic."""
+    numbers = [Fraction(v) for v in values]
+    mean = sum(numbers) / len(numbers)
+    return mean, numbers, len(numbers)
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize("family", ["lognormal", "normal"])
+@pytest.mark.parametrize("kind", ["as it is", "shuffled", "missing b"])
+def test_moments_against_rational_arithmetic(tmp_path, family, kind):
+    records = edited(kind)
+    reduced = reduce_sessions(write(tmp_path / "f.csv", records), family=family)
+    cells: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for subject, _, environment, k, b, _, k_adj, b_adj in records:
+        if k_adj and b_adj:
+            pairs = [(float(k_adj), float(k)), (float(b_adj), float(b))]
+            response = [math.log(a / r) if family == "lognormal" else (a - r) / r for a, r in pairs]
+            cells.setdefault((subject, environment), []).append((response[0], response[1]))
+    assert list(zip(reduced.cells["subject"], reduced.cells["environment"], strict=True)) == list(cells)
+    for row, pairs in zip(reduced.cells.to_dict("records"), cells.values(), strict=True):
+        (mean_k, ks, n), (mean_b, bs, _) = exact(p[0] for p in pairs), exact(p[1] for p in pairs)
+        assert row["n"] == n
+        # Rounding of n responses of size s: a few ulp of s, and of s² for the sums of squares.
+        size = max(abs(float(v)) for v in (*ks, *bs))
+        for name, value in (("mean_k", mean_k), ("mean_b", mean_b)):
+            assert abs(Fraction(row[name]) - value) <= 8 * np.finfo(float).eps * size
+        for name, (xs, mx), (ys, my) in (
+            ("scatter_kk", (ks, mean_k), (ks, mean_k)),
+            ("scatter_kb", (ks, mean_k), (bs, mean_b)),
+            ("scatter_bb", (bs, mean_b), (bs, mean_b)),
+        ):
+            scatter = sum((x - mx) * (y - my) for x, y in zip(xs, ys, strict=True))
+            assert abs(Fraction(row[name]) - scatter) <= 8 * n * np.finfo(float).eps * size**2
+
+
+@pytest.mark.usefixtures("blocks")
+def test_small_and_large_files_reduce_together(tmp_path, monkeypatch):
+    records = rows()
+    write(tmp_path / "a.csv", records[:360])
+    quoted = [[f'"{cell}"' for cell in record] for record in records[360:]]
+    write(tmp_path / "b.csv", quoted)
+    write(tmp_path / "all.csv.txt", records)
+    parts = reduce_sessions(tmp_path / "a.csv", tmp_path / "b.csv")
+    one = reduce_sessions(tmp_path / "all.csv.txt")
+    pd.testing.assert_frame_equal(parts.cells, one.cells, rtol=1e-12)
+    assert parts.references.equals(one.references)
+    assert parts.counts["observations"] == one.counts["observations"] == len(records)
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize(
+    ("cell", "value", "error", "message"),
+    [
+        (6, "-1.5", RefusalError, "no response in the family 'lognormal'"),
+        (5, "1", UsageError, "trial 1 of this subject, session and environment stands twice"),
+        (5, "-1", UsageError, "trial numbers are negative or too large"),
+        (5, str(2**40), UsageError, "trial numbers are negative or too large"),
+        (3, "16.0", UsageError, "has no reference or two of them"),
+        (6, "x", UsageError, "not a number"),
+    ],
+)
+def test_reduction_refuses(tmp_path, cell, value, error, message):
+    records = rows()
+    records[200][cell] = value
+    with pytest.raises(error) as caught:
+        reduce_sessions(write(tmp_path / "f.csv", records))
+    assert message in str(caught.value)
+    assert caught.value.row == 202
+
+
+def test_what_cannot_be_reduced(tmp_path):
+    summary = tmp_path / "s.csv"
+    summary.write_text("environment,parameter,reference,lower,upper,n,level\na,k,1,1,2,10,0.99\n")
+    with pytest.raises(UsageError, match="a published summary is not reduced"):
+        reduce_sessions(summary)
+    with pytest.raises(UsageError, match="family is"):
+        reduce_sessions(summary, family="log")
+    with pytest.raises(UsageError, match="no file was given"):
+        reduce_sessions()
+    write(tmp_path / "k.csv", [["1", "a", "10", "11"]], header="subject,environment,k_ref,k_adj")
+    write(tmp_path / "kb.csv", rows())
+    with pytest.raises(UsageError, match="do not have the same parameters"):
+        reduce_sessions(tmp_path / "k.csv", tmp_path / "kb.csv")
