@@ -126,8 +126,9 @@ def number(document: Any, place: str, *, digits: int = 5, style: str = "plain") 
         JSON pointer.
     digits : int
         Significant digits.
-    style : {"plain", "percent", "count"}
-        A fraction may be shown as a percentage; a count is shown whole.
+    style : {"plain", "percent", "short", "short percent", "count"}
+        A fraction may be shown as a percentage; what is exact, such as a setting, short, without zeros at its
+        end; a count whole.
 
     Returns
     -------
@@ -150,5 +151,15 @@ def number(document: Any, place: str, *, digits: int = 5, style: str = "plain") 
         raise UsageError("a number was expected at this place of the report.", column=place, value=value)
     if style == "count":
         return Number(f"{value:,}".replace(",", "\u202f"), repr(value), place)
-    text = percentage(value, digits) if style == "percent" else rounded(float(value), digits)
+    if style.startswith("short"):
+        text = _short(value, style)
+    else:
+        text = percentage(value, digits) if style == "percent" else rounded(float(value), digits)
     return Number(text, repr(value), place)
+
+
+def _short(value: float, style: str) -> str:
+    """Write what somebody chose as somebody would write it."""
+    fraction = style == "short percent"
+    text = f"{100 * value if fraction else value:.10g}".replace("-", "−")
+    return f"{text}\u202f%" if fraction else text

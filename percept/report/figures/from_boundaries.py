@@ -78,7 +78,7 @@ def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
                 f"{environment}: limits divided by the reference's |Z_h|",
                 "Both methods in one family and one shape for each kind. Dashed, at 1: the reference"
                 + ("; dotted: the reference through the coupling." if coupling else "."),
-                (175.0, 62.0),
+                (175.0, 64.0),
                 partial(_draw_ratios, curves),
             )
         )

@@ -24,4 +24,6 @@ def build(document: Mapping[str, Any]) -> Part | None:
     rows = document["comparison"]
     if not rows:
         return None
-    return Part("comparison", "Why the methods differ", {"columns": list(rows[0]), "rows": rows})
+    columns = list(rows[0])
+    texts = {column: any(isinstance(row[column], str) for row in rows) for column in columns}
+    return Part("comparison", "Why the methods differ", {"columns": columns, "rows": rows, "texts": texts})

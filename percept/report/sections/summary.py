@@ -24,12 +24,6 @@ def build(document: Mapping[str, Any]) -> Part:
     -------
     Part
     """
-    summary = document["summary"]
-    references = [
-        {**row, "place": f"/summary/references/{index}"}
-        for index, row in enumerate(summary["references"])
-        if row["method"] == "classical" or row["family"] == family_of(document)
-    ]
     gate = (document["diagnostics"] or {}).get("gate")
     scene = document["provenance"]["scene"]
     return Part(
@@ -38,7 +32,7 @@ def build(document: Mapping[str, Any]) -> Part:
         {
             "data": document["data"],
             "parameters": [_PARAMETERS[name] for name in document["data"]["parameters"]],
-            "references": references,
+            "references": _references(document),
             "widths": _widths(document),
             "coupling": document["coupling"],
             "scene": scene,
@@ -65,3 +59,16 @@ def _widths(document: Mapping[str, Any]) -> list[dict[str, Any]]:
         for parameter in _PARAMETERS
     )
     return [dict(row) for row in chosen if row is not None]
+
+
+def _references(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the counts of references inside their intervals; families that agree share a sentence."""
+    found: dict[Any, dict[str, Any]] = {}
+    for index, row in enumerate(document["summary"]["references"]):
+        names = tuple((one["environment"], one["parameter"]) for one in row["outside"])
+        shared = found.setdefault(
+            (row["method"], row["level"], names),
+            {**row, "place": f"/summary/references/{index}", "families": []},
+        )
+        shared["families"].append(row["family"])
+    return list(found.values())
