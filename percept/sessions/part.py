@@ -16,9 +16,10 @@ from percept.sessions.cells import CellError, pick
 from percept.sessions.columns import Resolution, Slot, resolve
 from percept.sessions.dialect import Grid
 from percept.sessions.numbers import Mark, decimal_mark, is_missing, parse_numbers
-from percept.sessions.options import ExcludeRule, ReadOptions
+from percept.sessions.options import CANONICAL, ExcludeRule, ReadOptions
 from percept.sessions.problems import Problems, shown
 from percept.sessions.records import Exclusion, Notice
+from percept.sessions.summary import read_summary
 from percept.sessions.units import convert
 
 __all__ = ["Part", "check_columns", "read_part"]
@@ -87,7 +88,7 @@ def read_part(
     part.counts.update(grid.dropped)
     check_columns(part, grid.header, resolution, file=file, options=options, named=named)
     if resolution.form == "summary":
-        part.frame = _summary(grid, resolution, file, options, problems)
+        part.frame = read_summary(grid, resolution, file=file, options=options, problems=problems)
         return part
     reader = _Reader(grid, resolution, file, options, named, problems, part)
     part.frame = reader.read()
@@ -181,7 +182,7 @@ class _Reader:
         self.part = part
         self.groups = [*(["group"] if "group" in grid.header else []), *options.groups]
         self.groups = list(dict.fromkeys(self.groups))
-        own = [*self.groups, *options.only, *(r.column for r in options.exclude if r.column not in _ALL)]
+        own = [*self.groups, *options.only, *(r.column for r in options.exclude if r.column not in CANONICAL)]
         self.own = {name: self._own(name) for name in dict.fromkeys(own)}
         slots = [self._slot(slot, named) for slot in resolution.slots]
         count = len(slots)
@@ -207,7 +208,7 @@ class _Reader:
         cells = self.grid.cells
         every = {c for s in self.resolution.slots for c in s.columns}
         out: dict[str, list[str]] = {}
-        for canonical in (c for c in _ALL if c in every):
+        for canonical in (c for c in CANONICAL if c in every):
             at = slot.columns.get(canonical)
             out[canonical] = [""] * len(cells) if at is None else [record[at] for record in cells]
         fixed = {**named, "environment": slot.environment, "trial": slot.trial}
@@ -243,7 +244,7 @@ class _Reader:
             self._keep([cell in wanted for cell in cells], f"{name} is not {' or '.join(texts)}")
         for rule in self.options.exclude:
             if rule.equals:
-                cells = self.text[rule.column if rule.column in _ALL else f"own:{rule.column}"]
+                cells = self.text[rule.column if rule.column in CANONICAL else f"own:{rule.column}"]
                 self._exclude([cell in rule.equals for cell in cells], rule.why)
         for canonical, found in self.resolution.rules.items():
             if found.path is not None:
@@ -297,7 +298,9 @@ class _Reader:
 
     def _numbers(self) -> dict[str, npt.NDArray[np.float64]]:
         names = [c for c in (*_NUMBERS, "trial") if c in self.text]
-        ranged = [f"own:{r.column}" for r in self.options.exclude if not r.equals and r.column not in _ALL]
+        ranged = [
+            f"own:{r.column}" for r in self.options.exclude if not r.equals and r.column not in CANONICAL
+        ]
         labels = {c: self._name(c) for c in names} | {c: c[4:] for c in ranged}
         mark = decimal_mark(
             [(labels[c], self.text[c]) for c in labels],
@@ -370,45 +373,3 @@ class _Reader:
         if gone:
             self.part.counts["earlier event of a trial"] += gone
         return last[list(frame.columns)]
-
-
-_ALL = ("subject", "session", "environment", "trial", "k_ref", "b_ref", "k_adj", "b_adj")
-
-
-def _summary(
-    grid: Grid, resolution: Resolution, file: str, options: ReadOptions, problems: Problems
-) -> pd.DataFrame:
-    columns = resolution.slots[0].columns
-    missing = [c for c in ("environment", "reference", "n", "level") if c not in columns]
-    if missing:
-        raise UsageError(
-            f"a summary needs the column {missing[0]}; the columns are {shown(grid.header)}.",
-            file=file,
-            row=1,
-            column=missing[0],
-            hint="Add it, or name it in the scene's [columns].",
-        )
-    text = {c: [record[at] for record in grid.cells] for c, at in columns.items()}
-    numbers = [c for c in ("reference", "lower", "upper", "n", "level") if c in text]
-    mark = decimal_mark(
-        [(c, text[c]) for c in numbers], grid.rows, file=file, declared=options.decimal, problems=problems
-    )
-    frame: dict[str, Any] = {c: np.array(text[c], dtype=object) for c in ("environment", "parameter")}
-    for c in numbers:
-        frame[c] = parse_numbers(text[c], grid.rows, mark=mark, file=file, column=c, problems=problems)
-        for at in np.flatnonzero(np.isnan(frame[c])):
-            if is_missing(text[c][at]):
-                problems.add(
-                    "a summary leaves no cell empty.",
-                    file=file,
-                    row=grid.rows[at],
-                    column=c,
-                    hint="Fill it in.",
-                )
-    units = resolution.rules["reference"].unit, resolution.rules["lower"].unit, resolution.rules["upper"].unit
-    if any(unit is not None for unit in units):
-        raise UsageError(
-            "units of a summary are N/m and N·s/m.", file=file, column="columns", hint="Convert the table."
-        )
-    frame["row"] = np.array(grid.rows, dtype=np.int64)
-    return pd.DataFrame(frame)

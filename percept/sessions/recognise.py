@@ -8,6 +8,9 @@ from percept.errors import UsageError
 
 __all__ = ["refuse_binary", "refuse_text"]
 
+# Such files show what they are early; the bound keeps the search short.
+_EARLY = 20_000
+
 _BINARY = (
     (re.compile(rb"\x80[\x02-\x05]"), "a Python pickle (PsychoPy's .psydat), which is never opened",
      "Use the .csv that PsychoPy writes beside it."),
@@ -25,10 +28,6 @@ _TEXT = (
     (re.compile(r"\s*reversal(Intensities|Indices)=", re.IGNORECASE),
      "PsychoPy's text summary of a staircase, not a table of trials",
      "Use the trial-by-trial .csv that PsychoPy writes beside it."),
-    (re.compile(r"[^\n]*\b\w+_(mean|std)[\t,;][^\n]*\b\w+_raw\b|[^\n]*\b\w+_raw[\t,;][^\n]*\b\w+_(mean|std)\b"
-                r"|[^\n]*\n(?:[^\n]*\n){0,400}extraInfo[\t,;]?[\r\n]"),
-     "PsychoPy's summary of conditions, not a table of trials",
-     "Use the trial-by-trial .csv (saveAsWideText) that PsychoPy writes beside it."),
     (re.compile(r"\s*(<!doctype|<html|<\?xml)", re.IGNORECASE), "a web page or XML, not a table",
      "Export the data as CSV."),
     (re.compile(r"\s*(\{\s*[\"}]|\[\s*[\[{])"), "JSON, not a table",
@@ -60,6 +59,20 @@ def refuse_text(text: str, *, file: str) -> None:
         With what the file is and what to use in its place.
     """
     for pattern, what, hint in _TEXT:
-        # A summary is short and shows what it is early; the bound keeps the search linear.
-        if pattern.match(text, 0, 20_000):
+        if pattern.match(text, 0, _EARLY):
             raise UsageError(f"this is {what}.", file=file, hint=hint)
+    if _is_psychopy_summary(text[:_EARLY]):
+        raise UsageError(
+            "this is PsychoPy's summary of conditions, not a table of trials.",
+            file=file,
+            hint="Use the trial-by-trial .csv (saveAsWideText) that PsychoPy writes beside it.",
+        )
+
+
+def _is_psychopy_summary(text: str) -> bool:
+    """Whether the columns are means and raw values of conditions, or a block of extraInfo follows them."""
+    lines = text.splitlines()
+    header = re.split(r"[\t,;]", lines[0].strip()) if lines else []
+    raw = any(name.endswith("_raw") for name in header)
+    averaged = any(name.endswith(("_mean", "_std")) for name in header)
+    return (raw and averaged) or any(line.strip("\t,; ") == "extraInfo" for line in lines)

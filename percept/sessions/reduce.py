@@ -15,6 +15,7 @@ import pandas as pd
 
 from percept.errors import RefusalError, UsageError
 from percept.sessions.checks import look_alikes
+from percept.sessions.numbering import Registry, codes_of, distinct, grown
 from percept.sessions.options import ReadOptions, parse_columns
 from percept.sessions.problems import Problems
 from percept.sessions.read import read_sessions
@@ -139,44 +140,14 @@ def _with_whole(state: _State, file: str) -> _State:
     return state
 
 
-class _Registry:
-    """Ids, or packed numbers, numbered in order of first appearance."""
-
-    def __init__(self) -> None:
-        self.names: list[Any] = []
-        self._number: dict[Any, int] = {}
-
-    def numbers(self, codes: npt.NDArray[np.integer[Any]], names: Sequence[Any]) -> npt.NDArray[np.int64]:
-        """Numbers of ids given as codes into `names`, which stand in order of first appearance."""
-        lookup = np.empty(len(names), dtype=np.int64)
-        for at, name in enumerate(names):
-            lookup[at] = self._number.setdefault(name, len(self.names))
-            if lookup[at] == len(self.names):
-                self.names.append(name)
-        return lookup[codes]
-
-
-def _codes(column: pd.Series[Any]) -> tuple[npt.NDArray[np.integer[Any]], Sequence[Any]]:
-    """Codes of a column into its ids in order of first appearance."""
-    if isinstance(column.dtype, pd.CategoricalDtype):
-        return column.cat.codes.to_numpy(), column.cat.categories.tolist()
-    codes, names = pd.factorize(column)
-    return codes, names.tolist()
-
-
-def _distinct(packed: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.integer[Any]], Sequence[int]]:
-    codes, names = pd.factorize(packed)
-    return codes, names.tolist()
-
-
 class _State:
     """Accumulators over blocks: means and scatters, the trials seen, the references."""
 
     def __init__(self, family: str, options: ReadOptions) -> None:
         self.family = family
         self.options = options
-        self.subjects, self.sessions, self.environments = _Registry(), _Registry(), _Registry()
-        self.cells, self.visits = _Registry(), _Registry()
+        self.subjects, self.sessions, self.environments = Registry(), Registry(), Registry()
+        self.cells, self.visits = Registry(), Registry()
         self.sources: list[Source] = []
         self.notices: list[Notice] = []
         self.counts: Counter[str] = Counter()
@@ -212,7 +183,7 @@ class _State:
     def add(self, frame: pd.DataFrame, file: str) -> None:
         """Check and add one block."""
         rows = frame["row"].to_numpy()
-        ids = [_codes(frame[c]) for c in ("subject", "session", "environment")]
+        ids = [codes_of(frame[c]) for c in ("subject", "session", "environment")]
         # Ids are numbered once for each run of equal ones: files are mostly sorted.
         change = np.concatenate([[True], np.logical_or.reduce([c[1:] != c[:-1] for c, _ in ids])])
         starts = np.flatnonzero(change)
@@ -222,8 +193,8 @@ class _State:
             registry.numbers(codes[starts], names)
             for registry, (codes, names) in zip(registries, ids, strict=True)
         )
-        visits = self.visits.numbers(*_distinct((subject << 2 * _BITS) | (session << _BITS) | place))
-        cells = self.cells.numbers(*_distinct((subject << _BITS) | place))
+        visits = self.visits.numbers(*distinct((subject << 2 * _BITS) | (session << _BITS) | place))
+        cells = self.cells.numbers(*distinct((subject << _BITS) | place))
         visit, cell, environment = (np.repeat(run, lengths) for run in (visits, cells, place))
         self._check_trials(visit, frame["trial"].to_numpy(), rows, file)
         responses = [self._response(p, frame, environment, file) for p in self.parameters]
@@ -254,7 +225,7 @@ class _State:
                 value=int(trial[at]),
                 hint="Number the trials of each subject and environment 1, 2, 3 …",
             )
-        self.rows = _grown(self.rows, shape)
+        self.rows = grown(self.rows, shape)
         flat = self.rows.reshape(-1)
         key = visit * self.rows.shape[1] + trial
         earlier = flat[key] > 0
@@ -277,9 +248,12 @@ class _State:
     ) -> _Floats:
         adjusted = frame[f"{p}_adj"].to_numpy(dtype=float)
         reference = self._reference(p, frame, environment, file)
-        wrong = (adjusted <= 0) | (reference <= 0) if self.family == "lognormal" else reference == 0
-        if wrong.any():
-            at = int(np.argmax(wrong))
+        zeros = adjusted <= 0 if self.family == "lognormal" else np.zeros(0, dtype=bool)
+        # A reference is the same in all rows of an environment, so its few values are looked at first.
+        known = self.references[p]
+        if (known <= 0 if self.family == "lognormal" else known == 0).any() or zeros.any():
+            bad = reference <= 0 if self.family == "lognormal" else reference == 0
+            at = int(np.argmax(bad | zeros if len(zeros) else bad))
             raise RefusalError(
                 f"no response in the family {self.family!r}.",
                 file=file,
@@ -308,6 +282,8 @@ class _State:
             known = np.where(np.isnan(known), first, known)
         self.references[p] = known
         expected = known[environment]
+        if np.array_equal(given, expected):
+            return expected
         differ = (given != expected) & ~np.isnan(given) | np.isnan(expected)
         if differ.any():
             row = int(np.argmax(differ))
@@ -387,15 +363,3 @@ class _State:
             tuple(dict.fromkeys(self.notices)),
             dict(self.counts),
         )
-
-
-def _grown(grid: npt.NDArray[np.int32], shape: tuple[int, int]) -> npt.NDArray[np.int32]:
-    """Grid of at least `shape`, doubling, so that growing costs little in all."""
-    if grid.shape[0] >= shape[0] and grid.shape[1] >= shape[1]:
-        return grid
-    rows, columns = (
-        have if have >= want else max(want, 2 * have) for have, want in zip(grid.shape, shape, strict=True)
-    )
-    out = np.zeros((rows, columns), dtype=np.int32)
-    out[: grid.shape[0], : grid.shape[1]] = grid
-    return out

@@ -37,7 +37,7 @@ def write(file, records, *, newline="\n", delimiter=",", header=HEAD, end=True):
 def blocks(monkeypatch):
     """Make every file large, and every block a few lines."""
     monkeypatch.setattr(stream_module, "LARGE", 0)
-    monkeypatch.setattr(stream_module, "_BLOCK", 600)
+    monkeypatch.setattr(stream_module, "_BLOCK", 3000)
     monkeypatch.setattr(stream_module, "_HEAD", 2000)
 
 

@@ -53,7 +53,7 @@ def same(sessions, trials):
             assert math.isnan(got) if missing else got == expected
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     trials=studies(),
     delimiter=st.sampled_from([",", ";", "\t", "|"]),
@@ -121,7 +121,7 @@ def test_tools(tmp_path_factory, name, trials):
         same(sessions, trials)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(trials=studies())
 def test_own_csv_is_never_refused(tmp_path_factory, trials):
     want = Sessions.from_frame(frame(trials))
@@ -131,7 +131,7 @@ def test_own_csv_is_never_refused(tmp_path_factory, trials):
     pd.testing.assert_frame_equal(got.table, want.table, check_exact=True)
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 @given(trials=studies(easy))
 def test_simple_ids_are_accepted_in_every_common_dialect(tmp_path_factory, trials):
     """The property above would hold for a reader that refuses everything; this one would not."""
