@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -53,9 +52,9 @@ def write_fit(study: Study, out_dir: str | Path) -> Path:
     try:
         if posterior is not None:
             posterior.to_netcdf(aside / "posterior.nc")
-            os.replace(aside / "posterior.nc", out / "posterior.nc")
+            (aside / "posterior.nc").replace(out / "posterior.nc")
         (aside / "fit.json").write_text(text, encoding="utf-8")
-        os.replace(aside / "fit.json", out / "fit.json")
+        (aside / "fit.json").replace(out / "fit.json")
     except OSError as error:
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
     finally:

@@ -103,6 +103,7 @@ def test_bombs_are_cut_off(tmp_path, monkeypatch):
         (gzip.compress(b"a,b\n1,2\n")[:-6], "a broken gz file"),
         (gzip.compress(gzip.compress(b"a,b\n1,2\n")), "an archive inside an archive"),
     ],
+    ids=["zip rubbish", "gzip rubbish", "cut off", "nested"],
 )
 def test_broken_archives(tmp_path, data, message):
     file = tmp_path / "f"
