@@ -101,6 +101,8 @@ def draw_magnitude(
         _log_axis(ax)
         ax.set_yscale("log")
         ax.yaxis.minorticks_off()
+    else:
+        ax.locator_params(nbins=5)
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("angular frequency ω (rad/s)")
     ax.set_ylabel("|Z$_h$| (N·s/m)")
@@ -135,11 +137,12 @@ def draw_ratio(
     _log_axis(ax)
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("ω (rad/s)")
-    low, high = ax.get_ylim()
-    if high > 8:
+    curves = np.concatenate([curve for one in ratios for curve in (one.lower, one.upper)])
+    seen = curves[np.isfinite(curves) & (curves > 0)]
+    if seen.size and seen.max() > 8:
         # A boundary may reach zero, which has no place on a log axis.
         ax.set_yscale("log", nonpositive="clip")
-        ax.set_ylim(max(low, high * 1e-5, 1e-3), None)
+        ax.set_ylim(max(seen.min(), seen.max() * 1e-4) / 1.3, seen.max() * 1.3)
         ax.yaxis.minorticks_off()
 
 

@@ -41,11 +41,15 @@ def build(document: Mapping[str, Any]) -> Part | None:
         {
             "coupling": coupling,
             "scene": document["provenance"]["scene"]["coupling"],
-            "realism": [
-                {**row, "place": f"/coupling/realism/{index}"}
-                for index, row in enumerate(coupling.get("realism") or ())
-            ],
+            "realism": _placed(coupling, "realism"),
+            "passivity": _placed(coupling, "passivity"),
+            "effective": list({row["environment"]: row for row in _placed(coupling, "realism")}.values()),
             "design": design,
             "couplings": couplings,
         },
     )
+
+
+def _placed(coupling: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
+    rows = coupling.get(name) or ()
+    return [{**row, "place": f"/coupling/{name}/{index}"} for index, row in enumerate(rows)]

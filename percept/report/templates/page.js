@@ -199,6 +199,7 @@
         const relative = scale.value === "ratio";
         const limits = one.limits.filter((limit) => methods.has(limit.method) && limit.kind === kind.value
           && limit.shape === shape.value && limit.family === family.value);
+        limits.sort((a, b) => a.method.localeCompare(b.method));
         const series = limits.map((limit) => ({ name: METHODS[limit.method], css: limit.method,
           lower: grid.map((w) => one.value(limit.lower, w)), upper: grid.map((w) => one.value(limit.upper, w)) }));
         const lines = [{ name: "reference", css: "ink", values: grid.map((w) => one.value(one.reference, w)) }];
