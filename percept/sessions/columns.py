@@ -128,7 +128,8 @@ def resolve(header: Sequence[str], declared: Mapping[str, ColumnRule], *, file: 
 
 
 def _is_summary(names: set[str], declared: Mapping[str, ColumnRule]) -> bool:
-    return all(c in names or c in declared for c in ("parameter", "lower", "upper"))
+    known = names | declared.keys()
+    return "parameter" in known and ({"lower", "upper"} <= known or {"mean", "sd"} <= known)
 
 
 def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str) -> ColumnRule:

@@ -12,7 +12,7 @@ from percept.errors import UsageError
 __all__ = ["CANONICAL", "SUMMARY", "ColumnRule", "ExcludeRule", "ReadOptions"]
 
 CANONICAL = ("subject", "session", "environment", "trial", "k_ref", "b_ref", "k_adj", "b_adj")
-SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
+SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
 _PLACES = frozenset({"subject", "session", "environment"})
 _PLACE = re.compile(r"\{(\w+)\}")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
@@ -16,11 +17,13 @@ from percept.sessions.problems import Problems, shown
 
 __all__ = ["read_summary"]
 
+_Floats = npt.NDArray[np.float64]
+
 
 def read_summary(
     grid: Grid, resolution: Resolution, *, file: str, options: ReadOptions, problems: Problems
 ) -> pd.DataFrame:
-    """Read a published table.
+    """Read a published table of limits, or of means and standard deviations.
 
     Parameters
     ----------
@@ -38,7 +41,8 @@ def read_summary(
     Returns
     -------
     DataFrame
-        `environment`, `parameter`, `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`, `row`.
+        `environment`, `parameter`, `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`, `row`. Means
+        and standard deviations become the limits mean ± t·sd/√n of their t-interval at `level`.
 
     Raises
     ------
@@ -56,7 +60,8 @@ def read_summary(
             hint="Add it, or name it in the scene's [columns].",
         )
     text = {c: [record[at] for record in grid.cells] for c, at in columns.items()}
-    numbers = [c for c in ("reference", "lower", "upper", "n", "level") if c in text]
+    pair = ("lower", "upper") if "lower" in text and "upper" in text else ("mean", "sd")
+    numbers = ["reference", *pair, "n", "level"]
     mark = decimal_mark(
         [(c, text[c]) for c in numbers], grid.rows, file=file, declared=options.decimal, problems=problems
     )
@@ -72,10 +77,24 @@ def read_summary(
                     column=c,
                     hint="Fill it in.",
                 )
-    units = resolution.rules["reference"].unit, resolution.rules["lower"].unit, resolution.rules["upper"].unit
-    if any(unit is not None for unit in units):
+    if any(rule.unit is not None for rule in resolution.rules.values()):
         raise UsageError(
             "units of a summary are N/m and N·s/m.", file=file, column="columns", hint="Convert the table."
         )
+    if pair == ("mean", "sd"):
+        mean, sd = frame.pop("mean"), frame.pop("sd")
+        for at in np.flatnonzero(sd < 0):
+            problems.add("is negative.", file=file, row=grid.rows[at], column="sd", value=float(sd[at]))
+        half = _half_width(sd, frame["n"], frame["level"])
+        frame |= {"lower": mean - half, "upper": mean + half}
     frame["row"] = np.array(grid.rows, dtype=np.int64)
     return pd.DataFrame(frame)
+
+
+def _half_width(sd: _Floats, n: _Floats, level: _Floats) -> _Floats:
+    from scipy.special import stdtrit
+
+    # Impossible n and levels are reported by the study's checks; they must only not stop the arithmetic.
+    possible = (n >= 2) & (level > 0) & (level < 1)
+    n, level = np.where(possible, n, 2.0), np.where(possible, level, 0.5)
+    return -stdtrit(n - 1, (1 - level) / 2) * sd / np.sqrt(n)

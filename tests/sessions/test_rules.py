@@ -344,6 +344,25 @@ def test_a_summary_that_cannot_be(tmp_path, row, column, message):
     assert error.column == column
 
 
+def test_published_means_become_the_limits_of_their_interval(tmp_path):
+    import mpmath
+
+    head = "environment,parameter,reference,mean,sd,n,level\n"
+    table = read(tmp_path, head + "VE1,k,15,14.914,3.9954,10,0.99\nVE1,b,0.7,0.68455,0.63147,10,0.99\n").table
+    with mpmath.workdps(30):
+        # P(|t| > q) for nine degrees of freedom is a regularised incomplete beta function.
+        beta = lambda q: mpmath.betainc(4.5, 0.5, 0, 9 / (9 + q**2), regularized=True)  # noqa: E731
+        t = mpmath.findroot(lambda q: beta(q) - mpmath.mpf("0.01"), 3.25)
+        for row, (mean, sd) in zip(
+            table.to_dict("records"), (("14.914", "3.9954"), ("0.68455", "0.63147")), strict=True
+        ):
+            half = t * mpmath.mpf(sd) / mpmath.sqrt(10)
+            assert row["lower"] == pytest.approx(float(mpmath.mpf(mean) - half), rel=1e-13)
+            assert row["upper"] == pytest.approx(float(mpmath.mpf(mean) + half), rel=1e-13)
+    error = refusal(tmp_path, head + "VE1,k,15,14.9,-1,10,0.99\n")
+    assert (error.column, error.message) == ("sd", "is negative.")
+
+
 def test_trials_and_summary_do_not_mix(tmp_path):
     (tmp_path / "a.csv").write_text(HEAD + "1,a,10,1,1,11,1\n")
     (tmp_path / "b.csv").write_text(SUMMARY + "VE1,k,10,11,19,10,0.99\n")
