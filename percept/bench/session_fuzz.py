@@ -241,8 +241,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="percept.bench.session_fuzz", description=__doc__)
     parser.add_argument("--files", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=1.0, help="allowed per 100 kB (or part of it)")
     given = parser.parse_args(arguments)
-    outcome = fuzz(given.files, seed=given.seed)
+    outcome = fuzz(given.files, seed=given.seed, seconds_per_100kb=given.seconds)
     report = [
         f"{outcome.files} files, {outcome.accepted} accepted and found again in their text, "
         f"{sum(outcome.refused.values())} refused, {len(outcome.failures)} failures; "

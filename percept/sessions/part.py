@@ -113,6 +113,9 @@ def check_columns(
     """
     part.notices += [Notice(text, file) for text in resolution.announced]
     part.declared_units = {c for c, rule in resolution.rules.items() if rule.unit is not None}
+    for c in sorted(named.keys() & resolution.present):
+        text = f"{c} is taken from the file's name; column {resolution.rules[c].name!r} is not used"
+        part.notices.append(Notice(text, file))
     unused = _unused(header, resolution, options)
     if unused:
         part.notices.append(Notice(f"columns not used: {shown(unused)}", file))
@@ -180,8 +183,8 @@ class _Reader:
         self.options = options
         self.problems = problems
         self.part = part
-        self.groups = [*(["group"] if "group" in grid.header else []), *options.groups]
-        self.groups = list(dict.fromkeys(self.groups))
+        kept = ["group", *options.groups] if "group" in grid.header else options.groups
+        self.groups = list(dict.fromkeys(kept))
         own = [*self.groups, *options.only, *(r.column for r in options.exclude if r.column not in CANONICAL)]
         self.own = {name: self._own(name) for name in dict.fromkeys(own)}
         slots = [self._slot(slot, named) for slot in resolution.slots]
@@ -211,8 +214,7 @@ class _Reader:
         for canonical in (c for c in CANONICAL if c in every):
             at = slot.columns.get(canonical)
             out[canonical] = [""] * len(cells) if at is None else [record[at] for record in cells]
-        fixed = {**named, "environment": slot.environment, "trial": slot.trial}
-        for canonical, value in {**fixed, **named}.items():
+        for canonical, value in {"environment": slot.environment, "trial": slot.trial, **named}.items():
             if value is not None:
                 out[canonical] = [value] * len(cells)
         for name, at in self.own.items():

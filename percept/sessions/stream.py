@@ -124,7 +124,7 @@ class Stream:
             return None, lines
         for c in (c for c in _IDS if c in frame):
             frame[c] = _coded(frame[c].to_numpy())
-        return (frame if self._unchanged(frame) else None), lines
+        return (frame if self._unchanged(frame, raw) else None), lines
 
     def _parsed(self, raw: bytes) -> pd.DataFrame | None:
         columns = self.resolution.slots[0].columns
@@ -151,19 +151,19 @@ class Stream:
         except (ValueError, OverflowError):
             return None
 
-    def _unchanged(self, frame: pd.DataFrame) -> bool:
+    def _unchanged(self, frame: pd.DataFrame, raw: bytes) -> bool:
         """Whether no value can be one that pandas made of something else."""
         if any(not name.strip() for c in _IDS if c in frame for name in frame[c].cat.categories):
             return False
         adjusted = np.zeros(len(frame), dtype=bool)
         for name in (c for c in _NUMBERS if c in frame):
             values = frame[name].to_numpy()
-            # 0 may be an underflow, 0 and 1 a column of True and False, inf an overflow or a word.
-            if (values == 0).any() or np.isinf(values).any() or (values == 1).all():
+            # 0 may be an underflow, inf an overflow or a word, nothing but ones a column of True.
+            if (values == 0).any() or np.isinf(values).any() or ((values == 1).all() and _says_true(raw)):
                 return False
             if name.endswith("_adj"):
                 adjusted |= ~np.isnan(values)
-        if "trial" in frame and bool((frame["trial"] <= 1).all()) and len(frame) > 1:
+        if "trial" in frame and bool((frame["trial"] <= 1).all()) and _says_true(raw):
             return False
         return bool(adjusted.all())
 
@@ -261,6 +261,10 @@ def open_stream(
     return Stream(
         file, part, grid.header, grid.dialect.delimiter, decimal, resolution, options, named, problems, skip
     )
+
+
+def _says_true(raw: bytes) -> bool:
+    return any(word in raw for word in (b"True", b"TRUE", b"true", b"False", b"FALSE", b"false"))
 
 
 def _coded(ids: npt.NDArray[np.object_]) -> pd.Categorical:

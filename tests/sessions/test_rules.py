@@ -228,6 +228,11 @@ def test_ids_from_file_names(tmp_path):
     tables = {"sessions": {"filename": "s{subject}_v{session}"}}
     table = read(tmp_path, text, tables, name="s007_v02.csv").table
     assert table[["subject", "session"]].to_numpy().tolist() == [["007", "02"]]
+    both = read(tmp_path, "subject," + text.replace("a,", "x,a,"), tables, name="s8_v1.csv")
+    assert both.subjects == ("8",)
+    assert "subject is taken from the file's name; column 'subject' is not used" in [
+        n.text for n in both.notices
+    ]
     assert "does not fit the pattern" in str(refusal(tmp_path, text, tables, name="x007.csv"))
     error = refusal(tmp_path, text, {"sessions": {"filename": "{subject}_{session}"}}, name="a_b_c.csv")
     assert "in more than one way" in str(error)
