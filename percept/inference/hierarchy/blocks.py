@@ -16,7 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Block", "Pair", "PairPrecision", "Precision", "Scalar", "Vector", "block", "diagonal", "join"]
+__all__ = [
+    "Block",
+    "Pair",
+    "PairPrecision",
+    "Precision",
+    "Scalar",
+    "Vector",
+    "block",
+    "diagonal",
+    "join",
+    "weighted_mean",
+]
 
 Array = NDArray[np.float64]
 #: One array per parameter: the components of a vector for every entry of the trailing axes.
@@ -214,3 +225,34 @@ def join(parts: Sequence[Block]) -> Block:
         return Scalar(np.stack([part.v for part in parts]))
     pairs = [part for part in parts if isinstance(part, Pair)]
     return Pair(*(np.stack([getattr(pair, name) for pair in pairs]) for name in ("v", "g", "w")))
+
+
+def weighted_mean(parts: Precision, total: Precision, r: Vector, *, axis: int | None = -2) -> Vector:
+    """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j.
+
+    Parameters
+    ----------
+    parts : Scalar or PairPrecision, entries (J, W)
+        P_j.
+    total : Scalar or PairPrecision, entries (W,)
+        K.
+    r : tuple of ndarray, each (..., J, W)
+        Vectors r_j, one array per parameter.
+    axis : int or None
+        The axis of j; None leaves the terms of the sum apart.
+
+    Returns
+    -------
+    tuple of ndarray, each (..., W), or (..., J, W)
+    """
+    if isinstance(parts, Scalar):
+        first = parts.v * r[0]
+        return ((first if axis is None else first.sum(axis=axis)) / total.v,)
+    assert isinstance(total, PairPrecision)
+    second = parts.v * (r[1] + parts.g * r[0])
+    # Differences of slopes: applying K⁻¹ to P_j r_j would subtract numbers 1/(1 - rho²) times the result.
+    first = parts.w * r[0] + (parts.g - total.g) * second
+    if axis is not None:
+        first, second = first.sum(axis=axis), second.sum(axis=axis)
+    mean = first / total.w
+    return (mean, second / total.v - total.g * mean)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Vector
+from percept.inference.hierarchy.blocks import Block, Vector, weighted_mean
 
 __all__ = ["SharedCovariance"]
 
@@ -33,8 +33,7 @@ class SharedCovariance:
         if shared is not None:
             self._precisions = cells.inverse()
             self._precision = self._precisions.total()
-            self._spread = self._precision.inverse()
-            self._outer = shared + self._spread
+            self._outer = shared + self._precision.inverse()
 
     def log_determinant(self) -> Array:
         """Return log det V, shape (W,)."""
@@ -58,8 +57,7 @@ class SharedCovariance:
         """
         if not self._shared:
             return [self._cells.whiten(r)]
-        weighted = self._precisions.apply(r)
-        mean = self._spread.apply(tuple(w.sum(axis=-2) for w in weighted))
+        mean = weighted_mean(self._precisions, self._precision, r)
         inside = tuple(component - m[..., None, :] for component, m in zip(r, mean, strict=True))
         return [self._cells.whiten(inside), self._outer.whiten(mean)]
 

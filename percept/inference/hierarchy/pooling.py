@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Vector, join
+from percept.inference.hierarchy.blocks import Block, Precision, Vector, join, weighted_mean
 from percept.inference.hierarchy.statistics import Pattern
 
 __all__ = ["Pooled"]
@@ -69,6 +69,7 @@ class Pooled:
         for g, j in self._noise:
             self._sources[j].append(g)
         self.log_determinant = np.zeros(width)
+        self._precisions: dict[int, Precision] = {}
         spreads, means = [], []
         for j, sources in enumerate(self._sources):
             spread, mean = self._pool(j, sources)
@@ -81,20 +82,20 @@ class Pooled:
         values = [self._constant(self._value[g, j]) for g in sources]
         if len(sources) == 1:
             return self._noise[sources[0], j], values[0]
-        precisions = [self._noise[g, j].inverse() for g in sources]
-        precision = join([self._noise[g, j] for g in sources]).inverse().total()
-        spread = precision.inverse()
+        parts = join([self._noise[g, j] for g in sources]).inverse()
+        precision = parts.total()
+        self._precisions[j] = precision
         self.log_determinant = self.log_determinant + precision.log_determinant()
         for g in sources:
             self.log_determinant = self.log_determinant + self._noise[g, j].log_determinant()
         # Weighted about the first value, so that a common offset does not enter the products.
         origin = values[0]
-        shifted = [
-            p.apply(tuple(v - o for v, o in zip(value, origin, strict=True)))
-            for p, value in zip(precisions, values, strict=True)
-        ]
-        shift = spread.apply(tuple(sum(parts) for parts in zip(*shifted, strict=True)))
-        return spread, tuple(o + s for o, s in zip(origin, shift, strict=True))
+        apart = tuple(
+            np.stack([v - o for v in component])
+            for component, o in zip(zip(*values, strict=True), origin, strict=True)
+        )
+        shift = weighted_mean(parts, precision, apart)
+        return precision.inverse(), tuple(o + s for o, s in zip(origin, shift, strict=True))
 
     def _constant(self, value: Array) -> Vector:
         return tuple(np.full(self._width, component) for component in value)
@@ -122,7 +123,8 @@ class Pooled:
             elif len(sources) == 1:
                 shares.append(effect)
             else:
-                shares.append(self.spread[j].apply(self._noise[g, j].inverse().apply(effect)))
+                own = self._noise[g, j].inverse()
+                shares.append(weighted_mean(own, self._precisions[j], effect, axis=None))
         return tuple(np.stack(component) for component in zip(*shares, strict=True))
 
     def effect_on_deviations(self, g: int, effect: Vector) -> list[Vector]:
