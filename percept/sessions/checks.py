@@ -58,10 +58,10 @@ def settle_references(
         first[codes[at]] = values[at]
         expected = np.where(np.isnan(given), first, given)[codes]
         differ = ~np.isnan(values) & (values != expected)
-        for at_row in np.flatnonzero(differ)[:1000]:
+        for at_row in problems.first(np.flatnonzero(differ)):
             source = "the scene" if not np.isnan(given[codes[at_row]]) else "an earlier row"
             problems.add(
-                f"environment {names[codes[at_row]]!r} has the reference {expected[at_row]!s} in {source}.",
+                f"environment {shown([names[codes[at_row]]])} has the reference {expected[at_row]!s} in {source}.",
                 column=column,
                 value=float(values[at_row]),
                 hint="An environment has one reference; correct it, or name the environments apart.",
@@ -71,7 +71,7 @@ def settle_references(
         for code in np.unique(codes[lacking]):
             at_row = int(np.flatnonzero(lacking & (codes == code))[0])
             problems.add(
-                f"environment {names[code]!r} has no reference.",
+                f"environment {shown([names[code]])} has no reference.",
                 column=column,
                 hint=f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …',
                 **place(at_row),
@@ -85,11 +85,12 @@ def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> N
     if not again.any():
         return
     first = table.drop_duplicates(_CELL)[_CELL].assign(at=lambda t: t.index).set_index(_CELL)["at"]
-    for at in np.flatnonzero(again)[:1000]:
+    for at in problems.first(np.flatnonzero(again)):
         subject, session, environment, trial = (table[c].iloc[at] for c in _CELL)
         origin = place(int(first.loc[(subject, session, environment, trial)]))
         problems.add(
-            f"subject {subject!r}, session {session!r}, environment {environment!r}, trial {trial} "
+            f"subject {shown([subject])}, session {shown([session])}, environment {shown([environment])}, "
+            f"trial {trial} "
             f"stands already in {origin.get('file')}:{origin.get('row')}.",
             hint='Name the trial column in [columns]; for a row per event declare [sessions] keep = "last"; '
             "else remove one row.",

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from percept.errors import UsageError
 
 __all__ = ["Problems", "ReadError", "clip", "shown"]
@@ -76,6 +79,12 @@ class Problems:
     def add(self, message: str, *, value: object = None, **place: Any) -> None:
         """Record one problem; the arguments are those of :class:`~percept.errors.UsageError`."""
         self.extend(UsageError(message, value=clip(value) if isinstance(value, str) else value, **place))
+
+    def first(self, places: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        """Give the places of problems that are worth a record each, and count the others."""
+        kept = places[:_KEPT]
+        self.total += len(places) - len(kept)
+        return kept
 
     def extend(self, error: UsageError) -> None:
         """Record an error, or each problem of a :class:`ReadError`."""

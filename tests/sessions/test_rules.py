@@ -133,6 +133,12 @@ def test_duplicates_name_both_rows(tmp_path):
     assert 'keep = "last"' in str(error)
 
 
+def test_problems_beyond_a_thousand_are_counted(tmp_path):
+    error = refusal(tmp_path, HEAD + "1,a,10,1,1,11,1\n" * 1500)
+    assert str(error).startswith("1499 problems:")
+    assert (len(error.problems), error.total) == (1000, 1499)
+
+
 def test_identical_files_are_found(tmp_path):
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text(HEAD + "1,a,10,1,1,11,1\n")
