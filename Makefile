@@ -21,7 +21,7 @@ report: $(STAMP)  ## analyse the published study and print the page's path
 	@$(BIN)/percept report datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --out build/hbfd --seed 1
 
 test: lint  ## lint, types and the whole test suite
-	@$(BIN)/python -m pytest -n $(JOBS) -q
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -q
 
 lint: $(STAMP)  ## ruff (with docstring rules) and strict types
 	@$(BIN)/ruff check .
