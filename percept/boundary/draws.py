@@ -2,27 +2,145 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.errors import UsageError
 from percept.haptics import AnyDevice, perceived_magnitude
 
-__all__ = ["pointwise_band", "simultaneous_band"]
+__all__ = ["MEMORY", "DrawBands", "DrawCurves", "pointwise_band", "simultaneous_band"]
 
 Array = NDArray[np.float64]
-_BLOCK_VALUES = 1 << 21  # curve values held at once, 16 MB
+_BLOCK_VALUES = 1 << 20
+#: Most bytes held beside draws and results, however many frequencies: four blocks, and one of slack. A
+#: million draws and more need as much per frequency.
+MEMORY = 5 * 8 * _BLOCK_VALUES
 
 
-def _magnitudes(
-    omega: Array, device: AnyDevice, stiffness: Array, damping: Array, period: float, hold: str
-) -> Array:
-    """Curves of all draws at some frequencies, shape (len(omega), N)."""
-    return perceived_magnitude(omega[:, None], device, stiffness, damping, period, hold=hold)
+@dataclass(frozen=True, eq=False)
+class DrawBands:
+    """What draws say of abs(Z_h) at some frequencies.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (M,)
+        Equal-tailed quantiles at each frequency, N·s/m.
+    mean, sd : ndarray, shape (M,)
+        Mean and SD over draws of log abs(Z_h).
+    """
+
+    lower: Array
+    upper: Array
+    mean: Array
+    sd: Array
 
 
-def _blocks(omega: Array, draws: int) -> list[slice]:
-    step = max(1, _BLOCK_VALUES // draws)
-    return [slice(i, min(i + step, omega.size)) for i in range(0, omega.size, step)]
+class DrawCurves:
+    """Curves of abs(Z_h), one per draw of (k, b), never held all at once.
+
+    Frequencies may be asked for in several calls; what holds whole curves is then known for all of them.
+
+    Parameters
+    ----------
+    device : Device or TabulatedDevice
+        The device.
+    stiffness, damping : ndarray, shape (N,)
+        Draws, N/m and N·s/m; at least two.
+    period : float
+        Sampling period, s.
+    level : float
+        Level of the bands.
+    hold : str
+        "average" (Eq. 8) or "true".
+
+    Raises
+    ------
+    UsageError
+        Draws of different shapes or fewer than two, or a level outside (0, 1).
+    """
+
+    def __init__(
+        self,
+        device: AnyDevice,
+        stiffness: Array,
+        damping: Array,
+        period: float,
+        *,
+        level: float,
+        hold: str = "average",
+    ) -> None:
+        if stiffness.ndim != 1 or stiffness.shape != damping.shape or stiffness.size < 2:
+            raise UsageError(
+                "draws of stiffness and damping must be two arrays of one length, at least 2.",
+                value=(stiffness.shape, damping.shape),
+            )
+        if not 0.0 < level < 1.0:
+            raise UsageError("level must lie in (0, 1).", value=level)
+        self._device, self._period, self._hold, self._level = device, period, hold, level
+        self._stiffness, self._damping = stiffness, damping
+        self._farthest = np.zeros(stiffness.size)
+
+    def at(self, omega: Array) -> DrawBands:
+        """Evaluate the draws at frequencies (M,), rad/s, block by block."""
+        step = max(1, _BLOCK_VALUES // self._stiffness.size)
+        parts = [self._block(omega[i : i + step]) for i in range(0, omega.size, step)]
+        return DrawBands(*np.concatenate(parts, axis=1))
+
+    @property
+    def reach(self) -> float:
+        """Level-quantile over draws of the largest standardised deviation of log abs(Z_h) so far."""
+        return float(np.quantile(self._farthest, self._level, method="higher"))
+
+    def simultaneous(self, bands: DrawBands) -> tuple[Array, Array]:
+        """Band exp(mean ± reach·sd) of log abs(Z_h) that holds whole curves at the level.
+
+        Parameters
+        ----------
+        bands : DrawBands
+            What `at` gave at the frequencies wanted.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (M,)
+            N·s/m.
+        """
+        reach = self.reach * bands.sd
+        return np.exp(bands.mean - reach), np.exp(bands.mean + reach)
+
+    def _block(self, omega: Array) -> Array:
+        curves = perceived_magnitude(
+            omega[:, None], self._device, self._stiffness, self._damping, self._period, hold=self._hold
+        )
+        logs = np.log(curves)
+        lower, upper = _tails(curves, 0.5 * (1.0 - self._level))
+        mean = logs.mean(axis=1)
+        logs -= mean[:, None]
+        sd = np.sqrt(np.einsum("mn,mn->m", logs, logs) / (logs.shape[1] - 1))
+        # Where all draws agree, as at a frequency the device alone decides, nothing deviates.
+        inverse = np.divide(1.0, sd, out=np.zeros_like(sd), where=sd > 0)
+        logs *= inverse[:, None]
+        np.abs(logs, out=logs)
+        np.maximum(self._farthest, logs.max(axis=0), out=self._farthest)
+        return np.stack([lower, upper, mean, sd])
+
+
+def _tails(values: Array, tail: float) -> tuple[Array, Array]:
+    """Quantiles of rows at `tail` and 1 − `tail`, linear between order statistics; reorders the rows."""
+    last = values.shape[1] - 1
+    low = min(int(tail * last), last - 1)
+    share = tail * last - low
+    # One partition per side, the second of what the first left: several at once cost three times as much.
+    values.partition(low + 1, axis=1)
+    first, second = values[:, : low + 1].max(axis=1), values[:, low + 1].copy()
+    lower = first + share * (second - first)
+    high = last - low - 1
+    if high == low:
+        return lower, second - share * (second - first)
+    values[:, low + 1 :].partition(high - low - 1, axis=1)
+    below, above = values[:, high], values[:, high + 1 :].min(axis=1)
+    return lower, above - share * (above - below)
 
 
 def pointwise_band(
@@ -41,31 +159,21 @@ def pointwise_band(
     ----------
     omega : ndarray, shape (M,)
         rad/s.
-    device : Device or TabulatedDevice
-        The device.
-    stiffness, damping : ndarray, shape (N,)
-        Draws, N/m and N·s/m.
-    period : float
-        Sampling period, s.
-    level : float
-        Level at each frequency.
-    hold : str
-        "average" (Eq. 8) or "true".
+    device, stiffness, damping, period, level, hold
+        As `DrawCurves`.
 
     Returns
     -------
     lower, upper : ndarray, shape (M,)
-        N·s/m. Memory is bounded by blocks of frequencies.
+        N·s/m.
+
+    Raises
+    ------
+    UsageError
+        As `DrawCurves`.
     """
-    tail = 0.5 * (1.0 - level)
-    parts = [
-        np.quantile(
-            _magnitudes(omega[block], device, stiffness, damping, period, hold), [tail, 1.0 - tail], axis=1
-        )
-        for block in _blocks(omega, stiffness.size)
-    ]
-    lower, upper = np.concatenate(parts, axis=1)
-    return lower, upper
+    bands = DrawCurves(device, stiffness, damping, period, level=level, hold=hold).at(omega)
+    return bands.lower, bands.upper
 
 
 def simultaneous_band(
@@ -78,7 +186,7 @@ def simultaneous_band(
     level: float,
     hold: str = "average",
 ) -> tuple[Array, Array]:
-    """Band exp(m ± c s) of log abs(Z_h) that holds whole curves at the level.
+    """Band exp(m ± c·s) of log abs(Z_h) that holds whole curves at the level.
 
     m and s are the pointwise mean and SD over draws; c is the level-quantile over draws of the largest
     standardised deviation over the frequencies.
@@ -92,14 +200,11 @@ def simultaneous_band(
     -------
     lower, upper : ndarray, shape (M,)
         N·s/m.
+
+    Raises
+    ------
+    UsageError
+        As `DrawCurves`.
     """
-    mean, sd = np.empty(omega.size), np.empty(omega.size)
-    farthest = np.zeros(stiffness.size)
-    for block in _blocks(omega, stiffness.size):
-        logs = np.log(_magnitudes(omega[block], device, stiffness, damping, period, hold))
-        mean[block], sd[block] = logs.mean(axis=1), logs.std(axis=1, ddof=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            deviation = np.abs(logs - mean[block, None]) / sd[block, None]
-        np.fmax(farthest, np.nanmax(np.where(sd[block, None] > 0, deviation, 0.0), axis=0), out=farthest)
-    reach = np.quantile(farthest, level, method="higher")
-    return np.exp(mean - reach * sd), np.exp(mean + reach * sd)
+    curves = DrawCurves(device, stiffness, damping, period, level=level, hold=hold)
+    return curves.simultaneous(curves.at(omega))

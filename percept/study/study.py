@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from percept.boundary.records import Boundary
     from percept.inference.sampling.run import Progress
     from percept.study.bayesian import Fit
-    from percept.study.boundaries import Bench
+    from percept.study.boundaries import Bench, Range
     from percept.study.coupling import CouplingStudy
+    from percept.study.regions import Draws, Region
 
 __all__ = ["Study"]
 
@@ -36,7 +37,8 @@ _COLUMNS = (
     "lower", "upper", "estimate", "n", "unit", "reference", "covers",
 )  # fmt: skip
 _BAND_OMEGA = 10.0
-_CURVE_DRAWS = 16_384
+#: Frequencies of a grid where the scene leaves their number open.
+DEFAULT_POINTS = 241
 
 
 class Study:
@@ -209,14 +211,22 @@ class Study:
 
     @cached_property
     def omega(self) -> Array:
-        """Frequencies of the curves, rad/s."""
+        """A grid of the scene's frequencies, rad/s: as many as it says, or as `DEFAULT_POINTS`."""
         table = self.scene.frequency
-        return np.geomspace(table.lower, table.upper, table.points)
+        return np.geomspace(table.lower, table.upper, table.points or DEFAULT_POINTS)
+
+    @cached_property
+    def frequencies(self) -> Range:
+        """Where boundaries are drawn: on the scene's own grid, or at as many points as the curves need."""
+        from percept.study.boundaries import Range
+
+        table = self.scene.frequency
+        return Range(table.lower, table.upper, self.omega if table.points else None)
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
-        return self.boundaries_at(self.omega)
+        return self._boundaries(self.frequencies, self.environments)
 
     def boundaries_at(
         self, omega: Array, environments: tuple[str, ...] | None = None
@@ -234,51 +244,74 @@ class Study:
         -------
         tuple of Boundary
         """
-        if self.device is None or self.parameters != ("k", "b"):
-            return ()
-        from percept.study.boundaries import draw_boundaries, region_boundaries
+        from percept.study.boundaries import Range
 
         chosen = self.environments if environments is None else environments
-        intervals = self.intervals[self.intervals["environment"].isin(chosen)]
-        bench = self._bench(omega)
-        found = list(region_boundaries(bench, intervals))
-        for kind, draws in self._curve_draws.items():
-            kept = {e: draws[e] for e in chosen}
-            asked = self.scene.inference
-            found += draw_boundaries(bench, kept, kind=kind, family=asked.family, level=asked.level)
+        return self._boundaries(Range(float(omega[0]), float(omega[-1]), omega), chosen)
+
+    def _boundaries(self, frequencies: Range, environments: tuple[str, ...]) -> tuple[Boundary, ...]:
+        if self.bench is None:
+            return ()
+        from percept.study.boundaries import environment_boundaries
+
+        found = []
+        for environment in environments:
+            regions = [region for region in self.regions if region.environment == environment]
+            found += environment_boundaries(
+                self.bench, environment, regions, list(self.curve_draws), frequencies
+            )
         return tuple(found)
 
-    def _bench(self, omega: Array) -> Bench:
+    @cached_property
+    def bench(self) -> Bench | None:
+        """Device and references that curves are drawn for; None without a device or with one parameter."""
+        table = self.scene.device
+        if table is None or self.device is None or self.parameters != ("k", "b"):
+            return None
         from percept.study.boundaries import Bench
 
-        table = self.scene.device
-        assert table is not None
-        assert self.device is not None
-        environments = {
+        references = {
             e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
             for e in self.environments
         }
-        return Bench(omega, self.device, table.period, table.hold, environments, self.coupling_element)
+        return Bench(self.device, table.period, table.hold, references, self.coupling_element)
 
     @cached_property
-    def _curve_draws(self) -> dict[str, dict[str, tuple[Array, Array]]]:
-        """Draws of (k, b) per kind and environment, several per kept set of scales."""
-        fit = self.fit
-        if fit is None or not fit.run.gate.passed or self.scene.model.pooling == "none":
-            return {}
-        from percept.study.posterior import thinned_points
+    def regions(self) -> tuple[Region, ...]:
+        """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
+        if self.parameters != ("k", "b"):
+            return ()
+        from percept.study import regions
 
-        points, _ = thinned_points(fit)
-        repeats = max(1, round(_CURVE_DRAWS / len(points)))
-        rng = np.random.default_rng(np.random.SeedSequence(self.scene.inference.seed, spawn_key=(102,)))
-        means, users = fit.prepared.model.draw(np.repeat(points, repeats, axis=0), rng)
-        draws = {"mean": fit.prepared.scale.native(means), "user": fit.prepared.scale.native(users)}
-        column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
-        return {
-            kind: {e: (values[:, column["k", e]], values[:, column["b", e]]) for e in self.environments}
-            for kind, values in draws.items()
-            if kind in self.scene.inference.kinds
-        }
+        found = list(regions.rectangles(self.intervals))
+        if self.scene.inference.method != "bayesian":
+            found += regions.classical_ellipses(self.sessions, self.scene)
+        if self.fit is not None and self.fit.run.gate.passed:
+            found += regions.bonferroni_regions(self.fit, self.scene)
+            prepared = self.fit.prepared
+            counts = {e: int(n) for (_, e), n in zip(prepared.model.cells, prepared.counts, strict=True)}
+            for drawn in self.curve_draws:
+                if drawn.method == "bayesian":
+                    found += regions.draw_ellipses(drawn, counts)
+        return tuple(found)
+
+    @cached_property
+    def curve_draws(self) -> tuple[Draws, ...]:
+        """Draws of (k, b) of the average and the next user, by method and family.
+
+        Empty for published limits and models without a correlation of k and b: none is invented.
+        """
+        if self.parameters != ("k", "b") or self.sessions.form == "summary":
+            return ()
+        from percept.study.curve_draws import classical_draws, posterior_draws
+
+        found: list[Draws] = []
+        if self.scene.inference.method != "bayesian":
+            found += classical_draws(self.sessions, self.scene)
+        fit = self.fit
+        if fit is not None and fit.run.gate.passed and self.scene.model.pooling != "none":
+            found += posterior_draws(fit, self.scene)
+        return tuple(found)
 
     @cached_property
     def band(self) -> BandStudy | None:
@@ -296,12 +329,11 @@ class Study:
             return None
         from percept.study.coupling import study_coupling
 
-        bench = self._bench(self.omega)
         return study_coupling(
             self.device,
             self.coupling_element,
             self.scene.device.period,
-            bench.references if self.parameters == ("k", "b") else {},
+            self.bench.references if self.bench else {},
             self.boundaries,
             hold=self.scene.device.hold,
         )

@@ -1,0 +1,97 @@
+"""Draws of (k, b) that curves go through: of the posterior, and of what stands behind classical intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from percept.boundary.classical_draws import confidence_draws
+from percept.errors import RefusalError
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.bayesian import Fit
+from percept.study.classical import FAMILIES
+from percept.study.posterior import thinned_points
+from percept.study.regions import Draws, subject_pairs
+
+__all__ = ["classical_draws", "posterior_draws"]
+
+# As many as there is information for: several conditional draws per effective draw of the scales ...
+_POSTERIOR = 16_384
+# ... and evenly spread ones, whose quantiles are as good as those of ten times as many independent ones.
+_CLASSICAL = 8_192
+
+
+def posterior_draws(fit: Fit, scene: Scene) -> Iterator[Draws]:
+    """Draw the average and the next user of every environment, several times per kept set of scales.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior of both parameters, k and b correlated.
+    scene : Scene
+        Kinds, level and seed.
+
+    Yields
+    ------
+    Draws
+        Of kinds "mean" and "user", where asked for.
+    """
+    points, _ = thinned_points(fit)
+    repeats = max(1, round(_POSTERIOR / len(points)))
+    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(102,)))
+    drawn = fit.prepared.model.draw(np.repeat(points, repeats, axis=0), rng)
+    column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
+    for kind, responses in zip(("mean", "user"), drawn, strict=True):
+        if kind in scene.inference.kinds:
+            native = fit.prepared.scale.native(responses)
+            yield Draws(
+                kind=kind,
+                method="bayesian",
+                family=scene.inference.family,
+                level=scene.inference.level,
+                pairs={
+                    e: (native[:, column["k", e]], native[:, column["b", e]])
+                    for e in dict.fromkeys(e for _, e in fit.prepared.model.cells)
+                },
+            )
+
+
+def classical_draws(sessions: Sessions, scene: Scene) -> Iterator[Draws]:
+    """Draw from the distributions behind the classical intervals, in both families.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Trial form.
+    scene : Scene
+        Kinds, level and seed.
+
+    Yields
+    ------
+    Draws
+        Of kinds "mean" and "user", where asked for; of the environments with three subjects and scatter.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(103,)))
+    for family in FAMILIES:
+        values = subject_pairs(sessions, family)  # type: ignore[arg-type]
+        for kind in ("mean", "user"):
+            if kind not in scene.inference.kinds:
+                continue
+            pairs = {}
+            for environment, (k, b) in values.items():
+                try:
+                    pairs[environment] = confidence_draws(
+                        k,
+                        b,
+                        kind=kind,
+                        family=family,  # type: ignore[arg-type]
+                        draws=_CLASSICAL,
+                        rng=rng,
+                    )
+                except RefusalError:
+                    continue
+            yield Draws(
+                kind=kind, method="classical", family=family, level=scene.inference.level, pairs=pairs
+            )

@@ -1,0 +1,262 @@
+"""Regions of (k, b) that boundaries are drawn around: every method, kind and joint treatment of a study."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from percept.boundary.draw_ellipse import ellipse_of_draws
+from percept.errors import RefusalError
+from percept.inference.classical.joint import ellipse_region
+from percept.inference.classical.trials import subject_means
+from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.regions import EllipseRegion
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.bayesian import Fit
+from percept.study.cells import Limits, both_limits
+from percept.study.classical import FAMILIES
+from percept.study.posterior import thinned_points
+
+__all__ = [
+    "Draws",
+    "Region",
+    "bonferroni_regions",
+    "classical_ellipses",
+    "draw_ellipses",
+    "rectangles",
+    "subject_pairs",
+]
+
+Array = NDArray[np.float64]
+Family = Literal["normal", "lognormal"]
+Pairs = dict[str, tuple[Array, Array]]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Region:
+    """A rectangle or an ellipse of (k, b) that feels like an environment.
+
+    Attributes
+    ----------
+    environment, kind, method, family, joint : str
+        What it is; as in `Study.intervals`, with ``joint = "hotelling"`` for an ellipse.
+    level : float
+        Level asked for.
+    limits : tuple of (float, float), or None
+        Of stiffness and of damping, N/m and N·s/m; None for an ellipse.
+    ellipse : EllipseRegion or None
+        None for a rectangle.
+    """
+
+    environment: str
+    kind: str
+    method: str
+    family: str
+    joint: str
+    level: float
+    limits: tuple[Limits, Limits] | None = None
+    ellipse: EllipseRegion | None = None
+
+    def contains(self, stiffness: Array, damping: Array) -> NDArray[np.bool_]:
+        """Say which points (N/m, N·s/m) lie inside, limits included."""
+        if self.ellipse is not None:
+            return self.ellipse.contains(stiffness, damping)
+        assert self.limits is not None
+        (k_low, k_high), (b_low, b_high) = self.limits
+        return (k_low <= stiffness) & (stiffness <= k_high) & (b_low <= damping) & (damping <= b_high)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Draws:
+    """Draws of (k, b) per environment that curves are drawn through.
+
+    Attributes
+    ----------
+    kind, method, family : str
+        What was drawn.
+    level : float
+        Level of the bands.
+    pairs : dict of str to (ndarray, ndarray)
+        Draws of k and b by environment, each (N,), N/m and N·s/m.
+    """
+
+    kind: str
+    method: str
+    family: str
+    level: float
+    pairs: Pairs
+
+
+def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
+    """Pair the intervals of stiffness and damping.
+
+    Parameters
+    ----------
+    intervals : DataFrame
+        `Study.intervals`.
+
+    Yields
+    ------
+    Region
+    """
+    keys = ["environment", "kind", "method", "family", "joint"]
+    for found, rows in intervals.groupby(keys, sort=False):
+        limits = both_limits(rows)
+        if limits is not None:
+            environment, kind, method, family, joint = (str(part) for part in found)
+            yield Region(
+                environment=environment,
+                kind=kind,
+                method=method,
+                family=family,
+                joint=joint,
+                level=float(rows["level"].iloc[0]),
+                limits=limits,
+            )
+
+
+def subject_pairs(sessions: Sessions, family: Family) -> Pairs:
+    """Take one stiffness and one damping per subject and environment, of the trials that have both.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Trial form.
+    family : {"normal", "lognormal"}
+        Whether trials are averaged, or their logarithms.
+
+    Returns
+    -------
+    dict of str to (ndarray, ndarray)
+        By environment, N/m and N·s/m, subjects in one order; without the environments whose values have no
+        logarithm where one is needed.
+    """
+    complete = sessions.table[sessions.table[["k_adj", "b_adj"]].notna().all(axis=1)]
+    pairs: Pairs = {}
+    for environment, rows in complete.groupby("environment", sort=False):
+        adjusted = rows[["k_adj", "b_adj"]].to_numpy(dtype=float)
+        if family == "lognormal" and (adjusted <= 0).any():
+            continue
+        k, b = (
+            subject_means(column, rows["subject"].to_numpy(), family=family).values for column in adjusted.T
+        )
+        pairs[str(environment)] = k, b
+    return pairs
+
+
+def classical_ellipses(sessions: Sessions, scene: Scene) -> Iterator[Region]:
+    """Hotelling's ellipses of the average and the next user, in both families.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        The study; published limits have no correlation, and so no ellipse.
+    scene : Scene
+        Kinds and level.
+
+    Yields
+    ------
+    Region
+        For the environments that have one: three subjects, scatter, not all on a line.
+    """
+    if sessions.form == "summary":
+        return
+    level = scene.inference.level
+    for family in FAMILIES:
+        for environment, (k, b) in subject_pairs(sessions, family).items():  # type: ignore[arg-type]
+            for kind in ("mean", "user"):
+                if kind not in scene.inference.kinds:
+                    continue
+                try:
+                    ellipse = ellipse_region(k, b, kind=kind, level=level, family=family)  # type: ignore[arg-type]
+                except RefusalError:
+                    continue
+                yield _around(environment, ellipse)
+
+
+def draw_ellipses(draws: Draws, counts: dict[str, int]) -> Iterator[Region]:
+    """Ellipses that hold the level of posterior draws.
+
+    Parameters
+    ----------
+    draws : Draws
+        Of a posterior.
+    counts : dict of str to int
+        Users behind each environment.
+
+    Yields
+    ------
+    Region
+    """
+    for environment, (k, b) in draws.pairs.items():
+        yield _around(
+            environment,
+            ellipse_of_draws(
+                k,
+                b,
+                kind=draws.kind,  # type: ignore[arg-type]
+                family=draws.family,  # type: ignore[arg-type]
+                level=draws.level,
+                n=counts[environment],
+            ),
+        )
+
+
+def bonferroni_regions(fit: Fit, scene: Scene) -> Iterator[Region]:
+    """Posterior rectangles whose sides leave out half as much each, so that both hold at the level.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior of both parameters.
+    scene : Scene
+        Kinds, level, share and confidence.
+
+    Yields
+    ------
+    Region
+    """
+    asked = scene.inference
+    model = fit.prepared.model
+    halved = IntervalEstimands(
+        model,
+        level=_halved(asked.level),
+        share=_halved(asked.held_share),
+        confidence=_halved(asked.confidence),
+    )
+    laws = model.laws(thinned_points(fit)[0])
+    for kind in asked.kinds:
+        lower, upper = (fit.prepared.scale.native(limit) for limit in halved.limits(kind, laws)[:2])
+        limits = {cell: (float(lower[c]), float(upper[c])) for c, cell in enumerate(model.cells)}
+        for environment in dict.fromkeys(e for _, e in model.cells):
+            yield Region(
+                environment=environment,
+                kind=kind,
+                method="bayesian",
+                family=asked.family,
+                joint="bonferroni",
+                level=asked.level,
+                limits=(limits["k", environment], limits["b", environment]),
+            )
+
+
+def _halved(level: float) -> float:
+    return 1.0 - 0.5 * (1.0 - level)
+
+
+def _around(environment: str, ellipse: EllipseRegion) -> Region:
+    return Region(
+        environment=environment,
+        kind=ellipse.kind,
+        method=ellipse.method,
+        family=ellipse.family,
+        joint=ellipse.joint,
+        level=ellipse.level,
+        ellipse=ellipse,
+    )
