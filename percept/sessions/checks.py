@@ -61,7 +61,8 @@ def settle_references(
         for at_row in problems.first(np.flatnonzero(differ)):
             source = "the scene" if not np.isnan(given[codes[at_row]]) else "an earlier row"
             problems.add(
-                f"environment {shown([names[codes[at_row]]])} has the reference {expected[at_row]!s} in {source}.",
+                f"environment {shown([names[codes[at_row]]])} has the reference {expected[at_row]!s} "
+                f"in {source}.",
                 column=column,
                 value=float(values[at_row]),
                 hint="An environment has one reference; correct it, or name the environments apart.",

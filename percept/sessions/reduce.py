@@ -152,8 +152,8 @@ class _State:
         self.notices: list[Notice] = []
         self.counts: Counter[str] = Counter()
         self.parameters: Sequence[str] = []
-        # Physical row (0: none yet) of each visit's trials.
-        self.rows = np.zeros((0, 0), dtype=np.int32)
+        # Visits × trials; not zero where a trial was seen.
+        self.seen = np.zeros((0, 0), dtype=np.int32)
         self.references = {p: np.zeros(0) for p in ("k", "b")}
         self.n = np.zeros(0)
         self.means = np.zeros((2, 0))
@@ -225,9 +225,9 @@ class _State:
                 value=int(trial[at]),
                 hint="Number the trials of each subject and environment 1, 2, 3 …",
             )
-        self.rows = grown(self.rows, shape)
-        flat = self.rows.reshape(-1)
-        key = visit * self.rows.shape[1] + trial
+        self.seen = grown(self.seen, shape)
+        flat = self.seen.reshape(-1)
+        key = visit * self.seen.shape[1] + trial
         earlier = flat[key] > 0
         stamp = np.arange(1, len(key) + 1, dtype=np.int32)
         if not earlier.any():
@@ -311,19 +311,26 @@ class _State:
         )
         if not len(cell):
             return
-        n = np.bincount(cell, minlength=count)
+        starts = np.flatnonzero(np.concatenate([[True], cell[1:] != cell[:-1]]))
+        heads, lengths = cell[starts], np.diff(starts, append=len(cell))
+
+        def total_of(y: _Floats) -> _Floats:
+            sums = np.bincount(heads, weights=np.add.reduceat(y, starts), minlength=count)
+            return sums.astype(np.float64, copy=False)
+
+        n = np.bincount(heads, weights=lengths, minlength=count)
         here = np.flatnonzero(n)
         shift = np.zeros((len(responses), count))
         for at, y in enumerate(responses):
-            shift[at, cell[::-1]] = y[::-1]
-        moved = [y - shift[at, cell] for at, y in enumerate(responses)]
-        sums = [np.bincount(cell, weights=y, minlength=count)[here] / n[here] for y in moved]
+            shift[at, heads[::-1]] = y[starts[::-1]]
+        moved = [y - np.repeat(shift[at, heads], lengths) for at, y in enumerate(responses)]
+        sums = [total_of(y)[here] / n[here] for y in moved]
         before, total = self.n[here], self.n[here] + n[here]
         gaps = [shift[at, here] + sums[at] - self.means[at, here] for at in range(len(responses))]
         for at, (i, j) in enumerate(((0, 0), (0, 1), (1, 1))):
             if j >= len(responses):
                 continue
-            squares = np.bincount(cell, weights=moved[i] * moved[j], minlength=count)[here]
+            squares = total_of(moved[i] * moved[j])[here]
             own = squares - n[here] * sums[i] * sums[j]
             self.scatters[at, here] += own + gaps[i] * gaps[j] * (before * n[here] / total)
         for at, gap in enumerate(gaps):
