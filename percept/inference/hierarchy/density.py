@@ -96,8 +96,8 @@ class CollapsedDensity:
             return np.concatenate([self(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)])
         inside = np.max(np.abs(points), axis=1) <= coordinates.LIMIT
         coords = np.ascontiguousarray(np.where(inside[:, None], points, 0.0).T)
-        scales = self.layout.scales(coords)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
+            scales = self.layout.scales(coords)
             value = scales.log_prior + self.log_likelihood(scales)
         return np.where(inside & ~np.isnan(value), value, -np.inf)
 

@@ -41,8 +41,8 @@ def log_likelihood(response, subject, environment, x, scales, w, *, alpha_sd=1.0
     return stats.multivariate_normal(np.zeros(flat.size), covariance, allow_singular=False).logpdf(flat)
 
 
-def log_prior(named, layout_x, w, priors, rho_names):
-    """Prior density of the original variables (not of the coordinates)."""
+def log_prior(named, x, w, priors):
+    """Prior density of the original variables (log SDs and log s, not coordinates) at draw `w`."""
     named = {key: value[..., w] for key, value in named.items()}
     total = 0.0
     trend = "tau" in named
@@ -55,17 +55,34 @@ def log_prior(named, layout_x, w, priors, rho_names):
             total += stats.norm.logpdf(log_sigma, mean, sd).sum()
             continue
         log_s = np.log(named["s" + suffix])
-        kappa, omega = named["kappa" + suffix], named["omega" + suffix]
         total += stats.norm.logpdf(log_s, mean, sd).sum()
-        total += stats.norm.logpdf(kappa, 0, getattr(priors, f"kappa{suffix}_sd")).sum()
-        total += stats.halfnorm.logpdf(omega, scale=getattr(priors, f"omega{suffix}_scale")).sum()
-        centre = log_s[:, None] + kappa[:, None] * layout_x
-        total += stats.norm.logpdf(log_sigma, centre, omega[:, None]).sum()
-    for name in rho_names:
-        shape = priors.rho_shape
-        total += stats.beta.logpdf((named[name] + 1) / 2, shape, shape) - np.log(2)
+        kappa = np.zeros(len(x))
+        if "kappa" + suffix in named:
+            kappa = named["kappa" + suffix]
+            total += stats.norm.logpdf(kappa, 0, getattr(priors, f"kappa{suffix}_sd")).sum()
+        if "omega" + suffix in named:
+            omega = named["omega" + suffix]
+            total += stats.halfnorm.logpdf(omega, scale=getattr(priors, f"omega{suffix}_scale")).sum()
+            centre = log_s[:, None] + kappa[:, None] * x
+            total += stats.norm.logpdf(log_sigma, centre, omega[:, None]).sum()
+    for name in ("rho_w", "rho_e", "rho_u"):
+        if name in named:
+            shape = priors.rho_shape
+            total += stats.beta.logpdf((named[name] + 1) / 2, shape, shape) - np.log(2)
     if trend:
         total += stats.halfnorm.logpdf(named["tau"], scale=priors.tau_scale).sum()
     if "sigma_u" in named:
         total += stats.halfnorm.logpdf(named["sigma_u"], scale=priors.sigma_u_scale).sum()
     return total
+
+
+def prior_variables(named, *, common_spread):
+    """The variables of `log_prior` as one vector per draw, (dimension, W)."""
+    trend = "tau" in named
+    parts = []
+    for name, value in named.items():
+        derived = name.startswith("sigma") and name != "sigma_u" and trend and common_spread
+        if not derived:
+            logged = name in ("s", "s_e", "sigma", "sigma_e")
+            parts.append((np.log(value) if logged else value).reshape(-1, value.shape[-1]))
+    return np.concatenate(parts)

@@ -47,7 +47,7 @@ def _forward(lower, y):
 def log_likelihood(
     response, subject, environment, x, *, between, shared, trial, tau, alpha_sd=1.0, gamma_sd=0.25
 ):
-    """Log density of stacked trials; covariances are mpmath matrices, `between` and `trial` per environment."""
+    """Log density of stacked trials; `between` and `trial` hold one matrix per environment."""
     size = len(x)
     count = len(subject)
     total = mpmath.matrix(count * size, count * size)

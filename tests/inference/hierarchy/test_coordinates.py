@@ -91,10 +91,10 @@ def test_log_sigma_is_prior_density_and_jacobian(weight, omega):
         u, np.array(centre), np.array(omega), np.array(rough), np.array(weight)
     )
     with mp.workdps(40):
-        m, w, o, l = (mp.mpf(v) for v in (centre, weight, omega, rough))
+        m, w, o, r = (mp.mpf(v) for v in (centre, weight, omega, rough))
         variance = o**2 / (1 + w * o**2)
         for i in range(u.size):
-            exact = (m + w * o**2 * l) / (1 + w * o**2) + mp.sqrt(variance) * mp.mpf(float(u[i]))
+            exact = (m + w * o**2 * r) / (1 + w * o**2) + mp.sqrt(variance) * mp.mpf(float(u[i]))
             assert abs(float(mp.mpf(float(value[i])) - exact)) < 4e-15 * max(1.0, abs(float(exact)))
             density = -((exact - m) ** 2) / (2 * o**2) - mp.log(o) + mp.log(variance) / 2
             assert abs(float(mp.mpf(float(log_density[i])) - density)) < 1e-15 + 1e-13 * abs(float(density))
