@@ -10,7 +10,7 @@ given, and intervals come out too narrow with clean diagnostics.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import emcee
 import numpy as np
@@ -23,6 +23,8 @@ __all__ = ["DifferentialMove", "EllipticMove", "IndependentMove", "standard_move
 
 Array = NDArray[np.float64]
 Generators = Sequence[np.random.RandomState]
+#: Indices of walkers, one array per ensemble.
+Groups = list[NDArray[np.intp]]
 _SHARES = (0.4, 0.4, 0.2)
 _JITTER = 1e-5
 
@@ -44,36 +46,34 @@ class _EnsemblesMove(Move):  # type: ignore[misc]  # emcee is untyped
         accepted = np.zeros(len(state.coords), dtype=bool)
         groups = np.split(np.arange(len(state.coords)), len(self._generators))
         for movers in self._rounds(groups):
-            parts = [
-                self._proposal(state.coords, group, moving, random)
-                for group, moving, random in zip(groups, movers, self._generators, strict=True)
-            ]
-            proposed, factors = (np.concatenate(part) for part in zip(*parts, strict=True))
-            log_prob, blobs = model.compute_log_prob_fn(proposed)
             moving = np.concatenate(movers)
-            draws = np.concatenate(
-                [random.rand(len(m)) for m, random in zip(movers, self._generators, strict=True)]
-            )
+            proposed, factors = self._proposal(state.coords, groups, movers)
+            log_prob, blobs = model.compute_log_prob_fn(proposed)
+            draws = self._noise(movers, lambda random, count: random.random_sample(count))
             taken = np.zeros(len(state.coords), dtype=bool)
             with np.errstate(divide="ignore", invalid="ignore"):
                 taken[moving] = np.log(draws) < factors + log_prob - state.log_prob[moving]
-            order = np.argsort(moving)
             subset = np.zeros(len(state.coords), dtype=bool)
             subset[moving] = True
+            order = np.argsort(moving)
             new = emcee.State(proposed[order], log_prob=log_prob[order], blobs=blobs)
             state = self.update(state, new, taken, subset)
             accepted |= taken
         return state, accepted
 
-    def _rounds(self, groups: list[NDArray[np.intp]]) -> list[list[NDArray[np.intp]]]:
+    def _noise(self, movers: Groups, draw: Callable[[np.random.RandomState, int], Array]) -> Array:
+        """Noise for every moving walker, each ensemble's from its own generator."""
+        return np.concatenate(
+            [draw(random, len(group)) for group, random in zip(movers, self._generators, strict=True)]
+        )
+
+    def _rounds(self, groups: Groups) -> list[Groups]:
         """Which walkers of each ensemble move together: all of them, in one round."""
         return [groups]
 
     @abstractmethod
-    def _proposal(
-        self, coords: Array, group: NDArray[np.intp], moving: NDArray[np.intp], random: np.random.RandomState
-    ) -> tuple[Array, Array]:
-        """Propose for the moving walkers of one ensemble; return also the log Hastings factors."""
+    def _proposal(self, coords: Array, groups: Groups, movers: Groups) -> tuple[Array, Array]:
+        """Propose for the moving walkers, ensemble by ensemble; and the log Hastings factors."""
 
 
 class _LawMove(_EnsemblesMove):
@@ -83,37 +83,44 @@ class _LawMove(_EnsemblesMove):
         super().__init__(generators)
         self._law = law
 
-    def _proposal(
-        self, coords: Array, group: NDArray[np.intp], moving: NDArray[np.intp], random: np.random.RandomState
-    ) -> tuple[Array, Array]:
-        before = coords[moving]
-        after = self._step(before, random)
+    def _proposal(self, coords: Array, groups: Groups, movers: Groups) -> tuple[Array, Array]:
+        before = coords[np.concatenate(movers)]
+        after = self._step(before, movers)
         both = self._law.log_density(np.concatenate([before, after]))
-        return after, both[: len(moving)] - both[len(moving) :]
+        return after, both[: len(before)] - both[len(before) :]
+
+    def _normal(self, movers: Groups) -> Array:
+        size = self._law.centre.size
+        return self._noise(movers, lambda random, count: random.standard_normal((count, size)))
 
     @abstractmethod
-    def _step(self, coords: Array, random: np.random.RandomState) -> Array:
+    def _step(self, coords: Array, movers: Groups) -> Array:
         """Step from each point."""
 
 
 class IndependentMove(_LawMove):
     """Independent draws from the law: they decorrelate at once where the law fits."""
 
-    def _step(self, coords: Array, random: np.random.RandomState) -> Array:
-        return self._law.draw(len(coords), random)
+    def _step(self, coords: Array, movers: Groups) -> Array:
+        shape = self._law.gamma_shape
+        gamma = self._noise(movers, lambda random, count: random.standard_gamma(shape, size=count))
+        return self._law.from_noise(self._normal(movers), gamma)
 
 
 class EllipticMove(_LawMove):
     """Turns about the law's centre by random angles: short enough to leave places it serves badly."""
 
-    def _step(self, coords: Array, random: np.random.RandomState) -> Array:
-        return self._law.turn(coords, random)
+    def _step(self, coords: Array, movers: Groups) -> Array:
+        shape = self._law.turn_shape
+        gamma = self._noise(movers, lambda random, count: random.standard_gamma(shape, size=count))
+        angle = self._noise(movers, lambda random, count: 0.5 * np.pi * random.random_sample(count))
+        return self._law.turn(coords, self._normal(movers), gamma, angle)
 
 
 class DifferentialMove(_EnsemblesMove):
     """Differential evolution (ter Braak 2006) between the halves of an ensemble; needs no law."""
 
-    def _rounds(self, groups: list[NDArray[np.intp]]) -> list[list[NDArray[np.intp]]]:
+    def _rounds(self, groups: Groups) -> list[Groups]:
         shuffled = [random.permutation(group) for group, random in zip(groups, self._generators, strict=True)]
         half = [len(group) // 2 for group in groups]
         return [
@@ -121,15 +128,18 @@ class DifferentialMove(_EnsemblesMove):
             [group[middle:] for group, middle in zip(shuffled, half, strict=True)],
         ]
 
-    def _proposal(
-        self, coords: Array, group: NDArray[np.intp], moving: NDArray[np.intp], random: np.random.RandomState
-    ) -> tuple[Array, Array]:
-        others = np.setdiff1d(group, moving)
-        count, size = len(moving), coords.shape[1]
-        first = random.randint(len(others), size=count)
-        second = (first + random.randint(1, len(others), size=count)) % len(others)
-        reach = 2.38 / np.sqrt(2.0 * size) * (1.0 + _JITTER * random.randn(count, 1))
-        return coords[moving] + reach * (coords[others[first]] - coords[others[second]]), np.zeros(count)
+    def _proposal(self, coords: Array, groups: Groups, movers: Groups) -> tuple[Array, Array]:
+        size = coords.shape[1]
+        differences, reach = [], []
+        for group, moving, random in zip(groups, movers, self._generators, strict=True):
+            others = np.setdiff1d(group, moving)
+            first = random.randint(len(others), size=len(moving))
+            second = (first + random.randint(1, len(others), size=len(moving))) % len(others)
+            differences.append(coords[others[first]] - coords[others[second]])
+            reach.append(1.0 + _JITTER * random.standard_normal((len(moving), 1)))
+        length = 2.38 / np.sqrt(2.0 * size) * np.concatenate(reach)
+        moving = np.concatenate(movers)
+        return coords[moving] + length * np.concatenate(differences), np.zeros(len(moving))
 
 
 def standard_moves(law: Proposal, generators: Generators) -> list[tuple[Move, float]]:

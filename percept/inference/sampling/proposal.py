@@ -40,6 +40,21 @@ class Proposal:
     centre: Array
     factor: Array
     inverse: Array
+    _constant: float = dataclasses.field(init=False, repr=False)
+    _cosh: Array = dataclasses.field(init=False, repr=False)
+    _sinh: Array = dataclasses.field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        size = self.centre.size
+        constant = (
+            special.gammaln(0.5 * (_DF + size))
+            - special.gammaln(0.5 * _DF)
+            - 0.5 * size * math.log(math.pi * _DF)
+            - float(np.log(np.diag(self.factor)).sum() + np.log(self.width).sum())
+        )
+        object.__setattr__(self, "_constant", constant)
+        object.__setattr__(self, "_cosh", np.cosh(self.skew))
+        object.__setattr__(self, "_sinh", np.sinh(self.skew))
 
     @classmethod
     def normal(cls, centre: Array, covariance: Array) -> Self:
@@ -83,56 +98,82 @@ class Proposal:
         factor = np.linalg.cholesky(scale)
         return cls(location, width, skew, centre, factor, np.linalg.inv(factor))
 
-    def draw(self, count: int, rng: np.random.Generator | np.random.RandomState) -> Array:
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
         """Draw `count` points, shape (count, d)."""
         normal = rng.standard_normal((count, self.centre.size))
-        radius = np.sqrt(_DF / rng.chisquare(_DF, size=count))
-        return self._map(self.centre + radius[:, None] * (normal @ self.factor.T))
+        return self.from_noise(normal, rng.standard_gamma(0.5 * _DF, size=count))
 
-    def turn(self, points: Array, rng: np.random.RandomState) -> Array:
-        """Turn points about the centre by random angles, leaving the law invariant.
-
-        A t law is normal given its radius: drawing the radius given the point and rotating towards
-        a normal draw of that radius is reversible with respect to the law.
+    def from_noise(self, normal: Array, gamma: Array) -> Array:
+        """Turn noise into points of the law.
 
         Parameters
         ----------
-        points : ndarray, shape (N, d)
-            Points.
-        rng : numpy.random.RandomState
-            Source of randomness.
+        normal : ndarray, shape (N, d)
+            Standard normal noise.
+        gamma : ndarray, shape (N,)
+            Standard gamma noise of shape `gamma_shape`.
 
         Returns
         -------
         ndarray, shape (N, d)
         """
-        count, size = points.shape
-        z = np.sinh(np.arcsinh((points - self.location) / self.width) - self.skew) - self.centre
+        radius = np.sqrt(0.5 * _DF / gamma)
+        return self._map(self.centre + radius[:, None] * (normal @ self.factor.T))
+
+    @property
+    def gamma_shape(self) -> float:
+        """Shape of the gamma noise that `from_noise` wants."""
+        return 0.5 * _DF
+
+    @property
+    def turn_shape(self) -> float:
+        """Shape of the gamma noise that `turn` wants."""
+        return 0.5 * (_DF + self.centre.size)
+
+    def turn(self, points: Array, normal: Array, gamma: Array, angle: Array) -> Array:
+        """Turn points about the centre, leaving the law invariant.
+
+        A t law is normal given its radius: drawing the radius given the point and rotating towards
+        a normal draw of that radius is reversible with respect to the law, at any angle.
+
+        Parameters
+        ----------
+        points, normal : ndarray, shape (N, d)
+            Points, and standard normal noise.
+        gamma : ndarray, shape (N,)
+            Standard gamma noise of shape `turn_shape`.
+        angle : ndarray, shape (N,)
+            rad; a right angle forgets the point's direction.
+
+        Returns
+        -------
+        ndarray, shape (N, d)
+        """
+        z = self._unmap(points)[0] - self.centre
         whitened = self.inverse @ z.T
         distance = np.einsum("dn,dn->n", whitened, whitened)
-        precision = rng.standard_gamma(0.5 * (_DF + size), size=count) / (0.5 * (_DF + distance))
-        towards = (rng.standard_normal((count, size)) @ self.factor.T) / np.sqrt(precision)[:, None]
-        angle = 0.5 * math.pi * rng.random_sample((count, 1))
-        return self._map(self.centre + np.cos(angle) * z + np.sin(angle) * towards)
+        radius = np.sqrt(0.5 * (_DF + distance) / gamma)
+        towards = radius[:, None] * (normal @ self.factor.T)
+        turned = np.cos(angle)[:, None] * z + np.sin(angle)[:, None] * towards
+        return self._map(self.centre + turned)
 
     def _map(self, z: Array) -> Array:
-        return self.location + self.width * np.sinh(np.arcsinh(z) + self.skew)
+        # sinh(asinh(z) + e) by the addition theorem: no transcendental function per value.
+        return self.location + self.width * (z * self._cosh + np.sqrt(1.0 + z * z) * self._sinh)
+
+    def _unmap(self, points: Array) -> tuple[Array, Array]:
+        """Z of each point, and dz/dx up to the constant 1/width."""
+        linear = (points - self.location) / self.width
+        root = np.sqrt(1.0 + linear * linear)
+        return linear * self._cosh - root * self._sinh, self._cosh - linear / root * self._sinh
 
     def log_density(self, points: Array) -> Array:
         """Log density at points of shape (N, d), shape (N,)."""
-        size = self.centre.size
-        linear = (points - self.location) / self.width
-        angle = np.arcsinh(linear) - self.skew
-        whitened = self.inverse @ (np.sinh(angle) - self.centre).T
+        z, slope = self._unmap(points)
+        whitened = self.inverse @ (z - self.centre).T
         distance = np.einsum("dn,dn->n", whitened, whitened)
-        constant = (
-            special.gammaln(0.5 * (_DF + size))
-            - special.gammaln(0.5 * _DF)
-            - 0.5 * size * math.log(math.pi * _DF)
-            - float(np.log(np.diag(self.factor)).sum() + np.log(self.width).sum())
-        )
-        jacobian = np.log(np.cosh(angle) / np.sqrt(1.0 + linear * linear)).sum(axis=1)
-        return constant + jacobian - 0.5 * (_DF + size) * np.log1p(distance / _DF)
+        size = self.centre.size
+        return self._constant + np.log(slope).sum(axis=1) - 0.5 * (_DF + size) * np.log1p(distance / _DF)
 
 
 def _skewness(points: Array) -> tuple[Array, Array, Array]:
