@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["KINDS", "METHODS", "METHOD_NAMES", "array", "distinct", "family_of", "first", "matching"]
+__all__ = [
+    "KINDS",
+    "METHODS",
+    "METHOD_NAMES",
+    "array",
+    "distinct",
+    "each_by_itself",
+    "family_of",
+    "first",
+    "matching",
+]
 
 Record = Mapping[str, Any]
 
@@ -31,6 +41,11 @@ def array(values: Sequence[Any] | None) -> NDArray[np.float64]:
 def distinct(records: Iterable[Record], name: str) -> list[Any]:
     """Return the different values of a field, in order of first appearance."""
     return list(dict.fromkeys(record[name] for record in records))
+
+
+def each_by_itself(record: Record) -> bool:
+    """Say whether a boundary is of the main account: not widened so that k and b hold together."""
+    return record["joint"] not in ("bonferroni", "hotelling")
 
 
 def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:

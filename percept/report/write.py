@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from percept.errors import UsageError
 from percept.report.document import build_document
+from percept.report.pdf import print_pdf
 from percept.report.plain import dumps
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def write_report(
     *,
     seed: int | None = None,
     formats: Sequence[str] = ("svg",),
+    pdf: bool = False,
     date: str | None = None,
     progress: Progress | None = None,
 ) -> Path:
@@ -46,6 +48,8 @@ def write_report(
         The seed that was used, where it is not the scene's.
     formats : sequence of {"svg", "pdf", "png"}
         Of the figures' files; none: only those inside the page.
+    pdf : bool
+        Print the page to report.pdf too, by a Chromium of the machine.
     date : str, optional
         Printed on the page; today where not given. It is in no other file.
     progress : callable, optional
@@ -59,7 +63,7 @@ def write_report(
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written.
+        Where `out_dir` is a file or cannot be written, a format is unknown, or there is no Chromium for a PDF.
     PerceptError
         What the study refuses.
     """
@@ -76,6 +80,9 @@ def write_report(
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
     try:
         _fill(aside, study, document, formats, date or datetime.date.today().isoformat(), step)
+        if pdf:
+            step("pdf")
+            print_pdf(aside / "report.html", aside / "report.pdf")
         return _move(aside, out)
     except OSError as error:
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error

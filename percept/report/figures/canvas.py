@@ -271,20 +271,21 @@ def inline_svg(figure: Figure, drawing: Drawing) -> str:
         rest = pattern.sub(replacement.replace("NAME", drawing.name), rest)
     for name, colour in COLOURS.items():
         rest = rest.replace(colour, f"var(--{name})")
+    width = drawing.size[0]
     box = re.search(r'viewBox="[^"]*"', opening)
     if box is None:
         raise RuntimeError("matplotlib wrote an SVG without a viewBox.")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0]} '
-        f'style="max-width:{drawing.size[0] * _INLINE_SCALE:.4g}rem" '
+        f'style="min-width:{width * _LEAST:.4g}rem;max-width:{width * _MOST:.4g}rem" '
         f'role="img" aria-labelledby="{drawing.name}-title {drawing.name}-desc">'
         f'<title id="{drawing.name}-title">{escape(drawing.title)}</title>'
         f'<desc id="{drawing.name}-desc">{escape(drawing.description)}</desc>' + rest.strip()
     )
 
 
-# rem per mm: at its largest a figure's 7.5 pt lettering is as large as the page's small print.
-_INLINE_SCALE = 0.3
+# rem per mm: at the most a figure's lettering is as large as the page's small print, at the least readable.
+_LEAST, _MOST = 0.2, 0.3
 _INLINE = tuple(
     (re.compile(pattern, re.DOTALL), replacement)
     for pattern, replacement in (

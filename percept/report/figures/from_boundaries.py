@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio, refined
 from percept.report.figures.canvas import Drawing, legend_below, panels, plain_text
-from percept.report.select import KINDS, METHOD_NAMES, METHODS, array, distinct, family_of, first, matching
+from percept.report.select import (
+    KINDS,
+    METHOD_NAMES,
+    METHODS,
+    array,
+    distinct,
+    each_by_itself,
+    family_of,
+    first,
+    matching,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,7 +96,7 @@ def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
 
 
 def _unpacked(document: Mapping[str, Any], environment: str) -> _Curves:
-    rows = matching(document["boundaries"], environment=environment)
+    rows = [row for row in matching(document["boundaries"], environment=environment) if each_by_itself(row)]
     by_kind = {kind: _like_limits(rows, kind, family_of(document)) for kind in KINDS}
     coupled = rows[0].get("coupled")
     return _Curves(
@@ -111,7 +121,7 @@ def _paper_limits(rows: list[Any]) -> list[Limits]:
         ("classical", ("normal", "lognormal"), ("corner", "envelope")),
     )
     found = [
-        first(matching(rows, method=method, joint="marginal"), kind=KINDS, family=families, shape=shapes)
+        first(matching(rows, method=method), kind=KINDS, family=families, shape=shapes)
         for method, families, shapes in chosen
     ]
     return [_limits(row) for row in found if row is not None]
@@ -119,7 +129,7 @@ def _paper_limits(rows: list[Any]) -> list[Limits]:
 
 def _like_limits(rows: list[Any], kind: str, family: str) -> list[Limits]:
     """Return the boundaries of both methods in one family and one shape."""
-    candidates = matching(rows, kind=kind, joint="marginal")
+    candidates = matching(rows, kind=kind)
     families = (family, "normal" if family == "lognormal" else "lognormal")
     for shape in ("envelope", "pointwise", "corner"):
         found = [

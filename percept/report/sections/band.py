@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from percept.report.sections.part import Part
+from percept.report.select import KINDS, METHODS, family_of
 
 __all__ = ["build"]
 
@@ -27,7 +28,17 @@ def build(document: Mapping[str, Any]) -> Part | None:
     band = document["band"]
     if not band or not band.get("rows"):
         return None
-    rows = [{**row, "place": f"/band/rows/{index}"} for index, row in enumerate(band["rows"])]
+    family = family_of(document)
+    places: dict[tuple[str, str], dict[str, str]] = {}
+    for index, row in enumerate(band["rows"]):
+        if row["family"] == family:
+            places.setdefault((row["environment"], row["kind"]), {})[row["method"]] = f"/band/rows/{index}"
+    rows = [
+        {"environment": environment, "kind": kind, "places": found}
+        for environment in dict.fromkeys(environment for environment, _ in places)
+        for kind in KINDS
+        if (found := places.get((environment, kind)))
+    ]
     laws = [
         {
             **law,
@@ -41,5 +52,15 @@ def build(document: Mapping[str, Any]) -> Part | None:
             ],
         }
         for index, law in enumerate(band.get("laws") or ())
+        if law["family"] == family
     ]
-    return Part("band", "Band against impedance", {"rows": rows, "laws": laws})
+    return Part(
+        "band",
+        "Band against impedance",
+        {
+            "rows": rows,
+            "laws": laws,
+            "family": family,
+            "methods": [method for method in METHODS if any(method in row["places"] for row in rows)],
+        },
+    )

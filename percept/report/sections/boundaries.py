@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from percept.report.sections.part import Part
-from percept.report.select import KINDS, METHODS, array, distinct
+from percept.report.select import KINDS, METHODS, array, distinct, each_by_itself
 
 __all__ = ["build"]
 
@@ -58,7 +58,7 @@ def _environment(document: Mapping[str, Any], index: int, name: str) -> dict[str
     chosen = [
         (place, record)
         for place, record in enumerate(document["boundaries"])
-        if record["environment"] == name and record["joint"] == "marginal"
+        if record["environment"] == name and each_by_itself(record)
     ]
     at = int(np.abs(np.log(array(chosen[0][1]["omega"]) / _LOOK_AT)).argmin()) if chosen else 0
     rows = [
@@ -95,7 +95,7 @@ def _curves(document: Mapping[str, Any], names: list[str]) -> list[dict[str, Any
         records = [
             record
             for record in document["boundaries"]
-            if record["environment"] == name and record["joint"] == "marginal"
+            if record["environment"] == name and each_by_itself(record)
         ]
         if not records:
             continue

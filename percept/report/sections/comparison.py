@@ -6,8 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from percept.report.sections.part import Part
+from percept.report.select import METHOD_NAMES
 
 __all__ = ["build"]
+
+_HEADS = {
+    "width_ratio": "width, Bayesian / classical",
+    "shift": "shift of the estimate",
+    **{
+        f"{limit}_{method}": f"{name} {limit}"
+        for limit in ("lower", "upper", "estimate")
+        for method, name in METHOD_NAMES.items()
+    },
+}
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
@@ -26,4 +37,9 @@ def build(document: Mapping[str, Any]) -> Part | None:
         return None
     columns = list(rows[0])
     texts = {column: any(isinstance(row[column], str) for row in rows) for column in columns}
-    return Part("comparison", "Why the methods differ", {"columns": columns, "rows": rows, "texts": texts})
+    heads = {column: _HEADS.get(column, column.replace("_", " ")) for column in columns}
+    return Part(
+        "comparison",
+        "Why the methods differ",
+        {"columns": columns, "heads": heads, "rows": rows, "texts": texts},
+    )

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from percept.report.sections.part import Part
+from percept.report.select import KINDS, METHODS, each_by_itself, family_of
 
 __all__ = ["build"]
 
@@ -41,13 +42,39 @@ def build(document: Mapping[str, Any]) -> Part | None:
         {
             "coupling": coupling,
             "scene": document["provenance"]["scene"]["coupling"],
-            "realism": _placed(coupling, "realism"),
+            "realism": _realism(document),
             "passivity": _placed(coupling, "passivity"),
             "effective": list({row["environment"]: row for row in _placed(coupling, "realism")}.values()),
             "design": design,
             "couplings": couplings,
         },
     )
+
+
+def _realism(document: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return a row per environment and kind, a place per method: exact envelope, the study's family."""
+    rows = _placed(document["coupling"], "realism")
+    # The study gives one row per boundary that has a coupled curve, in their order.
+    coupled = [record for record in document["boundaries"] if record.get("coupled") is not None]
+    family = family_of(document)
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for row, record in zip(rows, coupled, strict=False):
+        if any(row[name] != record[name] for name in ("environment", "kind", "method", "shape")):
+            return None
+        if record["shape"] == "envelope" and record["family"] == family and each_by_itself(record):
+            found.setdefault((row["environment"], row["kind"]), {})[row["method"]] = row["place"]
+    if not found:
+        return None
+    names = list(dict.fromkeys(name for name, _ in found))
+    lines = sorted(found.items(), key=lambda line: (names.index(line[0][0]), KINDS.index(line[0][1])))
+    return {
+        "family": family,
+        "methods": [method for method in METHODS if any(method in places for _, places in lines)],
+        "rows": [
+            {"environment": environment, "kind": kind, "places": places}
+            for (environment, kind), places in lines
+        ],
+    }
 
 
 def _placed(coupling: Mapping[str, Any], name: str) -> list[dict[str, Any]]:

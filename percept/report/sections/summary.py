@@ -36,7 +36,7 @@ def build(document: Mapping[str, Any]) -> Part:
             "widths": _widths(document),
             "coupling": document["coupling"],
             "scene": scene,
-            "laws": (document["band"] or {}).get("laws") or [],
+            "law": _law(document),
             "gate": gate,
             "missing": [kind for kind in KINDS if kind not in {r["kind"] for r in document["intervals"]}],
         },
@@ -72,3 +72,13 @@ def _references(document: Mapping[str, Any]) -> list[dict[str, Any]]:
         )
         shared["families"].append(row["family"])
     return list(found.values())
+
+
+def _law(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the law to quote: of the average user, Bayesian if there is one."""
+    return first(
+        (document["band"] or {}).get("laws") or (),
+        kind=KINDS,
+        method=("bayesian", "classical"),
+        family=(family_of(document), "lognormal", "normal"),
+    )

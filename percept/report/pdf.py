@@ -1,0 +1,85 @@
+"""The page as a PDF, printed by a Chromium of the machine."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from percept.errors import UsageError
+
+__all__ = ["find_browser", "print_pdf"]
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+_PATIENCE = 120.0
+
+
+def find_browser() -> str | None:
+    """Return the path of a Chromium, None where there is none.
+
+    Returns
+    -------
+    str or None
+        What the environment variable PERCEPT_BROWSER names, else the first of the usual names.
+    """
+    named = os.environ.get("PERCEPT_BROWSER")
+    return next((path for name in ([named] if named else _NAMES) if (path := shutil.which(name))), None)
+
+
+def print_pdf(page: Path, target: Path) -> None:
+    """Print a page to a PDF, fonts embedded.
+
+    Parameters
+    ----------
+    page : Path
+        The HTML file.
+    target : Path
+        The PDF to write.
+
+    Raises
+    ------
+    UsageError
+        Where there is no Chromium, or it fails.
+    """
+    browser = find_browser()
+    if browser is None:
+        raise UsageError(
+            "report.pdf needs a Chromium, and none was found.",
+            hint="Install one (Debian: apt-get install chromium), name it in PERCEPT_BROWSER, or print "
+            "report.html from any browser.",
+        )
+    with tempfile.TemporaryDirectory(prefix="percept-pdf-") as profile:
+        command = [
+            browser,
+            "--headless",
+            "--disable-gpu",
+            "--disable-quic",
+            "--disable-sync",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--no-first-run",
+            "--no-pdf-header-footer",
+            f"--user-data-dir={profile}",
+            f"--print-to-pdf={target.resolve()}",
+        ]
+        # Chromium's sandbox refuses to run as root.
+        if hasattr(os, "geteuid") and os.geteuid() == 0:
+            command.append("--no-sandbox")
+        try:
+            ran = subprocess.run(
+                [*command, page.resolve().as_uri()],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                check=False,
+                timeout=_PATIENCE,
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise UsageError(f"report.pdf could not be printed: {error}.", file=browser) from error
+    if ran.returncode or not target.exists():
+        raise UsageError(
+            f"report.pdf could not be printed (exit code {ran.returncode}).",
+            file=browser,
+            hint="Print report.html from any browser instead.",
+        )
