@@ -100,15 +100,22 @@ def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> N
 
 
 def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
-    """Ids that differ only in leading zeros, case or surrounding space; they are kept apart."""
+    """Ids that differ only in leading zeros, case or surrounding space, kept apart, and padded ids."""
     same: dict[str, list[str]] = {}
+    padded = []
     for name in ids:
-        same.setdefault(name.strip("\ufeff \t\r\n\xa0").casefold().lstrip("0"), []).append(name)
-    return [
+        bare = name.strip("\ufeff \t\r\n\xa0")
+        same.setdefault(bare.casefold().lstrip("0"), []).append(name)
+        if bare != name:
+            padded.append(name)
+    notices = [
         Notice(f"{what}s {shown(names)} look alike and are kept apart")
         for names in same.values()
         if len(names) > 1
     ]
+    if padded:
+        notices.append(Notice(f"{what}s {shown(padded)} begin or end with space, which is kept"))
+    return notices
 
 
 def check_plausible(

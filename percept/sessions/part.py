@@ -246,7 +246,16 @@ class _Reader:
             self._keep([cell in wanted for cell in cells], f"{name} is not {' or '.join(texts)}")
         for rule in self.options.exclude:
             if rule.equals:
-                cells = self.text[rule.column if rule.column in CANONICAL else f"own:{rule.column}"]
+                key = rule.column if rule.column in CANONICAL else f"own:{rule.column}"
+                if key not in self.text:
+                    raise UsageError(
+                        "a rule names a column that the file does not have.",
+                        file=self.file,
+                        row=1,
+                        column=f"sessions.exclude {rule.column}",
+                        hint=f"The columns are {shown(self.grid.header)}.",
+                    )
+                cells = self.text[key]
                 self._exclude([cell in rule.equals for cell in cells], rule.why)
         for canonical, found in self.resolution.rules.items():
             if found.path is not None:

@@ -120,6 +120,8 @@ def test_all_problems_of_a_file_are_reported_together(tmp_path):
 def test_ids_are_text_and_look_alikes_are_announced(tmp_path):
     sessions = read(tmp_path, HEAD + "".join(f"{s},a,10,1,1,11,1\n" for s in ("001", "1", "01", "s1", "S1")))
     assert sessions.subjects == ("001", "1", "01", "s1", "S1")
+    padded = read(tmp_path, "subject, environment, k_ref, k_adj\n1, a, 10, 11\n")
+    assert "environments ' a' begin or end with space, which is kept" in [n.text for n in padded.notices]
     texts = [notice.text for notice in sessions.notices]
     assert "subjects '001', '1', '01' look alike and are kept apart" in texts
     assert "subjects 's1', 'S1' look alike and are kept apart" in texts
@@ -298,6 +300,27 @@ def test_exclusions_are_declared_logged_and_counted(tmp_path):
     assert sessions.counts["empty cells (subject × environment)"] == 3
     total = sum(n for why, n in sessions.counts.items() if why.startswith("excluded"))
     assert sessions.counts["rows read"] == sessions.counts["observations"] + total
+
+
+@pytest.mark.parametrize(
+    ("sessions", "message"),
+    [
+        (
+            {"exclude": [{"column": "session", "equals": "3"}]},
+            "a rule names a column that the file does not have",
+        ),
+        ({"exclude": [{"column": "subject", "above": 3}]}, "limits need a column of numbers"),
+        ({"exclude": [{"column": "rt", "above": 3}]}, "names a column that is not there"),
+        ({"groups": "hand"}, "names a column that is not there"),
+        ({"only": {"task": "match"}}, "names a column that is not there"),
+        ({"only": {"subject": "2"}}, "no row holds an adjustment. Rows: 1 rows read, 1 subject is not 2"),
+        ({"encoding": "klingon"}, "unknown encoding"),
+        ({"encoding": "ascii"}, "is not text in ascii"),
+    ],
+)
+def test_rules_that_do_not_fit_the_file(tmp_path, sessions, message):
+    text = "subject,environment,k_ref,k_adj\n1,é,10,11\n"
+    assert message in str(refusal(tmp_path, text, {"sessions": sessions}))
 
 
 def test_unfinished_subjects_leave_only_when_declared(tmp_path):
