@@ -262,5 +262,7 @@ def _between(cell_means: Array) -> tuple[Array, Array]:
     present = np.isfinite(cell_means)
     n = present.sum(axis=0)
     mean = np.where(present, cell_means, 0.0).sum(axis=0) / np.maximum(n, 1)
+    # Once more about that mean: equal values must have an SD of exactly zero.
+    mean = mean + np.where(present, cell_means - mean, 0.0).sum(axis=0) / np.maximum(n, 1)
     squares = np.where(present, (cell_means - mean) ** 2, 0.0).sum(axis=0)
     return np.sqrt(squares / np.maximum(n - 1, 1)), np.maximum(n - 1.0, 0.0)
