@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from percept import haptics
+from percept.boundary.membership import depth_membership, magnitude_membership
+from percept.boundary.realism import Realism
 from percept.boundary.records import Boundary
+from percept.errors import UsageError
 from percept.haptics import AnyDevice, Coupling, Environment
+from percept.study.boundaries import Bench
+from percept.study.regions import Region
 
 __all__ = ["CouplingStudy", "study_coupling"]
 
@@ -38,12 +45,20 @@ class CouplingStudy:
     omega, bound, admittance : ndarray, shape (M,)
         Fig. 4: lower bound of Re(1/Z_c) and Re(1/Z_c) itself, m/(N·s), up to Nyquist.
     realism : DataFrame
-        environment, method, kind, family, shape, share_inside_uncoupled, share_inside_coupled
-        (shares of the scene's frequencies), effective_stiffness (N/m) and effective_damping (N·s/m) at
-        10 rad/s.
+        environment, method, kind, family, joint, shape, share_inside_uncoupled, share_inside_coupled (shares
+        of the range of log omega), leaves_uncoupled, leaves_coupled (intervals of omega, rad/s),
+        margin_uncoupled, margin_coupled (log of the ratio to the nearer limit, least over omega),
+        effective_stiffness (N/m) and effective_damping (N·s/m) at 10 rad/s; for envelopes also
+        plane_uncoupled, plane_coupled (shares of the range where stiffness and damping both lie inside the
+        region) and plane_leaves_coupled.
     passivity : DataFrame
         environment, needed_colgate, needed_paper (N·s/m), device_damping, passive: one-port passivity
         of rendering the reference directly.
+    probability : DataFrame or None
+        environment, coupled, magnitude, plane (posterior probability that the displayed impedance lies
+        between the limits of a level of users throughout the range, by abs(Z_h) or by stiffness and damping
+        both), stable_and_realistic, stable_and_realistic_plane (the same, zero unless the coupling is
+        stable). None without a posterior.
     """
 
     stiffness: float
@@ -59,38 +74,40 @@ class CouplingStudy:
     admittance: Array
     realism: pd.DataFrame
     passivity: pd.DataFrame
+    probability: pd.DataFrame | None = None
 
 
 def study_coupling(
-    device: AnyDevice,
-    coupling: Coupling,
-    period: float,
-    references: dict[str, Environment],
+    bench: Bench,
     boundaries: tuple[Boundary, ...],
-    *,
-    hold: str,
+    regions: tuple[Region, ...],
+    realisms: Iterable[tuple[str, bool, Realism]] = (),
 ) -> CouplingStudy:
     """Judge a coupling: Llewellyn's criterion, and membership in the boundaries.
 
     Parameters
     ----------
-    device : Device or TabulatedDevice
-        The device.
-    coupling : Coupling
-        The coupling.
-    period : float
-        Sampling period, s.
-    references : dict of str to Environment
-        Reference environments by name.
+    bench : Bench
+        Device, references and coupling.
     boundaries : tuple of Boundary
         Boundaries with `coupled` curves.
-    hold : str
-        "average" (Eq. 8) or "true".
+    regions : tuple of Region
+        What the boundaries were drawn around.
+    realisms : iterable of (str, bool, Realism)
+        By environment and whether through the coupling.
 
     Returns
     -------
     CouplingStudy
+
+    Raises
+    ------
+    UsageError
+        Without a coupling.
     """
+    device, coupling, period, hold = bench.device, bench.coupling, bench.period, bench.hold
+    if coupling is None:
+        raise UsageError("there is no coupling to judge.", hint="Give the scene a [coupling].")
     verdict = haptics.absolute_stability(device, coupling, period, hold=hold)
     rigid = isinstance(device, haptics.Device)
     need = haptics.required_damping(coupling, period, hold=hold) if rigid else None
@@ -108,37 +125,67 @@ def study_coupling(
         omega=omega,
         bound=haptics.coupling_bound(omega, device, period, hold=hold),
         admittance=haptics.coupling_admittance(omega, coupling, period).real,
-        realism=_realism(coupling, period, references, boundaries),
-        passivity=_passivity(device, period, references),
+        realism=_realism(bench, coupling, boundaries, regions),
+        passivity=_passivity(device, period, bench.references),
+        probability=_probability(realisms, stable=verdict.verdict == "stable"),
     )
 
 
 def _realism(
-    coupling: Coupling, period: float, references: dict[str, Environment], boundaries: tuple[Boundary, ...]
+    bench: Bench, coupling: Coupling, boundaries: tuple[Boundary, ...], regions: tuple[Region, ...]
 ) -> pd.DataFrame:
+    found = {(r.environment, r.method, r.kind, r.family, r.joint): r for r in regions}
     rows = []
     for boundary in boundaries:
         if boundary.coupled is None:
             continue
-        effective = haptics.effective_impedance(10.0, references[boundary.environment], coupling, period)
-        rows.append(
-            {
-                "environment": boundary.environment,
-                "method": boundary.method,
-                "kind": boundary.kind,
-                "family": boundary.family,
-                "shape": boundary.shape,
-                "share_inside_uncoupled": _share_inside(boundary, boundary.reference),
-                "share_inside_coupled": _share_inside(boundary, boundary.coupled),
-                "effective_stiffness": float(effective.stiffness),
-                "effective_damping": float(effective.damping),
-            }
+        reference = bench.references[boundary.environment]
+        effective = haptics.effective_impedance(10.0, reference, coupling, bench.period)
+        key = (boundary.environment, boundary.method, boundary.kind, boundary.family, boundary.joint)
+        row: dict[str, Any] = dict(
+            zip(("environment", "method", "kind", "family", "joint"), key, strict=True)
         )
+        row["shape"] = boundary.shape
+        for name, curve in (("uncoupled", boundary.reference), ("coupled", boundary.coupled)):
+            member = magnitude_membership(boundary.omega, boundary.lower, boundary.upper, curve)
+            row[f"share_inside_{name}"] = member.inside
+            row[f"leaves_{name}"] = member.leaves
+            row[f"margin_{name}"] = member.margin
+        row["effective_stiffness"] = float(effective.stiffness)
+        row["effective_damping"] = float(effective.damping)
+        if boundary.shape == "envelope":
+            row |= _plane(found[key], boundary.omega, reference, coupling, bench.period)
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _share_inside(boundary: Boundary, curve: Array) -> float:
-    return float(np.mean((boundary.lower <= curve) & (curve <= boundary.upper)))
+def _plane(
+    region: Region, omega: Array, reference: Environment, coupling: Coupling, period: float
+) -> dict[str, Any]:
+    """Test more strictly: effective stiffness and damping both inside the region."""
+    shown = haptics.effective_impedance(omega, reference, coupling, period)
+    direct = region.depths(*(np.full(omega.shape, v) for v in (reference.stiffness, reference.damping)))
+    coupled = depth_membership(omega, region.depths(shown.stiffness, shown.damping))
+    return {
+        "plane_uncoupled": depth_membership(omega, direct).inside,
+        "plane_coupled": coupled.inside,
+        "plane_leaves_coupled": coupled.leaves,
+    }
+
+
+def _probability(realisms: Iterable[tuple[str, bool, Realism]], *, stable: bool) -> pd.DataFrame | None:
+    rows = [
+        {
+            "environment": environment,
+            "coupled": coupled,
+            "magnitude": found.magnitude_throughout,
+            "plane": found.plane_throughout,
+            "stable_and_realistic": found.magnitude_throughout * stable if coupled else None,
+            "stable_and_realistic_plane": found.plane_throughout * stable if coupled else None,
+        }
+        for environment, coupled, found in realisms
+    ]
+    return pd.DataFrame(rows) if rows else None
 
 
 def _passivity(device: AnyDevice, period: float, references: dict[str, Environment]) -> pd.DataFrame:

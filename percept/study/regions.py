@@ -63,13 +63,28 @@ class Region:
     limits: tuple[Limits, Limits] | None = None
     ellipse: EllipseRegion | None = None
 
-    def contains(self, stiffness: Array, damping: Array) -> NDArray[np.bool_]:
-        """Say which points (N/m, N·s/m) lie inside, limits included."""
+    def depths(self, stiffness: Array, damping: Array) -> Array:
+        """Measure how deep inside points lie: from each edge, in widths, or from the curve, in radii.
+
+        Parameters
+        ----------
+        stiffness, damping : ndarray, shape (M,)
+            N/m and N·s/m.
+
+        Returns
+        -------
+        ndarray, shape (4, M) or (1, M)
+            Inside where all are zero or more; -1e300 where an ellipse's scale does not reach.
+        """
         if self.ellipse is not None:
-            return self.ellipse.contains(stiffness, damping)
+            distance = self.ellipse.distance(stiffness, damping) / self.ellipse.radius
+            return np.maximum(1.0 - distance, -1e300)[None]
         assert self.limits is not None
-        (k_low, k_high), (b_low, b_high) = self.limits
-        return (k_low <= stiffness) & (stiffness <= k_high) & (b_low <= damping) & (damping <= b_high)
+        rows = []
+        for value, (low, high) in zip((stiffness, damping), self.limits, strict=True):
+            width = high - low or 1.0
+            rows += [(value - low) / width, (high - value) / width]
+        return np.stack(rows)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

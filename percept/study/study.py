@@ -22,6 +22,7 @@ from percept.study.units import NAMES, UNITS
 
 if TYPE_CHECKING:
     from percept.boundary.band import BandStudy
+    from percept.boundary.realism import Realism
     from percept.boundary.records import Boundary
     from percept.inference.sampling.run import Progress
     from percept.study.bayesian import Fit
@@ -39,6 +40,7 @@ _COLUMNS = (
 _BAND_OMEGA = 10.0
 #: Frequencies of a grid where the scene leaves their number open.
 DEFAULT_POINTS = 241
+_REALISM_POINTS = 80
 
 
 class Study:
@@ -265,15 +267,21 @@ class Study:
     @cached_property
     def bench(self) -> Bench | None:
         """Device and references that curves are drawn for; None without a device or with one parameter."""
+        if self.parameters != ("k", "b"):
+            return None
+        return self._bench(
+            {
+                e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
+                for e in self.environments
+            }
+        )
+
+    def _bench(self, references: dict[str, haptics.Environment]) -> Bench | None:
         table = self.scene.device
-        if table is None or self.device is None or self.parameters != ("k", "b"):
+        if table is None or self.device is None:
             return None
         from percept.study.boundaries import Bench
 
-        references = {
-            e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
-            for e in self.environments
-        }
         return Bench(self.device, table.period, table.hold, references, self.coupling_element)
 
     @cached_property
@@ -325,18 +333,45 @@ class Study:
     @cached_property
     def coupling(self) -> CouplingStudy | None:
         """Stability and realism of the coupling; None without a device and a coupling."""
-        if self.device is None or self.coupling_element is None or self.scene.device is None:
+        bench = self.bench or self._bench({})
+        if bench is None or bench.coupling is None:
             return None
         from percept.study.coupling import study_coupling
 
         return study_coupling(
-            self.device,
-            self.coupling_element,
-            self.scene.device.period,
-            self.bench.references if self.bench else {},
+            bench,
             self.boundaries,
-            hold=self.scene.device.hold,
+            self.regions,
+            ((e, coupled, found) for (e, coupled), found in self.realism.items()),
         )
+
+    @cached_property
+    def realism(self) -> dict[tuple[str, bool], Realism]:
+        """Probability that each reference feels real, without and through the coupling (True).
+
+        Empty without a device, a passed fit, or both parameters.
+        """
+        fit = self.fit
+        if self.bench is None or fit is None or not fit.run.gate.passed:
+            return {}
+        from percept.study.realism import study_realism
+
+        omega = self.omega[:: max(1, self.omega.size // _REALISM_POINTS)]
+        return {
+            (e, coupled): found for e, coupled, found in study_realism(self.bench, fit, self.scene, omega)
+        }
+
+    @cached_property
+    def coupling_design(self) -> dict[str, haptics.CouplingDesign]:
+        """Couplings, by method, that are stable and realistic to the next user: for each environment and all.
+
+        Judged by the envelope of kind user in the scene's family; empty without a device or both parameters.
+        """
+        if self.bench is None:
+            return {}
+        from percept.study.coupling_design import design_by_method
+
+        return design_by_method(self.bench, self.regions, self.scene.inference.family, self.omega)
 
     @cached_property
     def comparison(self) -> pd.DataFrame | None:

@@ -1,0 +1,117 @@
+"""Where a curve leaves a boundary: shares of the range, and intervals of omega."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import UsageError
+
+__all__ = ["Membership", "depth_membership", "magnitude_membership"]
+
+Array = NDArray[np.float64]
+# A limit of zero has no logarithm; this far below the curve it can no longer be left.
+_NOTHING = 1e-12
+
+
+@dataclass(frozen=True)
+class Membership:
+    """How a curve lies to a boundary over a range of omega.
+
+    Attributes
+    ----------
+    inside : float
+        Share of the range inside, measured in log omega.
+    leaves : tuple of (float, float)
+        Intervals of omega outside, rad/s, in order; those at the ends of the range end there.
+    margin : float
+        Smallest depth inside, negative where the curve leaves. For magnitudes the natural logarithm of the
+        ratio to the nearer limit.
+    margin_omega : float
+        Where that is, rad/s.
+    """
+
+    inside: float
+    leaves: tuple[tuple[float, float], ...]
+    margin: float
+    margin_omega: float
+
+
+def magnitude_membership(omega: Array, lower: Array, upper: Array, curve: Array) -> Membership:
+    """Compare abs(Z) with a boundary; curves are straight in log-log between the frequencies.
+
+    Parameters
+    ----------
+    omega : ndarray, shape (M,)
+        rad/s, positive, increasing; at least two.
+    lower, upper, curve : ndarray, shape (M,)
+        N·s/m, zero or more. Where corner curves have crossed, lower above upper, nothing is inside.
+
+    Returns
+    -------
+    Membership
+
+    Raises
+    ------
+    UsageError
+        Shapes that differ, or frequencies that do not increase from above zero.
+    """
+    log = np.log(curve)
+    floor = log + np.log(_NOTHING)
+    with np.errstate(divide="ignore"):
+        over = log - np.maximum(np.log(lower), floor)
+        under = np.log(upper) - log
+    return depth_membership(omega, np.stack([over, np.minimum(under, -floor + log)]))
+
+
+def depth_membership(omega: Array, depths: Array) -> Membership:
+    """Say where several depths are all zero or more, each linear in log omega between the frequencies.
+
+    Parameters
+    ----------
+    omega : ndarray, shape (M,)
+        rad/s, positive, increasing; at least two.
+    depths : ndarray, shape (D, M)
+        Finite; negative outside.
+
+    Returns
+    -------
+    Membership
+
+    Raises
+    ------
+    UsageError
+        Shapes that differ, or frequencies that do not increase from above zero.
+    """
+    if omega.ndim != 1 or omega.size < 2 or depths.shape[1:] != omega.shape:
+        raise UsageError("a curve needs one value per omega, two or more.", value=(omega.shape, depths.shape))
+    if omega[0] <= 0 or np.any(np.diff(omega) <= 0):
+        raise UsageError("omega must be positive and increase, in rad/s.")
+    x = np.log(omega)
+    before, after = depths[:, :-1], depths[:, 1:]
+    crossing = before * after < 0
+    share = np.divide(before, before - after, out=np.zeros_like(before), where=crossing)
+    crossings = (x[:-1] + share * np.diff(x))[crossing]
+    edges = np.unique(np.concatenate([x, crossings]))
+    middle = 0.5 * (edges[:-1] + edges[1:])
+    least = np.min([np.interp(middle, x, depth) for depth in depths], axis=0)
+    outside = least < 0
+    nearest = depths.min(axis=0)
+    where = int(nearest.argmin())
+    return Membership(
+        inside=1.0 - float(np.diff(edges)[outside].sum() / (x[-1] - x[0])),
+        leaves=_runs(edges, outside),
+        margin=float(nearest[where]),
+        margin_omega=float(omega[where]),
+    )
+
+
+def _runs(edges: Array, outside: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+    """Intervals of omega made of adjacent pieces outside."""
+    change = np.diff(np.concatenate([[0], outside.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    return tuple(
+        (float(np.exp(edges[i])), float(np.exp(edges[j]))) for i, j in zip(starts, ends, strict=True)
+    )

@@ -1,0 +1,135 @@
+"""Probability that a displayed impedance feels real, from posterior draws of the population of users.
+
+Each draw of the posterior is a population: limits of stiffness and of damping between which a level of all
+users have their points of equality. What is displayed is realistic under that draw where it lies inside, in
+magnitude (the exact range of abs(Z_h) over the limits) or, more strictly, in stiffness and damping both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import UsageError
+from percept.haptics import AnyDevice, magnitude_envelope
+
+__all__ = ["Displayed", "Populations", "Realism", "realism"]
+
+Array = NDArray[np.float64]
+_BLOCK_VALUES = 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class Populations:
+    """Limits between which a level of the users of each of S posterior draws lie.
+
+    Attributes
+    ----------
+    stiffness, damping : tuple of ndarray, each (S,)
+        Lower and upper limits, N/m and N·s/m.
+    """
+
+    stiffness: tuple[Array, Array]
+    damping: tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Displayed:
+    """What the device shows at some frequencies.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (M,)
+        rad/s.
+    magnitude : ndarray, shape (M,)
+        abs(Z_h), N·s/m.
+    stiffness, damping : ndarray, shape (M,)
+        Effective, of the environment as displayed, N/m and N·s/m.
+    """
+
+    omega: Array
+    magnitude: Array
+    stiffness: Array
+    damping: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Realism:
+    """Probability over posterior draws of being realistic.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (M,)
+        rad/s.
+    magnitude, plane : ndarray, shape (M,)
+        Probability at each omega, by magnitude, and by stiffness and damping both.
+    magnitude_throughout, plane_throughout : float
+        Probability of being realistic at every omega.
+    """
+
+    omega: Array
+    magnitude: Array
+    plane: Array
+    magnitude_throughout: float
+    plane_throughout: float
+
+
+def realism(
+    displayed: Displayed, populations: Populations, device: AnyDevice, period: float, *, hold: str = "average"
+) -> Realism:
+    """Work out the probability of being realistic, at each omega and throughout.
+
+    Parameters
+    ----------
+    displayed : Displayed
+        What is shown.
+    populations : Populations
+        Posterior draws.
+    device : Device or TabulatedDevice
+        The device.
+    period : float
+        Sampling period, s.
+    hold : str
+        "average" (Eq. 8) or "true".
+
+    Returns
+    -------
+    Realism
+        Its memory is bounded by blocks of frequencies.
+
+    Raises
+    ------
+    UsageError
+        Without a draw.
+    """
+    draws = populations.stiffness[0].size
+    if not draws:
+        raise UsageError("probabilities need at least one posterior draw.")
+    step = max(1, _BLOCK_VALUES // draws)
+    by_magnitude, by_plane = np.empty(displayed.omega.size), np.empty(displayed.omega.size)
+    always = np.ones((2, draws), dtype=bool)
+    for start in range(0, displayed.omega.size, step):
+        part = slice(start, start + step)
+        lower, upper = magnitude_envelope(
+            displayed.omega[part, None],
+            device,
+            populations.stiffness,
+            populations.damping,
+            period,
+            hold=hold,
+        )
+        shown = displayed.magnitude[part, None]
+        inside = (lower <= shown) & (shown <= upper)
+        within = _between(displayed.stiffness[part], populations.stiffness)
+        within &= _between(displayed.damping[part], populations.damping)
+        by_magnitude[part], by_plane[part] = inside.mean(axis=1), within.mean(axis=1)
+        always[0] &= inside.all(axis=0)
+        always[1] &= within.all(axis=0)
+    magnitude, plane = always.mean(axis=1)
+    return Realism(displayed.omega, by_magnitude, by_plane, float(magnitude), float(plane))
+
+
+def _between(values: Array, limits: tuple[Array, Array]) -> NDArray[np.bool_]:
+    return (limits[0] <= values[:, None]) & (values[:, None] <= limits[1])

@@ -1,0 +1,57 @@
+"""Couplings for a study's environments: stable, and realistic to the next user."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept import haptics
+from percept.study.boundaries import Bench, region_curves
+from percept.study.regions import Region
+
+__all__ = ["design_by_method"]
+
+Array = NDArray[np.float64]
+_POINTS = 81
+
+
+def design_by_method(
+    bench: Bench, regions: tuple[Region, ...], family: str, omega: Array
+) -> dict[str, haptics.CouplingDesign]:
+    """Map the couplings that qualify, by the envelope of kind user of each method.
+
+    Parameters
+    ----------
+    bench : Bench
+        Device and references.
+    regions : tuple of Region
+        Of the study.
+    family : str
+        Family of the regions used.
+    omega : ndarray, shape (M,)
+        rad/s; thinned to about 80.
+
+    Returns
+    -------
+    dict of str to CouplingDesign
+        By method; `each` in the order of the bench's references.
+    """
+    grid = np.geomspace(omega[0], omega[-1], min(_POINTS, omega.size))
+    found = {}
+    for method in ("classical", "bayesian"):
+        chosen = {
+            r.environment: r
+            for r in regions
+            if (r.method, r.kind, r.family, r.joint) == (method, "user", family, "marginal")
+        }
+        if set(chosen) != set(bench.references):
+            continue
+        limits = [
+            haptics.EnvironmentBoundary(
+                reference,
+                *region_curves(chosen[name], "envelope", grid, bench.device, bench.period, hold=bench.hold),
+            )
+            for name, reference in bench.references.items()
+        ]
+        found[method] = haptics.design_couplings(grid, bench.device, limits, bench.period, hold=bench.hold)
+    return found
