@@ -20,15 +20,15 @@ LIMIT = 35.0
 _FLOOR = 1e-70
 
 
-def half_normal(u: Array, scale: float) -> Array:
+def half_normal(u: Array, scale: Array | float) -> Array:
     """Map a standard normal to a half-normal by its quantiles.
 
     Parameters
     ----------
     u : ndarray
         Standard normal coordinate.
-    scale : float
-        Scale of the half-normal (its unit is the result's).
+    scale : float or ndarray
+        Scale of the half-normal (its unit is the result's), broadcast against `u`.
 
     Returns
     -------

@@ -103,7 +103,7 @@ class Layout:
             self.levels.append(
                 _Level("_e", priors.log_s_e_mean, priors.log_s_e_sd, priors.kappa_e_sd, priors.omega_e_scale)
             )
-        self._rough = [self._rough_between(), self._rough_trial()]
+        self._rough = [self._rough_between(), self._rough_trial()][: len(self.levels)]
         self._slots: dict[str, slice] = {}
         self.names: list[str] = []
         for level in self.levels:
@@ -114,6 +114,13 @@ class Layout:
                 self._add("rho_u", ["rho_u"])
         if self.trend:
             self._add("tau", self._per_parameter("tau"))
+        scales = {"omega": priors.omega_scale, "omega_e": priors.omega_e_scale}
+        scales |= {"sigma_u": priors.sigma_u_scale, "tau": priors.tau_scale}
+        self._half_normal = [(name, scale) for name, scale in scales.items() if name in self._slots]
+        self._correlations = [name for name in ("rho_w", "rho_e", "rho_u") if name in self._slots]
+        sigma = [self._slots[name] for name in ("sigma", "sigma_e") if name in self._slots]
+        self._standard = np.delete(np.arange(self.dimension), np.r_[tuple(sigma)] if sigma else [])
+        self._log_constant = -0.5 * _LOG_2PI * self.dimension
 
     @property
     def dimension(self) -> int:
@@ -169,29 +176,46 @@ class Layout:
         Scales
         """
         named: dict[str, Array] = {}
-        free = coords
-        log_prior = -0.5 * (_LOG_2PI * self.dimension + np.zeros(coords.shape[1]))
-        blocks: list[Block] = []
-        counted = np.ones(self.dimension, dtype=bool)
-        for level, rough in zip(self.levels, self._rough, strict=False):
+        rest: dict[str, Array] = {}
+        for name, values in self._all_half_normal(coords):
+            named[name] = values
+        for name, rho, one_minus_size in self._all_correlations(coords):
+            named[name], rest[name] = rho, one_minus_size
+        log_prior = self._log_constant - 0.5 * np.einsum(
+            "dw,dw->w", coords[self._standard], coords[self._standard]
+        )
+        blocks: dict[str, Block] = {}
+        for level, rough in zip(self.levels, self._rough, strict=True):
             sd, log_density = self._level_sd(level, rough, coords, named)
-            if not self.common_spread:
-                counted[self._slots["sigma" + level.suffix]] = False
-                log_prior = log_prior + log_density
-            rho = self._correlation("rho_e" if level.suffix else "rho_w", coords, named)
-            blocks.append(block(tuple(sd), *rho))
-        log_prior = log_prior - 0.5 * np.einsum("dw,dw->w", free[counted], free[counted])
+            log_prior = log_prior + log_density
+            rho_name = "rho_e" if level.suffix else "rho_w"
+            blocks[level.suffix] = block(tuple(sd), named.get(rho_name), rest.get(rho_name))
         shared = None
         if self.subject_effect:
-            sigma_u = coordinates.half_normal(coords[self._slots["sigma_u"]], self.priors.sigma_u_scale)
-            named["sigma_u"] = sigma_u
-            shared = block(tuple(sigma_u), *self._correlation("rho_u", coords, named))
-        tau = None
-        if self.trend:
-            named["tau"] = coordinates.half_normal(coords[self._slots["tau"]], self.priors.tau_scale)
-            tau = tuple(named["tau"])
-        trial = blocks[1] if len(blocks) > 1 else None
-        return Scales(blocks[0], shared, trial, tau, named, log_prior)
+            shared = block(tuple(named["sigma_u"]), named.get("rho_u"), rest.get("rho_u"))
+        tau = tuple(named["tau"]) if self.trend else None
+        return Scales(blocks[""], shared, blocks.get("_e"), tau, named, log_prior)
+
+    def _all_half_normal(self, coords: Array) -> list[tuple[str, Array]]:
+        """Omega, sigma_u and tau in one pass, each (P, W)."""
+        if not self._half_normal:
+            return []
+        rows = np.concatenate([coords[self._slots[name]] for name, _ in self._half_normal])
+        scale = np.repeat([scale for _, scale in self._half_normal], self.parameters)
+        values = coordinates.half_normal(rows, scale[:, None])
+        return list(
+            zip(
+                (name for name, _ in self._half_normal), np.split(values, len(self._half_normal)), strict=True
+            )
+        )
+
+    def _all_correlations(self, coords: Array) -> list[tuple[str, Array, Array]]:
+        """Every correlation with its distance from one, each (W,), in one pass."""
+        if not self._correlations:
+            return []
+        rows = np.stack([coords[self._slots[name].start] for name in self._correlations])
+        rho, one_minus_size = coordinates.correlation(rows, self.priors.rho_shape)
+        return list(zip(self._correlations, rho, one_minus_size, strict=True))
 
     def _level_sd(
         self, level: _Level, rough: tuple[Array, Array], coords: Array, named: dict[str, Array]
@@ -212,24 +236,10 @@ class Layout:
         if self.common_spread:
             named["sigma" + suffix] = np.exp(centre)
             return named["sigma" + suffix], np.zeros(coords.shape[1])
-        if self.trend:
-            omega = coordinates.half_normal(coords[self._slots["omega" + suffix]], level.omega_scale)
-            named["omega" + suffix] = omega
-            spread = omega[:, None, :]
-        else:
-            spread = np.full((1, 1, 1), level.log_s_sd)
+        spread = named["omega" + suffix][:, None, :] if self.trend else np.full((1, 1, 1), level.log_s_sd)
         u = coords[self._slots["sigma" + suffix]].reshape(shape)
         value, log_density = coordinates.log_sigma(
             u, centre, spread, rough[0][..., None], rough[1][..., None]
         )
         named["sigma" + suffix] = np.exp(value)
         return named["sigma" + suffix], log_density.sum(axis=(0, 1))
-
-    def _correlation(
-        self, name: str, coords: Array, named: dict[str, Array]
-    ) -> tuple[Array | None, Array | None]:
-        if name not in self._slots:
-            return None, None
-        rho, rest = coordinates.correlation(coords[self._slots[name]][0], self.priors.rho_shape)
-        named[name] = rho
-        return rho, rest
