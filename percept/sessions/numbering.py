@@ -43,13 +43,13 @@ def distinct(packed: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.integer[Any]
     return codes, names.tolist()
 
 
-def grown(grid: npt.NDArray[np.int32], shape: tuple[int, int]) -> npt.NDArray[np.int32]:
+def grown(grid: npt.NDArray[np.bool_], shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
     """Grid of at least `shape`, doubling, so that growing costs little in all."""
     if grid.shape[0] >= shape[0] and grid.shape[1] >= shape[1]:
         return grid
     rows, columns = (
         have if have >= want else max(want, 2 * have) for have, want in zip(grid.shape, shape, strict=True)
     )
-    out = np.zeros((rows, columns), dtype=np.int32)
+    out = np.zeros((rows, columns), dtype=np.bool_)
     out[: grid.shape[0], : grid.shape[1]] = grid
     return out

@@ -152,8 +152,8 @@ class _State:
         self.notices: list[Notice] = []
         self.counts: Counter[str] = Counter()
         self.parameters: Sequence[str] = []
-        # Visits × trials; not zero where a trial was seen.
-        self.seen = np.zeros((0, 0), dtype=np.int32)
+        # Visits × trials: whether the trial was seen.
+        self.seen = np.zeros((0, 0), dtype=np.bool_)
         self.references = {p: np.zeros(0) for p in ("k", "b")}
         self.n = np.zeros(0)
         self.means = np.zeros((2, 0))
@@ -196,7 +196,7 @@ class _State:
         visits = self.visits.numbers(*distinct((subject << 2 * _BITS) | (session << _BITS) | place))
         cells = self.cells.numbers(*distinct((subject << _BITS) | place))
         visit, cell, environment = (np.repeat(run, lengths) for run in (visits, cells, place))
-        self._check_trials(visit, frame["trial"].to_numpy(), rows, file)
+        self._check_trials(visits, visit, frame["trial"].to_numpy(), rows, file)
         responses = [self._response(p, frame, environment, file) for p in self.parameters]
         complete = ~np.isnan(responses).any(axis=0)
         self.counts["observations"] += len(frame)
@@ -208,12 +208,13 @@ class _State:
 
     def _check_trials(
         self,
+        visits: npt.NDArray[np.int64],
         visit: npt.NDArray[np.int64],
         trial: npt.NDArray[np.int64],
         rows: npt.NDArray[np.int64],
         file: str,
     ) -> None:
-        """Find a trial that stands twice, with one number for each place in the visits × trials grid."""
+        """Find a trial that stands twice: one mark for each place in the visits × trials grid."""
         shape = (len(self.visits.names), int(trial.max()) + 1)
         if int(trial.min()) < 0 or shape[0] * shape[1] > _TRIALS:
             at = int(np.argmin(trial) if trial.min() < 0 else np.argmax(trial))
@@ -226,14 +227,13 @@ class _State:
                 hint="Number the trials of each subject and environment 1, 2, 3 …",
             )
         self.seen = grown(self.seen, shape)
-        flat = self.seen.reshape(-1)
+        # Marking the trials and counting the marks is cheaper than looking each of them up.
+        touched = np.unique(visits)
+        before = self.seen[touched]
         key = visit * self.seen.shape[1] + trial
-        earlier = flat[key] > 0
-        stamp = np.arange(1, len(key) + 1, dtype=np.int32)
-        if not earlier.any():
-            flat[key] = stamp
-            earlier = flat[key] != stamp
-        if earlier.any():
+        self.seen.reshape(-1)[key] = True
+        if np.count_nonzero(self.seen[touched]) - np.count_nonzero(before) < len(key):
+            earlier = before[np.searchsorted(touched, visit), trial] | pd.Series(key).duplicated().to_numpy()
             at = int(np.argmax(earlier))
             raise UsageError(
                 f"trial {int(trial[at])} of this subject, session and environment stands twice.",

@@ -233,7 +233,19 @@ def test_reduction_refuses(tmp_path, cell, value, error, message):
     with pytest.raises(error) as caught:
         reduce_sessions(write(tmp_path / "f.csv", records))
     assert message in str(caught.value)
-    assert caught.value.row == 202
+    # Of two rows for one trial the second is named.
+    assert caught.value.row == (203 if "twice" in message else 202)
+
+
+@pytest.mark.usefixtures("blocks")
+def test_a_trial_that_stands_twice_far_apart_is_found(tmp_path):
+    records = rows()
+    again = [*records[3][:6], "15.5", "0.7"]
+    with pytest.raises(
+        UsageError, match=r"trial 3 of this subject, session and environment stands twice"
+    ) as caught:
+        reduce_sessions(write(tmp_path / "f.csv", [*records, again]))
+    assert caught.value.row == len(records) + 2
 
 
 def test_what_cannot_be_reduced(tmp_path):
