@@ -13,7 +13,7 @@ from percept.errors import PerceptError
 __all__ = ["COMMANDS", "build_parser", "main"]
 
 #: Commands, in the order of an analyst's work.
-COMMANDS = ("report", "fit", "validate", "simulate")
+COMMANDS = ("new", "validate", "report", "fit", "simulate", "reproduce", "doctor", "completion")
 
 _EXAMPLE = """example:
   percept report sessions/ --scene scene.toml --out results
@@ -46,6 +46,10 @@ def build_parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(command)
+        # Also behind the command; without a default of its own it leaves what stood before it.
+        command.add_argument(
+            "--debug", action="store_true", default=argparse.SUPPRESS, help="show a traceback with an error"
+        )
         command.set_defaults(run=module.run)
     return parser
 

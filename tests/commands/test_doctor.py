@@ -1,0 +1,56 @@
+import json
+import platform
+import stat
+from pathlib import Path
+
+import numpy
+import pytest
+
+from percept import __version__
+from percept.cli import main
+from percept.commands import doctor
+
+
+def test_json_says_what_is_installed(capsys):
+    assert main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["percept"] == __version__
+    assert found["python"] == platform.python_version()
+    assert found["complete"] is True
+    by_name = {(one["name"], one["extra"]): one for one in found["dependencies"]}
+    assert by_name["numpy", None]["version"] == numpy.__version__
+    assert by_name["numpy", None]["fits"] is True
+    assert by_name["hypothesis", "test"]["wanted"].startswith(">=")
+
+
+def test_text_names_every_dependency(capsys):
+    assert main(["doctor"]) == 0
+    text = capsys.readouterr().out
+    for one in doctor.dependencies():
+        assert one.name in text
+    assert "Everything percept needs is here." in text
+
+
+@pytest.mark.parametrize(
+    ("line", "complete"),
+    [
+        ("surely-not-a-package>=1", False),
+        ("numpy>=999", False),
+        ("surely-not-a-package>=1; extra == 'cluster'", True),
+        ("arviz-stats[xarray]>=0.1", True),
+    ],
+    ids=["missing", "too old", "missing and optional", "with extras"],
+)
+def test_what_is_missing_or_too_old_is_told(line, complete):
+    (found,) = doctor.dependencies([line])
+    assert (doctor.unmet([found]) == []) is complete
+    assert found.name == line.partition(">=")[0].partition("[")[0]
+
+
+def test_a_browser_on_the_path_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert doctor.find_browser() is None
+    program = tmp_path / "chromium"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    assert Path(doctor.find_browser()) == program

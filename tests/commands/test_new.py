@@ -1,0 +1,83 @@
+import dataclasses
+import tomllib
+from importlib import resources
+
+import pytest
+
+from percept.cli import main
+from percept.inference.hierarchy.priors import Priors
+from percept.scene import FrequencyTable, InferenceTable, ModelTable, ReportTable, Scene
+from percept.sessions import ReadOptions
+from percept.sessions.options import CANONICAL
+
+# Two keys describe the device in another way, and two belong together.
+INSTEAD = ("mass", "damping", "modes")
+
+
+def switched_on(text):
+    """The file with every optional key in use."""
+    return text.replace("#: ", "")
+
+
+def written(tmp_path):
+    path = tmp_path / "scene.toml"
+    assert main(["new", str(path)]) == 0
+    return path
+
+
+def test_the_file_is_a_scene_of_defaults(tmp_path, capsys):
+    path = written(tmp_path)
+    scene = Scene.load(path)
+    assert capsys.readouterr().out == f"{path}\n"
+    assert scene.frequency == FrequencyTable()
+    assert scene.inference == InferenceTable()
+    assert scene.model == ModelTable()
+    assert scene.report == ReportTable()
+    assert (scene.device.mass, scene.device.period, scene.coupling.stiffness) == (1.0, 1e-3, 50e3)
+
+
+def test_every_key_of_every_table_is_there(tmp_path):
+    tables = tomllib.loads(switched_on(written(tmp_path).read_text(encoding="utf-8")))
+    assert set(tables) == set(Scene.model_fields)
+    for name in ("device", "coupling", "frequency", "inference", "model", "report"):
+        annotation = Scene.model_fields[name].annotation
+        model = next(
+            (part for part in getattr(annotation, "__args__", ()) if part is not type(None)), annotation
+        )
+        assert set(tables[name]) == set(model.model_fields), name
+    assert tables["model"]["priors"] == pytest.approx(dataclasses.asdict(Priors()), rel=1e-15)
+    assert set(tables["columns"]) == set(CANONICAL)
+
+
+def test_every_optional_key_is_understood(tmp_path):
+    path = written(tmp_path)
+    tables = tomllib.loads(switched_on(path.read_text(encoding="utf-8")))
+    for key in INSTEAD:
+        del tables["device"][key]
+    scene = Scene.from_tables(tables)
+    assert scene.device.response == "zd.csv"
+    assert scene.report.zoom == {"A": (9.9, 10.1)}
+    options = ReadOptions.from_mapping(tables)
+    fields = {field.name for field in dataclasses.fields(ReadOptions)} - {"columns", "environments"}
+    assert set(tables["sessions"]) == fields
+    assert options.exclude[0].above == 1e5
+    assert options.environments["A"] == {"k_ref": 1000.0, "b_ref": 1.0}
+
+
+def test_a_file_that_is_there_stays(tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    path.write_text("mine")
+    assert main(["new", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert "scene.toml" in error
+    assert "already there" in error
+    assert path.read_text() == "mine"
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path, capsys):
+    assert main(["new", str(tmp_path / "nowhere" / "scene.toml")]) == 2
+    assert "nowhere" in capsys.readouterr().err
+
+
+def test_the_template_is_part_of_the_package():
+    assert resources.files("percept.commands").joinpath("scene.toml").is_file()
