@@ -8,7 +8,7 @@ import pytest
 
 from percept import __version__
 from percept.cli import main
-from percept.commands import doctor
+from percept.commands.dependencies import dependencies, find_browser, unmet
 
 
 def test_json_says_what_is_installed(capsys):
@@ -26,7 +26,7 @@ def test_json_says_what_is_installed(capsys):
 def test_text_names_every_dependency(capsys):
     assert main(["doctor"]) == 0
     text = capsys.readouterr().out
-    for one in doctor.dependencies():
+    for one in dependencies():
         assert one.name in text
     assert "Everything percept needs is here." in text
 
@@ -42,15 +42,15 @@ def test_text_names_every_dependency(capsys):
     ids=["missing", "too old", "missing and optional", "with extras"],
 )
 def test_what_is_missing_or_too_old_is_told(line, complete):
-    (found,) = doctor.dependencies([line])
-    assert (doctor.unmet([found]) == []) is complete
+    (found,) = dependencies([line])
+    assert (unmet([found]) == []) is complete
     assert found.name == line.partition(">=")[0].partition("[")[0]
 
 
 def test_a_browser_on_the_path_is_found(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert doctor.find_browser() is None
+    assert find_browser() is None
     program = tmp_path / "chromium"
     program.write_text("#!/bin/sh\n")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    assert Path(doctor.find_browser()) == program
+    assert Path(find_browser()) == program
