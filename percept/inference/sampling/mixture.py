@@ -18,6 +18,8 @@ __all__ = ["mixture_influence", "mixture_quantile", "share_content", "share_half
 Array = NDArray[np.float64]
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
 _ITERATIONS = 60
+#: Roots over more draws than `_MANY` start from the root over one draw in `_SPARSE`.
+_MANY, _SPARSE = 4096, 8
 
 
 def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> Array:
@@ -43,7 +45,11 @@ def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> Arr
     # The mixture's quantile lies between the nearest and the farthest of its components'.
     reach = sign * mean + z * sd
     low, high = reach.min(axis=0), reach.max(axis=0)
-    x = np.clip((sign * mean).mean(axis=0) + z * spread, low, high)
+    if len(mean) > _MANY:
+        x = sign * mixture_quantile(mean[::_SPARSE], sd[::_SPARSE], tail, upper=upper)
+    else:
+        x = (sign * mean).mean(axis=0) + z * spread
+    x = np.clip(x, low, high)
     for _ in range(_ITERATIONS):
         standard = (sign * mean - x) / sd
         beyond = special.ndtr(standard).mean(axis=0)
@@ -196,7 +202,11 @@ def share_half_width(
         - special.ndtri(1e-3 * (1 - confidence)) * sd,
         axis=0,
     )
-    h = np.quantile(least, confidence, axis=0)
+    if len(mean) > _MANY:
+        few = (mean[::_SPARSE], sd[::_SPARSE], spread[::_SPARSE])
+        h = share_half_width(*few, share=share, confidence=confidence)[1]
+    else:
+        h = np.quantile(least, confidence, axis=0)
     for _ in range(_ITERATIONS):
         probability, slope, _ = share_content(h, centre, mean, sd, spread, share)
         held, rate = probability.mean(axis=0), slope.mean(axis=0)

@@ -1,0 +1,92 @@
+"""The gate: whether a run's numbers may be reported, and why not."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.sampling.diagnostics import rank_rhat
+from percept.inference.sampling.estimands import Estimates
+from percept.inference.sampling.records import Gate, Settings
+
+__all__ = ["TIMES_NEEDED", "pass_gate"]
+
+Array = NDArray[np.float64]
+#: Autocorrelation times a run must span; averaging over 64 walkers or more makes ten enough.
+TIMES_NEEDED = 10.0
+_RHAT_LIMIT = 1.01
+_STUCK = 0.005  # acceptance below which a walker counts as stuck
+
+
+def pass_gate(
+    settings: Settings,
+    estimates: Estimates,
+    errors: Array,
+    watched: Array,
+    times: Array,
+    acceptance: Array,
+    *,
+    stride: int,
+    last: bool,
+) -> Gate:
+    """Judge a run.
+
+    Parameters
+    ----------
+    settings : Settings
+        Tolerance.
+    estimates : Estimates
+        Estimates and their scales.
+    errors : ndarray, shape (Q,)
+        Their Monte Carlo errors.
+    watched : ndarray, shape (E, T, W, V)
+        Series that must have converged.
+    times : ndarray, shape (V,)
+        Their autocorrelation times, in kept positions.
+    acceptance : ndarray, shape (E, W)
+        Acceptance of every walker.
+    stride : int
+        Steps between kept positions.
+    last : bool
+        Whether the run cannot go on: R-hat is then worked out whatever else failed.
+
+    Returns
+    -------
+    Gate
+    """
+    relative = errors / estimates.scale
+    worst = int(np.argmax(relative))
+    slowest = float(times.max())
+    ensembles, length, walkers, count = watched.shape
+    times_run = length / slowest
+    reasons = []
+    if not times_run >= TIMES_NEEDED:
+        reasons.append(
+            f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity; "
+            f"{TIMES_NEEDED:g} are needed."
+        )
+    if acceptance.min() < _STUCK:
+        reasons.append(f"a walker is stuck: it accepted {acceptance.min():.2%} of its proposals.")
+    if not relative[worst] <= settings.tolerance:
+        reasons.append(
+            f"{estimates.names[worst]} has a Monte Carlo error of {relative[worst]:.2%} of its "
+            f"half-width; {settings.tolerance:.2%} was asked. Raise the cap on steps or the tolerance."
+        )
+    rhat = None
+    if last or not reasons:
+        gap = max(1, round(min(slowest, length / 4.0)))
+        rhat = float(rank_rhat(watched[:, ::gap].reshape(ensembles, -1, count)).max())
+        if not rhat < _RHAT_LIMIT:
+            reasons.append(f"the ensembles disagree: rank R-hat {rhat:.4f}, limit {_RHAT_LIMIT}.")
+    return Gate(
+        passed=not reasons,
+        reasons=tuple(reasons),
+        rhat=rhat,
+        autocorrelation_time=slowest * stride,
+        times_run=times_run,
+        effective_draws=ensembles * length * walkers / slowest,
+        acceptance=float(acceptance.mean()),
+        lowest_acceptance=float(acceptance.min()),
+        worst_error=float(relative[worst]),
+        worst=estimates.names[worst],
+    )

@@ -1,0 +1,152 @@
+"""What a sampling run is asked, tells on its way, and gives."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import UsageError
+from percept.inference.sampling.estimands import Estimates
+
+__all__ = ["Gate", "Progress", "Run", "Settings"]
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """How to sample.
+
+    Attributes
+    ----------
+    tolerance : float
+        Monte Carlo standard error of every endpoint, as a fraction of its interval's half-width on
+        the model's scale.
+    seed : int
+        Seed of the whole run; every ensemble has a stream of its own.
+    ensembles : int
+        Independent ensembles, at least 4.
+    walkers : int or None
+        Walkers per ensemble; None for the larger of 64 and twice the dimension.
+    most_steps : int
+        Steps per ensemble at which the run gives up.
+    """
+
+    tolerance: float = 0.01
+    seed: int = 1
+    ensembles: int = 4
+    walkers: int | None = None
+    most_steps: int = 20_000
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.tolerance < 1.0:
+            raise UsageError("must lie in (0, 1).", column="tolerance", value=self.tolerance)
+        if self.ensembles < 4:
+            raise UsageError("must be at least 4.", column="ensembles", value=self.ensembles)
+        if self.walkers is not None and self.walkers < 64:
+            raise UsageError("must be at least 64.", column="walkers", value=self.walkers)
+
+
+@dataclasses.dataclass(frozen=True)
+class Gate:
+    """Verdict on a run.
+
+    Attributes
+    ----------
+    passed : bool
+        Whether the numbers may be reported.
+    reasons : tuple of str
+        What failed, each with what to do.
+    rhat : float or None
+        Largest rank R-hat across ensembles; None where another condition had failed already.
+    autocorrelation_time : float
+        Longest autocorrelation time of a reported quantity, in steps.
+    times_run : float
+        Kept steps per ensemble over that time.
+    effective_draws : float
+        Effective draws of the slowest reported quantity.
+    acceptance : float
+        Mean acceptance fraction.
+    lowest_acceptance : float
+        Of the slowest walker.
+    worst_error : float
+        Largest Monte Carlo error over half-width.
+    worst : str
+        The estimate it belongs to.
+    """
+
+    passed: bool
+    reasons: tuple[str, ...]
+    rhat: float | None
+    autocorrelation_time: float
+    times_run: float
+    effective_draws: float
+    acceptance: float
+    lowest_acceptance: float
+    worst_error: float
+    worst: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """State of a run, told after every round.
+
+    Attributes
+    ----------
+    steps : int
+        Steps per ensemble so far.
+    expected_steps : int
+        Steps per ensemble the run is expected to need.
+    worst_error, tolerance : float
+        Largest Monte Carlo error over half-width, and what is asked.
+    """
+
+    steps: int
+    expected_steps: int
+    worst_error: float
+    tolerance: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """A finished run.
+
+    Attributes
+    ----------
+    points : ndarray, shape (E, T, W, d)
+        Kept coordinates, one in `stride` steps.
+    components : ndarray, shape (E, T, W, C)
+        What the estimands keep per draw.
+    estimates : Estimates
+        Estimates with their influence functions.
+    errors : ndarray, shape (Q,)
+        Monte Carlo standard errors.
+    times : ndarray, shape (Q,)
+        Autocorrelation times of the influence functions, in steps.
+    gate : Gate
+        The verdict.
+    steps, stride : int
+        Steps per ensemble in all, and steps between kept positions.
+    settings : Settings
+        As asked.
+    """
+
+    points: Array
+    components: Array
+    estimates: Estimates
+    errors: Array
+    times: Array
+    gate: Gate
+    steps: int
+    stride: int
+    settings: Settings
+
+    def thinned(self) -> NDArray[np.intp]:
+        """Return indices (E, N) of positions thinned to the effective size, walkers flattened into steps."""
+        ensembles, length, walkers, _ = self.points.shape
+        gap = max(1, round(self.gate.autocorrelation_time / self.stride))
+        positions = np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
+        index = (positions[:, None] * walkers + np.arange(walkers)).ravel()
+        return np.broadcast_to(index, (ensembles, index.size))
