@@ -1,0 +1,287 @@
+"""Intervals and boundaries of an environment nobody tested."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from percept import haptics
+from percept.boundary.records import Boundary
+from percept.errors import RefusalError, UsageError
+from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.intervals import Interval
+from percept.scene import Scene
+from percept.study.bayesian import Fit
+from percept.study.boundaries import Bench, Range, environment_boundaries
+from percept.study.new_environment import NewEnvironment, new_environment
+from percept.study.posterior import thinned_points
+from percept.study.regions import Draws, Region, draw_ellipses, rectangles
+from percept.study.responses import ResponseScale
+from percept.study.units import NAMES, UNITS
+
+if TYPE_CHECKING:
+    from percept.study.study import Study
+
+__all__ = ["Prediction", "predict"]
+
+Array = NDArray[np.float64]
+_DRAWS = 16_384
+_BATCHES = 20
+# Far from the tested range a spread, and so a draw, may leave the range of doubles; beyond this many N/m or
+# N·s/m no curve of interest changes.
+_LARGEST = 1e60
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """What the hierarchical model expects of an untested environment.
+
+    Attributes
+    ----------
+    environment : str
+        Its name.
+    decades : dict of str to float
+        Per parameter, log10 of the reference over the geometric mean of the tested ones.
+    beyond : dict of str to float
+        Per parameter, decades outside the tested range: negative below, positive above, 0 inside.
+    nearest : str
+        The tested environment whose references are nearest.
+    distance : float
+        How far that is, decades.
+    intervals : DataFrame
+        environment, parameter, reference, what `Interval.as_dict` holds, and monte_carlo: standard error of
+        the limits over the half-width, on the model's scale.
+    boundaries : tuple of Boundary
+        Of abs(Z_h); empty without a device or with one parameter.
+    """
+
+    environment: str
+    decades: dict[str, float]
+    beyond: dict[str, float]
+    nearest: str
+    distance: float
+    intervals: pd.DataFrame
+    boundaries: tuple[Boundary, ...]
+
+    @property
+    def extrapolates(self) -> bool:
+        """Whether a reference lies outside the tested range."""
+        return any(self.beyond.values())
+
+    @property
+    def sentence(self) -> str:
+        """How far the environment lies from what was tested."""
+        outside = [
+            f"{NAMES[p]} lies {abs(d):.2g} decades {'above' if d > 0 else 'below'} the tested range"
+            for p, d in self.beyond.items()
+            if d
+        ]
+        nearest = f"the nearest tested environment is {self.nearest}, {self.distance:.2g} decades away"
+        if outside:
+            return f"Extrapolation: {' and '.join(outside)}; {nearest}."
+        return f"Inside the tested range of each parameter; {nearest}."
+
+    def _repr_html_(self) -> str:
+        shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True)
+        return f"<p>{html.escape(self.sentence)}</p>{shown}"
+
+
+def predict(
+    study: Study,
+    *,
+    stiffness: float | None = None,
+    damping: float | None = None,
+    name: str = "new",
+    kinds: tuple[str, ...] | None = None,
+) -> Prediction:
+    """Predict intervals and boundaries of an untested environment.
+
+    Parameters
+    ----------
+    study : Study
+        With a Bayesian fit of at least two environments.
+    stiffness, damping : float, optional
+        References of the new environment, N/m and N·s/m: those of the parameters the study analyses.
+    name : str
+        What to call it.
+    kinds : tuple of str, optional
+        Kinds of intervals; the scene's by default.
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    UsageError
+        A reference that is missing or not positive.
+    RefusalError
+        Without a passed fit, with one environment, with published limits, without pooling, or where a tested
+        reference is zero.
+    """
+    fit = _fit(study)
+    scene = study.scene
+    given = {"k": stiffness, "b": damping}
+    reference = np.array([_positive(p, given[p]) for p in study.parameters])
+    tested = np.array([[study.reference[p, e] for e in study.environments] for p in study.parameters])
+    if (tested <= 0).any():
+        raise RefusalError("a reference of zero has no place on the scale that environments are compared on.")
+    logs = np.log10(tested)
+    at = np.log10(reference)
+    x = at - logs.mean(axis=1)
+    beyond = np.maximum(at - logs.max(axis=1), 0.0) + np.minimum(at - logs.min(axis=1), 0.0)
+    far = np.hypot.reduce(logs - at[:, None], axis=0)
+    expected = _expected(fit, x, scene)
+    scale = ResponseScale(scene.inference.family == "lognormal", reference, _unit(scene, reference))
+    intervals = _intervals(study, fit, expected, scale, kinds or scene.inference.kinds, name)
+    return Prediction(
+        environment=name,
+        decades=dict(zip(study.parameters, x.tolist(), strict=True)),
+        beyond=dict(zip(study.parameters, beyond.tolist(), strict=True)),
+        nearest=study.environments[int(far.argmin())],
+        distance=float(far.min()),
+        intervals=intervals,
+        boundaries=_boundaries(study, fit, expected, scale, intervals, reference, name),
+    )
+
+
+def _fit(study: Study) -> Fit:
+    if study.fit is None:
+        raise RefusalError(
+            "the classical method has no model of environments nobody tested.",
+            hint='Set method = "both" or "bayesian".',
+        )
+    if not study.fit.run.gate.passed:
+        raise RefusalError("the posterior is withheld: " + " ".join(study.fit.run.gate.reasons))
+    if not isinstance(study.fit.prepared.model, Pooled):
+        raise RefusalError(
+            "an untested environment is predicted from the sessions of a pooled model.",
+            hint='Give sessions rather than published limits, and pooling = "partial".',
+        )
+    return study.fit
+
+
+def _positive(parameter: str, value: float | None) -> float:
+    if value is None or not (np.isfinite(value) and value > 0):
+        raise UsageError(
+            f"the {NAMES[parameter]} of the new environment must be a positive number of {UNITS[parameter]}.",
+            value=value,
+        )
+    return float(value)
+
+
+def _unit(scene: Scene, reference: Array) -> Array:
+    return np.ones_like(reference) if scene.inference.family == "lognormal" else reference
+
+
+def _expected(fit: Fit, x: Array, scene: Scene) -> NewEnvironment:
+    model = fit.prepared.model
+    assert isinstance(model, Pooled)
+    points, _ = thinned_points(fit)
+    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(105,)))
+    repeats = max(4, round(_DRAWS / len(points)))
+    return new_environment(model.density, points, x, repeats=repeats, rng=rng)
+
+
+def _intervals(
+    study: Study,
+    fit: Fit,
+    expected: NewEnvironment,
+    scale: ResponseScale,
+    kinds: tuple[str, ...],
+    name: str,
+) -> pd.DataFrame:
+    asked = study.scene.inference
+    estimands = IntervalEstimands(
+        fit.prepared.model,
+        kinds=kinds,
+        level=asked.level,
+        share=asked.held_share,
+        confidence=asked.confidence,
+    )
+    laws = expected.laws
+    estimate = scale.native(laws.mean.mean(axis=0))
+    rows: list[dict[str, Any]] = []
+    for kind in kinds:
+        lower, upper, influence = estimands.limits(kind, laws)
+        error = _monte_carlo(influence).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
+        low, high = scale.native(lower), scale.native(upper)
+        for p, parameter in enumerate(study.parameters):
+            interval = Interval(
+                kind=kind,  # type: ignore[arg-type]
+                method="bayesian",
+                family=asked.family,
+                level=asked.level,
+                lower=float(low[p]),
+                upper=float(high[p]),
+                estimate=float(estimate[p]),
+                n=int(fit.prepared.counts.max()),
+                share=asked.held_share if kind == "share" else None,
+                confidence=asked.confidence if kind == "share" else None,
+                repeats=fit.prepared.repeats,
+                unit=UNITS[parameter],
+            )
+            rows.append(
+                {
+                    "environment": name,
+                    "parameter": parameter,
+                    "reference": float(scale.origin[p]),
+                    **interval.as_dict(),
+                    "monte_carlo": float(error[p]),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _monte_carlo(influence: Array) -> Array:
+    """Estimate standard errors from means over batches of draws in the order they were kept."""
+    size = len(influence) // _BATCHES
+    means = influence[: size * _BATCHES].reshape(_BATCHES, size, -1).mean(axis=1)
+    return means.std(axis=0, ddof=1) / np.sqrt(_BATCHES)
+
+
+def _boundaries(
+    study: Study,
+    fit: Fit,
+    expected: NewEnvironment,
+    scale: ResponseScale,
+    intervals: pd.DataFrame,
+    reference: Array,
+    name: str,
+) -> tuple[Boundary, ...]:
+    known = study.bench
+    if known is None:
+        return ()
+    asked = study.scene.inference
+    rng = np.random.default_rng(np.random.SeedSequence(asked.seed, spawn_key=(106,)))
+    drawn = dict(zip(("mean", "user"), expected.draw(rng), strict=True))
+    draws = [
+        Draws(
+            kind=kind,
+            method="bayesian",
+            family=asked.family,
+            level=asked.level,
+            pairs={name: (native[:, 0], native[:, 1])},
+        )
+        for kind, responses in drawn.items()
+        if kind in asked.kinds
+        for native in [_displayable(scale.native(responses))]
+    ]
+    limits = {side: _displayable(intervals[side].to_numpy()) for side in ("lower", "upper")}
+    regions: list[Region] = list(rectangles(intervals.assign(**limits)))
+    for part in draws:
+        regions += draw_ellipses(part, {name: int(fit.prepared.counts.max())})
+    environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
+    bench = Bench(known.device, known.period, known.hold, {name: environment}, known.coupling)
+    frequencies: Range = study.frequencies
+    return tuple(environment_boundaries(bench, name, regions, draws, frequencies))
+
+
+def _displayable(values: Array) -> Array:
+    return np.copysign(np.clip(np.abs(values), 1.0 / _LARGEST, _LARGEST), values)
