@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help report test lint bench clean
+.PHONY: help report reproduce test lint bench docs clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -30,6 +30,13 @@ lint: $(STAMP)  ## ruff (with docstring rules) and strict types
 
 bench: $(STAMP)  ## run time against error, on this machine
 	@$(BIN)/percept bench
+
+reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
+	@$(BIN)/percept reproduce --out build/reproduction
+
+docs: $(STAMP)  ## the API's pages, from docstrings, in build/docs
+	@$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@$(BIN)/python docs/build.py build/docs
 
 clean:  ## remove the environment and everything built
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .hypothesis
