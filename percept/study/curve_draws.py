@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +11,12 @@ from percept.boundary.classical_draws import confidence_draws
 from percept.errors import RefusalError
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.bayesian import Fit
 from percept.study.classical import FAMILIES
 from percept.study.posterior import thinned_points
 from percept.study.regions import Draws, subject_pairs
+
+if TYPE_CHECKING:
+    from percept.study.bayesian import Fit
 
 __all__ = ["classical_draws", "posterior_draws"]
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from percept.study.bayesian import Fit
+if TYPE_CHECKING:
+    from percept.study.bayesian import Fit
 
 __all__ = ["posterior_tree", "thinned_points"]
 

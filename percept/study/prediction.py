@@ -206,12 +206,12 @@ def _intervals(
         confidence=asked.confidence,
     )
     laws = expected.laws
-    estimate = scale.native(laws.mean.mean(axis=0))
+    estimate = _native(scale, laws.mean.mean(axis=0))
     rows: list[dict[str, Any]] = []
     for kind in kinds:
         lower, upper, influence = estimands.limits(kind, laws)
         error = _monte_carlo(influence).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
-        low, high = scale.native(lower), scale.native(upper)
+        low, high = _native(scale, lower), _native(scale, upper)
         for p, parameter in enumerate(study.parameters):
             interval = Interval(
                 kind=kind,  # type: ignore[arg-type]
@@ -271,7 +271,7 @@ def _boundaries(
         )
         for kind, responses in drawn.items()
         if kind in asked.kinds
-        for native in [_displayable(scale.native(responses))]
+        for native in [_displayable(_native(scale, responses))]
     ]
     limits = {side: _displayable(intervals[side].to_numpy()) for side in ("lower", "upper")}
     regions: list[Region] = list(rectangles(intervals.assign(**limits)))
@@ -281,6 +281,11 @@ def _boundaries(
     bench = Bench(known.device, known.period, known.hold, {name: environment}, known.coupling)
     frequencies: Range = study.frequencies
     return tuple(environment_boundaries(bench, name, regions, draws, frequencies))
+
+
+def _native(scale: ResponseScale, response: Array) -> Array:
+    with np.errstate(over="ignore", under="ignore"):
+        return scale.native(response)
 
 
 def _displayable(values: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,11 @@ from scipy import special
 from percept import haptics
 from percept.boundary.realism import Displayed, Populations, Realism, realism
 from percept.scene import Scene
-from percept.study.bayesian import Fit
 from percept.study.boundaries import Bench
 from percept.study.posterior import thinned_points
+
+if TYPE_CHECKING:
+    from percept.study.bayesian import Fit
 
 __all__ = ["populations", "study_realism"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
@@ -18,10 +18,12 @@ from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.regions import EllipseRegion
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.bayesian import Fit
 from percept.study.cells import Limits, both_limits
 from percept.study.classical import FAMILIES
 from percept.study.posterior import thinned_points
+
+if TYPE_CHECKING:
+    from percept.study.bayesian import Fit
 
 __all__ = [
     "Draws",
