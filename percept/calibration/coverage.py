@@ -1,0 +1,190 @@
+"""Real coverage of every kind and method: simulate studies, refit, count.
+
+Results are kept line by line as they come, so that an interrupted run goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from percept.calibration.judge import Judgement, judge_study
+from percept.calibration.plan import CoveragePlan
+from percept.errors import UsageError
+
+__all__ = ["Coverage", "coverage", "coverage_markdown"]
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How often a claim held, over simulated studies.
+
+    Attributes
+    ----------
+    claim, kind, method, family, joint, shape : str
+        As `Judgement`.
+    subjects : int
+        Per study.
+    truth : str
+        Distribution of the simulated users.
+    stated : float or None
+        What is claimed: level, or confidence for kind share; None for withheld and refused.
+    held : float
+        Mean over studies of the share that held.
+    error : float
+        Its standard error, by the scatter over studies.
+    studies : int
+        How many.
+    """
+
+    claim: str
+    kind: str
+    method: str
+    family: str
+    joint: str
+    shape: str
+    subjects: int
+    truth: str
+    stated: float | None
+    held: float
+    error: float
+    studies: int
+
+
+def coverage(
+    plan: CoveragePlan,
+    studies: int,
+    *,
+    workers: int | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Coverage]:
+    """Simulate and judge studies, in parallel, and average.
+
+    Parameters
+    ----------
+    plan : CoveragePlan
+        What to simulate and how to analyse it.
+    studies : int
+        How many; study i does not depend on this number.
+    workers : int, optional
+        Processes; all cores by default, none beside this one for 1.
+    checkpoint : path, optional
+        File of judged studies, one JSON line each, appended to; lines of this plan are not computed again.
+    progress : callable, optional
+        Told how many studies are done, and of how many.
+
+    Returns
+    -------
+    list of Coverage
+
+    Raises
+    ------
+    UsageError
+        Fewer than two studies, or a checkpoint that is not one.
+    """
+    if studies < 2:
+        raise UsageError("a standard error needs at least two studies.", value=studies)
+    judged = {} if checkpoint is None else _read(Path(checkpoint), plan)
+    judged = {index: found for index, found in judged.items() if index < studies}
+    wanted = [index for index in range(studies) if index not in judged]
+    for index, found in _computed(plan, wanted, workers or os.cpu_count() or 1):
+        judged[index] = found
+        if checkpoint is not None:
+            _append(Path(checkpoint), plan, index, found)
+        if progress:
+            progress(len(judged), studies)
+    return _averaged(plan, [judged[index] for index in sorted(judged)])
+
+
+def coverage_markdown(rows: list[Coverage]) -> str:
+    """Write coverage as a table in Markdown: each figure with its standard error, in per cent.
+
+    Parameters
+    ----------
+    rows : list of Coverage
+        Of one or more plans.
+
+    Returns
+    -------
+    str
+    """
+    lines = [
+        "| claim | kind | method | family | joint | shape | users | n | stated | real | ± | studies |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        stated = "" if row.stated is None else f"{100 * row.stated:g} %"
+        cells = [
+            row.claim, row.kind, row.method, row.family, row.joint, row.shape, row.truth, str(row.subjects),
+            stated, f"{100 * row.held:.2f} %", f"{100 * row.error:.2f}", str(row.studies),
+        ]  # fmt: skip
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _computed(plan: CoveragePlan, wanted: list[int], workers: int) -> Iterator[tuple[int, list[Judgement]]]:
+    if workers == 1 or len(wanted) < 2:
+        for index in wanted:
+            yield index, judge_study(plan, index)
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        running = {pool.submit(judge_study, plan, index): index for index in wanted}
+        for done in as_completed(running):
+            yield running[done], done.result()
+
+
+def _averaged(plan: CoveragePlan, judged: list[list[Judgement]]) -> list[Coverage]:
+    groups: dict[tuple[str, str, str, str, str, str], list[float]] = {}
+    for study in judged:
+        for one in study:
+            key = (one.claim, one.kind, one.method, one.family, one.joint, one.shape)
+            groups.setdefault(key, []).append(one.held)
+    rows = []
+    for key, values in groups.items():
+        failed = key[0] in ("withheld", "refused")
+        held = np.array(values + [0.0] * (len(judged) - len(values)) if failed else values)
+        stated = plan.confidence if key[1] == "share" else plan.level
+        rows.append(
+            Coverage(
+                *key,
+                subjects=plan.subjects,
+                truth=plan.truth,
+                stated=None if failed else stated,
+                held=float(held.mean()),
+                error=float(held.std(ddof=1) / np.sqrt(held.size)) if held.size > 1 else float("nan"),
+                studies=held.size,
+            )
+        )
+    return rows
+
+
+def _append(path: Path, plan: CoveragePlan, index: int, found: list[Judgement]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    line = {"plan": plan.key, "index": index, "judged": [asdict(one) for one in found]}
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line) + "\n")
+
+
+def _read(path: Path, plan: CoveragePlan) -> dict[int, list[Judgement]]:
+    """Read the judged studies of a plan; a last line cut short by an interruption is dropped."""
+    if not path.exists():
+        return {}
+    judged = {}
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for row, line in enumerate(lines, start=1):
+        try:
+            found = json.loads(line)
+            if found["plan"] == plan.key:
+                judged[int(found["index"])] = [Judgement(**one) for one in found["judged"]]
+        except (ValueError, KeyError, TypeError) as error:
+            if row == len(lines):
+                break
+            raise UsageError("not a line of judged studies.", file=str(path), row=row) from error
+    return judged

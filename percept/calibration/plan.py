@@ -1,0 +1,163 @@
+"""What a coverage study simulates and refits."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.hierarchy.pooled import Pooled
+from percept.simulate.model import Hyperparameters, TrueValues
+from percept.study import Study
+from percept.study.posterior import thinned_points
+
+__all__ = ["CoveragePlan", "fitted_values"]
+
+Array = NDArray[np.float64]
+Family = Literal["lognormal", "normal"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoveragePlan:
+    """Studies to simulate, and how to analyse each.
+
+    Parameters
+    ----------
+    references : tuple of (float, float)
+        k, N/m, and b, N·s/m, of the environments tested.
+    held_out : tuple of (float, float), optional
+        One more environment, simulated but not shown to the analysis, which predicts it.
+    subjects : int
+        Per study.
+    truth : {"lognormal", "normal"}
+        Distribution of the simulated users.
+    family : {"lognormal", "normal"}
+        Family of the hierarchical model; classical intervals are given in both.
+    method : {"both", "classical"}
+        Which methods are judged.
+    level, confidence : float
+        As `InferenceTable`; the share is the level.
+    tolerance : float
+        Of the sampler.
+    values : dict, optional
+        What the studies are drawn from, as `fitted_values` gives it; drawn from the default priors where
+        left out.
+    device : tuple of (float, float)
+        Mass, kg, and damping, N·s/m, of the device that curves are drawn for.
+    period : float
+        Sampling period, s.
+    frequencies : tuple of (float, float, int)
+        Lower and upper end, rad/s, and number of frequencies of the curves.
+    seed : int
+        Of the whole; study i is the same whatever the number of studies and workers.
+    """
+
+    references: tuple[tuple[float, float], ...]
+    held_out: tuple[float, float] | None = None
+    subjects: int = 10
+    truth: Family = "lognormal"
+    family: Family = "lognormal"
+    method: Literal["both", "classical"] = "both"
+    level: float = 0.99
+    confidence: float = 0.95
+    tolerance: float = 0.05
+    values: dict[str, Any] | None = None
+    device: tuple[float, float] = (1.0, 5.0)
+    period: float = 0.001
+    frequencies: tuple[float, float, int] = (0.1, 100.0, 31)
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        if len(self.references) < 2:
+            raise UsageError("a coverage study needs at least two environments.", value=len(self.references))
+        if self.subjects < 2:
+            raise UsageError("a coverage study needs at least two subjects.", value=self.subjects)
+        if self.values is not None and self.held_out is not None:
+            raise UsageError("an environment held out can be drawn from the prior only.")
+
+    @property
+    def key(self) -> str:
+        """A digest that tells results of different plans apart."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:16]
+
+    def true_values(self) -> TrueValues | None:
+        """Return `values` as a record, None where they are drawn from the priors."""
+        if self.values is None:
+            return None
+        parts = {name: _array(value) for name, value in self.values["hyper"].items()}
+        rest = {name: np.array(self.values[name]) for name in ("delta", "beta", "sigma", "sigma_e")}
+        return TrueValues(hyper=Hyperparameters(**parts), **rest)
+
+
+def fitted_values(study: Study) -> dict[str, Any]:
+    """Take the posterior means of a study as the truth to simulate from.
+
+    Parameters
+    ----------
+    study : Study
+        With a passed fit of a pooled model of both parameters.
+
+    Returns
+    -------
+    dict
+        Numbers and lists, for `CoveragePlan.values`. Trial noise stays in the spread between users where
+        there are no repeats, and is left out of the simulation where there are.
+
+    Raises
+    ------
+    RefusalError
+        Without such a fit.
+    """
+    fit = study.fit
+    if fit is None or not fit.run.gate.passed or not isinstance(fit.prepared.model, Pooled):
+        raise RefusalError(
+            "calibration needs a passed Bayesian fit of the sessions.",
+            hint='Set method = "both" and pooling = "partial", or calibrate from the prior.',
+        )
+    if study.parameters != ("k", "b"):
+        raise RefusalError("calibration simulates stiffness and damping together; one of them is missing.")
+    model = fit.prepared.model
+    points, _ = thinned_points(fit)
+    named = {name: values for name, (_, values) in model.scales(points).items()}
+    count = len(study.parameters)
+    beta = model.laws(points).mean.mean(axis=0).reshape(count, -1).T
+
+    def typical(name: str) -> list[float]:
+        values = named.get(name)
+        return [0.0] * count if values is None else values.mean(axis=0).tolist()
+
+    def correlation(name: str) -> float:
+        return float(named[name].mean()) if name in named else 0.0
+
+    zero = [0.0] * count
+    return {
+        "hyper": {
+            "alpha": beta.mean(axis=0).tolist(),
+            "gamma": zero,
+            "tau": typical("tau"),
+            "sigma_u": typical("sigma_u"),
+            "rho_u": correlation("rho_u"),
+            "s": typical("s"),
+            "kappa": typical("kappa"),
+            "omega": typical("omega"),
+            "rho_w": correlation("rho_w"),
+            "s_e": zero,
+            "kappa_e": zero,
+            "omega_e": zero,
+            "rho_e": 0.0,
+        },
+        "delta": (beta - beta.mean(axis=0)).tolist(),
+        "beta": beta.tolist(),
+        "sigma": named["sigma"].mean(axis=0).T.tolist(),
+        "sigma_e": np.zeros_like(beta).tolist(),
+    }
+
+
+def _array(value: float | Sequence[float]) -> Any:
+    return np.array(value) if isinstance(value, (list, tuple)) else value
