@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
@@ -68,6 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 done; 1 the analysis refuses; 2 wrong usage or unreadable input; 130 interrupted.
     """
     parsed = build_parser().parse_args(arguments)
+    # The matrices are a few tens wide: a second BLAS thread costs more than it brings.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         return int(parsed.run(parsed))
     except PerceptError as error:
