@@ -3,30 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Protocol
+from typing import Any
 
 import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import RefusalError
+from percept.inference.sampling.checked import Checked, Target, refuse_impossible
 from percept.inference.sampling.moves import standard_moves
 from percept.inference.sampling.proposal import Proposal
 
-__all__ = ["Ensembles", "Target", "advance", "start"]
+__all__ = ["Ensembles", "advance", "start"]
 
 Array = NDArray[np.float64]
-
-
-class Target(Protocol):
-    """A log density to sample."""
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the coordinates."""
-
-    def __call__(self, points: Array) -> Array:
-        """Log density of points (W, d), shape (W,); -inf allowed, NaN not."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -80,16 +69,8 @@ def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensemb
     """
     ensembles, walkers, dimension = points.shape
     flat = points.reshape(-1, dimension)
-    log_density = target(flat)
-    bad = np.isnan(log_density)
-    if bad.any():
-        where = flat[int(np.argmax(bad))]
-        raise RefusalError(f"the log density is NaN at {_describe(target.names, where)}.")
-    if np.all(np.isneginf(log_density)):
-        raise RefusalError(
-            f"the log density is -inf at every walker, for example at {_describe(target.names, flat[0])}.",
-            hint="Check the data and the priors of these parameters.",
-        )
+    log_density = Checked(target)(flat)
+    refuse_impossible(target, flat, log_density)
     schedule, *generators = (_legacy(child) for child in seed.spawn(1 + ensembles))
     return Ensembles(
         points.copy(),
@@ -104,11 +85,6 @@ def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensemb
 def _legacy(seed: np.random.SeedSequence) -> tuple[Any, ...]:
     # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in silence.
     return tuple(np.random.RandomState(np.random.MT19937(seed)).get_state(legacy=True))
-
-
-def _describe(names: list[str], point: Array) -> str:
-    extreme = np.argsort(-np.abs(point))[:4]
-    return ", ".join(f"{names[i]} = {point[i]:.6g}" for i in sorted(extreme.tolist()))
 
 
 def advance(

@@ -71,17 +71,20 @@ def _derivatives(density: Density, point: Array) -> tuple[Array, Array]:
     values = density(points)
     centre, up, down = values[0], values[1 : size + 1], values[size + 1 : 2 * size + 1]
     both = values[2 * size + 1 :].reshape(2, -1)
-    gradient = (up - down) / (2.0 * _STEP)
-    hessian = np.diag((up + down - 2.0 * centre) / _STEP**2)
-    # f(x+hi+hj) + f(x-hi-hj) - 2f = h²(Hii + Hjj + 2Hij)
-    mixed = (both.sum(axis=0) - 2.0 * centre) / _STEP**2
-    mixed = 0.5 * (mixed - hessian[rows, rows] - hessian[columns, columns])
+    with np.errstate(invalid="ignore"):
+        gradient = (up - down) / (2.0 * _STEP)
+        hessian = np.diag((up + down - 2.0 * centre) / _STEP**2)
+        # f(x+hi+hj) + f(x-hi-hj) - 2f = h²(Hii + Hjj + 2Hij)
+        mixed = (both.sum(axis=0) - 2.0 * centre) / _STEP**2
+        mixed = 0.5 * (mixed - hessian[rows, rows] - hessian[columns, columns])
     hessian[rows, columns] = mixed
     hessian[columns, rows] = mixed
+    # At the edge of the impossible the differences are infinite and say nothing.
+    gradient, hessian = (np.nan_to_num(part, posinf=0.0, neginf=0.0) for part in (gradient, hessian))
     return gradient, hessian
 
 
 def _limited_inverse(hessian: Array) -> Array:
     """Inverse of -H with its eigenvalues between 1e-6 and 4: priors have unit scale."""
-    values, vectors = np.linalg.eigh(-np.nan_to_num(hessian))
+    values, vectors = np.linalg.eigh(-hessian)
     return (vectors / np.clip(values, 0.25, 1e6)) @ vectors.T

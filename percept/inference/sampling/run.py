@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.inference.sampling.checked import Checked, Target
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores
-from percept.inference.sampling.ensembles import Ensembles, Target, advance, start
+from percept.inference.sampling.ensembles import Ensembles, advance, start
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
 from percept.inference.sampling.proposal import Proposal
@@ -54,6 +55,7 @@ def sample(
     RefusalError
         If the density is NaN, or -inf at every walker.
     """
+    target = Checked(target)
     dimension = len(target.names)
     walkers = settings.walkers or max(64, 2 * (dimension + 1))
     warm_seed, run_seed = np.random.SeedSequence(settings.seed).spawn(2)

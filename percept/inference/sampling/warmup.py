@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.ensembles import Target, advance, start
+from percept.inference.sampling.checked import Target, refuse_impossible
+from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.mode import find_mode
 from percept.inference.sampling.proposal import Proposal
 
@@ -58,7 +59,9 @@ def _importance_rounds(
     draws = max(2048, 40 * size, walkers)
     for last in [False] * (_ROUNDS - 1) + [True]:
         points = law.draw(draws, rng)
-        log_weights = target(points) - law.log_density(points)
+        values = target(points)
+        refuse_impossible(target, points, values)
+        log_weights = values - law.log_density(points)
         # Tempered, or a few lucky draws would decide the covariance.
         weights = _weights(log_weights, at_least=min(0.5 * draws, 10.0 * size))
         if last:

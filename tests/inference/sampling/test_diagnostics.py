@@ -1,0 +1,103 @@
+"""Convergence measures on chains whose theory is known."""
+
+import arviz_stats
+import numpy as np
+import pytest
+from scipy import signal, stats
+
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    normal_scores,
+    rank_rhat,
+)
+
+
+def autoregressive(rho, shape, rng):
+    """Stationary AR(1) of unit variance along axis 1 of (E, T, W, Q)."""
+    noise = rng.standard_normal(shape)
+    noise[:, 1:] *= np.sqrt(1 - rho**2)
+    return signal.lfilter([1.0], [1.0, -rho], noise, axis=1)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, -0.5])
+def test_autocorrelation_time_of_ar1(rho):
+    series = autoregressive(rho, (4, 500, 64, 3), np.random.default_rng(1))
+    wanted = max((1 + rho) / (1 - rho), 1.0)
+    # Sokal's variance: (4 M + 2)/N relative, M the window; and its bias exp(-window).
+    relative = np.sqrt((4 * 5 * wanted + 2) / (4 * 500 * 64)) + 0.01 + wanted / 500 * 2
+    assert np.all(np.abs(autocorrelation_time(series) / wanted - 1) < 4 * relative)
+
+
+def test_autocorrelation_time_sees_walkers_apart():
+    """Walkers that each stay somewhere are not mixing, however white their noise."""
+    rng = np.random.default_rng(2)
+    series = rng.normal(size=(4, 200, 64, 1)) + 3 * rng.normal(size=(1, 1, 64, 1))
+    assert autocorrelation_time(series)[0] > 50
+    constant = np.ones((4, 50, 64, 1))
+    assert np.isinf(autocorrelation_time(constant)[0])
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_monte_carlo_error_is_the_scatter_of_repeated_means(rho):
+    rng = np.random.default_rng(3)
+    repeats = 300
+    z = []
+    for _ in range(repeats):
+        series = autoregressive(rho, (4, 120, 16, 1), rng)
+        influence = series - series.mean()
+        z.append(series.mean() / monte_carlo_error(influence, autocorrelation_time(influence))[0])
+    # The larger of two estimates is a little large; it must never be small.
+    spread = np.std(z)
+    assert 0.75 < spread < 1 + 3 / np.sqrt(2 * repeats)
+
+
+def test_monte_carlo_error_sees_walkers_that_move_together():
+    """All walkers alike: the autocorrelation time cannot know, the batch means do."""
+    rng = np.random.default_rng(4)
+    together = np.repeat(rng.normal(size=(4, 200, 1, 1)), 64, axis=2)
+    error = monte_carlo_error(together, autocorrelation_time(together))[0]
+    assert 0.6 < error * np.sqrt(800) < 1.6
+
+
+def test_rank_rhat_equals_arviz():
+    rng = np.random.default_rng(5)
+    chains = np.stack(
+        [
+            rng.normal(size=(4, 200)),
+            rng.normal(size=(4, 200)) + np.array([[0.0], [0.1], [0.2], [0.9]]),
+            rng.standard_cauchy(size=(4, 200)),
+            rng.normal(size=(4, 200)) * np.array([[1.0], [1.0], [1.0], [3.0]]),
+            np.cumsum(rng.normal(size=(4, 200)), axis=1),
+        ],
+        axis=-1,
+    )
+    ours = rank_rhat(chains)
+    for q in range(chains.shape[-1]):
+        theirs = float(arviz_stats.rhat(chains[..., q], method="rank"))
+        assert abs(ours[q] - theirs) < 1e-6 * theirs, q
+    assert ours[0] < 1.02
+    assert np.all(ours[[1, 3, 4]] > 1.05)
+
+
+def test_rank_rhat_by_hand():
+    constant = np.ones((4, 20, 1))
+    assert rank_rhat(constant)[0] == 1.0
+    # A monotone map changes no rank (the folded part needs symmetry, so the bulk one decides here).
+    rng = np.random.default_rng(6)
+    shifted = rng.normal(size=(4, 100, 1)) + np.arange(4.0)[:, None, None]
+    scores = normal_scores(np.concatenate([shifted[:, :50], shifted[:, 50:]]))
+    within = scores.var(axis=1, ddof=1).mean(axis=0)
+    between = scores.mean(axis=1).var(axis=0, ddof=1)
+    np.testing.assert_allclose(rank_rhat(shifted), np.sqrt(49 / 50 + between / within), rtol=1e-12)
+
+
+def test_normal_scores_are_those_of_ranks():
+    values = np.array([[3.0], [-1.0], [10.0], [3.0]])
+    ranks = np.array([2.5, 1.0, 4.0, 2.5])
+    wanted = stats.norm.ppf((ranks - 0.375) / 4.25)
+    np.testing.assert_allclose(normal_scores(values)[:, 0], wanted, rtol=1e-14)
+    cauchy = np.random.default_rng(7).standard_cauchy((50, 4, 2))
+    scores = normal_scores(cauchy)
+    assert scores.shape == cauchy.shape
+    assert abs(scores[..., 0].std() - 1) < 0.02

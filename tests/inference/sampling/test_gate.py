@@ -1,0 +1,150 @@
+"""The gate withholds what must be withheld and says why; broken densities are refused by name."""
+
+import numpy as np
+import pytest
+
+from percept.errors import RefusalError
+from percept.inference.sampling.ensembles import advance, start
+from percept.inference.sampling.estimands import Means
+from percept.inference.sampling.proposal import Proposal
+from percept.inference.sampling.run import Settings, sample
+from tests.inference.sampling.targets import Normal
+
+
+def first(points):
+    return points[:, :1]
+
+
+MEAN = Means(("E x[0]",), first)
+
+
+class Modes(Normal):
+    """Equal narrow modes at every corner of a cube, too far apart for any move."""
+
+    def __init__(self, dimension, apart):
+        super().__init__(dimension)
+        self._apart = apart
+
+    def __call__(self, points):
+        near = np.minimum((points - self._apart) ** 2, (points + self._apart) ** 2)
+        return -0.5 * near.sum(axis=1)
+
+
+class Glitch(Normal):
+    """A normal whose density is wrong, by a factor exp(40), at one point in twenty thousand."""
+
+    def __call__(self, points):
+        lottery = np.modf(np.abs(points[:, 0]) * 1e4)[0]
+        return super().__call__(points) + np.where(lottery < 5e-5, 40.0, 0.0)
+
+
+class Hole(Normal):
+    """NaN or -inf on a part of the space."""
+
+    def __init__(self, dimension, value, beyond):
+        super().__init__(dimension)
+        self._value, self._beyond = value, beyond
+
+    def __call__(self, points):
+        return np.where(points[:, 0] > self._beyond, self._value, super().__call__(points))
+
+
+def test_passes_on_a_plain_target():
+    run = sample(Normal(5), MEAN, Settings(tolerance=0.02, seed=1))
+    assert run.gate.passed
+    assert run.gate.reasons == ()
+    assert run.gate.rhat < 1.01
+    assert run.gate.times_run >= 10
+    assert run.gate.worst_error <= 0.02
+    assert run.gate.worst == "E x[0]"
+    assert abs(run.estimates.value[0]) < 4 * run.errors[0]
+
+
+def test_separated_modes_are_withheld():
+    means = Means(("E x[0]", "E x[1]"), lambda points: points)
+    run = sample(Modes(2, 1000.0), means, Settings(tolerance=0.05, seed=2, most_steps=600))
+    assert not run.gate.passed
+    reasons = " ".join(run.gate.reasons)
+    assert "the ensembles disagree: rank R-hat" in reasons
+    assert "autocorrelation times of its slowest quantity; 10 are needed." in reasons
+    assert run.gate.rhat > 1.01
+
+
+def test_stuck_walkers_are_withheld():
+    run = sample(Glitch(3), MEAN, Settings(tolerance=0.01, seed=3, most_steps=1500))
+    assert not run.gate.passed
+    assert any(reason.startswith("a walker is stuck: it accepted ") for reason in run.gate.reasons)
+    assert run.gate.lowest_acceptance < 0.005
+
+
+def test_the_cap_is_an_answer_with_its_reason():
+    run = sample(Normal(4), MEAN, Settings(tolerance=1e-5, seed=1, most_steps=300))
+    assert not run.gate.passed
+    assert run.steps <= 400
+    (reason,) = run.gate.reasons
+    assert reason.startswith("E x[0] has a Monte Carlo error of ")
+    assert reason.endswith("of its half-width; 0.00% was asked. Raise the cap on steps or the tolerance.")
+
+
+@pytest.mark.parametrize("beyond", [-np.inf, 0.5, 2.0])
+def test_nan_is_refused_by_name(beyond):
+    with pytest.raises(RefusalError, match=r"the log density is NaN at .*x\[0\] = "):
+        sample(Hole(3, np.nan, beyond), MEAN, Settings(seed=1))
+
+
+def test_impossible_everywhere_is_refused_by_name():
+    with pytest.raises(RefusalError, match=r"-inf at every walker.*x\[0\] = .*Check the data"):
+        sample(Hole(3, -np.inf, -np.inf), MEAN, Settings(seed=1))
+
+
+def test_a_truncated_target_is_sampled():
+    """-inf on a part is legal: a half of the normal, whose mean is sqrt(2/pi) below zero."""
+    run = sample(Hole(2, -np.inf, 0.0), MEAN, Settings(tolerance=0.02, seed=4))
+    assert run.gate.passed, run.gate.reasons
+    assert abs(run.estimates.value[0] + np.sqrt(2 / np.pi)) < 4 * run.errors[0]
+
+
+def test_same_seed_same_digits_other_seed_same_answer():
+    runs = [sample(Normal(4), MEAN, Settings(tolerance=0.02, seed=seed)) for seed in (7, 7, 8)]
+    np.testing.assert_array_equal(runs[0].points, runs[1].points)
+    np.testing.assert_array_equal(runs[0].estimates.value, runs[1].estimates.value)
+    assert runs[0].gate == runs[1].gate
+    assert not np.array_equal(runs[0].points[:, :5], runs[2].points[:, :5])
+    error = np.hypot(runs[0].errors, runs[2].errors)
+    assert np.all(np.abs(runs[0].estimates.value - runs[2].estimates.value) < 4 * error)
+
+
+def test_ensembles_have_streams_of_their_own():
+    run = sample(Normal(3), MEAN, Settings(tolerance=0.1, seed=5))
+    for first_, second in [(0, 1), (1, 2), (2, 3)]:
+        both = run.points[first_, -1].ravel(), run.points[second, -1].ravel()
+        assert not np.isin(*both).any()
+
+
+def test_two_pieces_are_one():
+    target = Normal(4)
+    law = Proposal.normal(np.full(4, 0.1), 1.5 * np.eye(4))
+    points = np.random.default_rng(1).normal(size=(4, 64, 4))
+    begun = start(target, points, np.random.SeedSequence(3))
+    whole, kept = advance(target, law, begun, steps=60, stride=3)
+    half, first_half = advance(target, law, begun, steps=24, stride=3)
+    rest, second_half = advance(target, law, half, steps=36, stride=3)
+    np.testing.assert_array_equal(np.concatenate([first_half, second_half], axis=1), kept)
+    np.testing.assert_array_equal(rest.coords, whole.coords)
+    np.testing.assert_array_equal(rest.log_density, whole.log_density)
+    np.testing.assert_array_equal(rest.accepted, whole.accepted)
+    assert rest.steps == whole.steps == 60
+    np.testing.assert_array_equal(points, begun.coords)  # inputs unharmed
+
+
+def test_thinned_draws_are_nearly_independent():
+    run = sample(Normal(4), MEAN, Settings(tolerance=0.02, seed=2))
+    index = run.thinned()
+    ensembles, length, walkers, _ = run.points.shape
+    gap = max(1, round(run.gate.autocorrelation_time / run.stride))
+    assert index.shape == (ensembles, (length // gap) * walkers)
+    flat = run.points.reshape(ensembles, -1, 4)
+    chosen = flat[np.arange(ensembles)[:, None], index].reshape(ensembles, -1, walkers, 4)
+    x = chosen[..., 0]
+    lag = (x[:, 1:] * x[:, :-1]).mean() / x.var()
+    assert abs(lag) < 0.4

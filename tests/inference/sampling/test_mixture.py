@@ -1,0 +1,197 @@
+"""Endpoints of mixtures against 30-digit roots, their influence against reweighted roots."""
+
+import numpy as np
+import pytest
+from mpmath import mp
+from scipy import integrate, optimize, special, stats
+
+from percept.errors import UsageError
+from percept.inference import tolerance_factor
+from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.unpooled import Unpooled
+from percept.inference.sampling.mixture import (
+    mixture_influence,
+    mixture_quantile,
+    share_content,
+    share_half_width,
+)
+from percept.inference.sampling.run import Settings, sample
+
+MIXTURES = {
+    "alike": lambda rng: (0.1 * rng.normal(size=40), np.exp(0.2 * rng.normal(size=40))),
+    "apart": lambda rng: (10.0 * rng.normal(size=40), np.exp(0.5 * rng.normal(size=40))),
+    "unequal": lambda rng: (rng.normal(size=40), np.exp(2.0 * rng.normal(size=40))),
+    "tiny on an offset": lambda rng: (1e3 + 1e-6 * rng.normal(size=40), 1e-6 * np.exp(rng.normal(size=40))),
+    "one": lambda rng: (np.array([0.3]), np.array([2.0])),
+}
+
+
+@pytest.mark.parametrize("tail", [0.5, 0.1, 0.005, 1e-6, 1e-12])
+@pytest.mark.parametrize("mixture", MIXTURES)
+def test_quantile_is_the_root(mixture, tail):
+    mean, sd = MIXTURES[mixture](np.random.default_rng(1))
+    for upper in (False, True):
+        found = mixture_quantile(mean[:, None], sd[:, None], tail, upper=upper)[0]
+        sign = 1 if upper else -1
+        with mp.workdps(30):
+            components = [(mp.mpf(float(m)), mp.mpf(float(s))) for m, s in zip(mean, sd, strict=True)]
+
+            def beyond(x, components=components, sign=sign):
+                return mp.fsum(mp.erfc(sign * (x - m) / s / mp.sqrt(2)) / 2 for m, s in components) / len(
+                    mean
+                )
+
+            slope = mp.fsum(mp.npdf(mp.mpf(float(found)), m, s) for m, s in components) / len(mean)
+            error = (beyond(mp.mpf(float(found))) - mp.mpf(tail)) / slope
+            scale = max(abs(float(found)) * 1e-3, float(np.std(mean) + sd.max()) * 1e-3, 1e-300)
+            assert abs(float(error)) < 1e-10 * scale + 4e-16 * abs(float(found))
+
+
+def test_quantiles_of_several_mixtures_are_each_its_own():
+    rng = np.random.default_rng(2)
+    mean, sd = rng.normal(size=(300, 5)), np.exp(rng.normal(size=(300, 5)))
+    together = mixture_quantile(mean, sd, 0.01, upper=True)
+    for q in range(5):
+        alone = mixture_quantile(mean[:, q : q + 1], sd[:, q : q + 1], 0.01, upper=True)[0]
+        assert abs(together[q] - alone) < 1e-13 * abs(alone)
+
+
+def test_many_draws_have_the_root_of_all_of_them():
+    """Above some number of draws the search starts from a part of them; it must end with all."""
+    rng = np.random.default_rng(3)
+    mean, sd = np.sort(rng.normal(size=(9000, 1)), axis=0), np.exp(rng.normal(size=(9000, 1)))
+    found = mixture_quantile(mean, sd, 0.005, upper=True)[0]
+    assert abs(special.ndtr((mean - found) / sd).mean() - 0.005) < 1e-15
+    spread = np.exp(0.3 * rng.normal(size=(9000, 1)))
+    centre, half, _ = share_half_width(mean, sd, spread, share=0.9, confidence=0.95)
+    assert abs(share_content(half, centre, mean, sd, spread, 0.9)[0].mean() - 0.95) < 1e-12
+
+
+def weighted_root(function, weights, low, high):
+    return optimize.brentq(lambda x: weights @ function(x), low, high, xtol=1e-14, rtol=1e-14)
+
+
+def test_influence_is_the_derivative_in_a_draw_s_weight():
+    rng = np.random.default_rng(4)
+    mean, sd = rng.normal(size=30), np.exp(0.5 * rng.normal(size=30))
+    quantile = mixture_quantile(mean[:, None], sd[:, None], 0.005, upper=True)
+    influence = mixture_influence(mean[:, None], sd[:, None], quantile)[:, 0]
+    assert abs(influence.mean()) < 1e-12
+    step = 1e-4
+
+    def root(weights):
+        return weighted_root(lambda x: special.ndtr((x - mean) / sd) - 0.995, weights, -20, 20)
+
+    for s in (0, 7, 19):
+        ends = []
+        for change in (step, -step):
+            weights = np.full(30, (1 - change) / 30)
+            weights[s] += change
+            ends.append(root(weights))
+        assert abs((ends[0] - ends[1]) / (2 * step) - influence[s]) < 1e-5 * np.abs(influence).max()
+
+
+def exact_content(h, centre, mean, sd, spread, share):
+    """P(the interval holds the share) of one draw, by quadrature over the population's mean."""
+
+    def inside(beta):
+        return stats.norm.cdf(centre + h, beta, spread) - stats.norm.cdf(centre - h, beta, spread) - share
+
+    if inside(centre) <= 0:
+        return 0.0
+    reach = optimize.brentq(lambda d: inside(centre + d), 0, h + 40 * spread, xtol=1e-15)
+    return integrate.quad(
+        lambda b: stats.norm.pdf(b, mean, sd),
+        centre - reach,
+        centre + reach,
+        epsabs=1e-13,
+        points=[mean],
+        limit=200,
+    )[0]
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.99, 0.999])
+def test_share_content_and_half_width(share):
+    rng = np.random.default_rng(5)
+    mean, sd = 0.2 * rng.normal(size=25), 0.3 * np.exp(0.3 * rng.normal(size=25))
+    spread = np.exp(0.4 * rng.normal(size=25))
+    packed = mean[:, None], sd[:, None], spread[:, None]
+    centre, half, influence = share_half_width(*packed, share=share, confidence=0.95)
+    assert abs(centre[0] - mean.mean()) < 1e-15
+    contents = [
+        exact_content(half[0], centre[0], m, s, t, share) for m, s, t in zip(mean, sd, spread, strict=True)
+    ]
+    np.testing.assert_allclose(share_content(half, centre, *packed, share)[0][:, 0], contents, atol=2e-10)
+    assert abs(np.mean(contents) - 0.95) < 1e-10
+    assert np.all(np.abs(influence.mean(axis=0)) < 1e-10)
+
+
+def test_share_content_derivatives():
+    rng = np.random.default_rng(6)
+    draws = [0.2 * rng.normal(size=(9, 1)), 0.3 + rng.random((9, 1)), np.exp(0.3 * rng.normal(size=(9, 1)))]
+    h, centre, step = np.array([2.9]), np.array([0.1]), 1e-5
+    _, by_half, by_centre = share_content(h, centre, *draws, 0.9)
+    up, down = (share_content(h + d, centre, *draws, 0.9)[0] for d in (step, -step))
+    np.testing.assert_allclose(by_half, (up - down) / (2 * step), atol=1e-8)
+    up, down = (share_content(h, centre + d, *draws, 0.9)[0] for d in (step, -step))
+    np.testing.assert_allclose(by_centre, (up - down) / (2 * step), atol=1e-8)
+
+
+def test_share_influence_is_the_derivative_in_a_draw_s_weight():
+    rng = np.random.default_rng(7)
+    mean, sd = rng.normal(size=20), 0.3 * np.exp(0.3 * rng.normal(size=20))
+    spread = np.exp(0.4 * rng.normal(size=20))
+    _, _, influence = share_half_width(
+        mean[:, None], sd[:, None], spread[:, None], share=0.9, confidence=0.95
+    )
+
+    def limits(weights):
+        centre = np.array([weights @ mean])
+
+        def held(h):
+            return share_content(np.array([h]), centre, mean[:, None], sd[:, None], spread[:, None], 0.9)[0][
+                :, 0
+            ]
+
+        h = weighted_root(lambda h: held(h) - 0.95, weights, 0.5, 40.0)
+        return np.array([centre[0] - h, centre[0] + h])
+
+    step = 1e-4
+    for s in (0, 6, 13):
+        ends = []
+        for change in (step, -step):
+            weights = np.full(20, (1 - change) / 20)
+            weights[s] += change
+            ends.append(limits(weights))
+        derivative = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(influence[s], derivative, atol=1e-4 * np.abs(influence).max())
+
+
+def test_share_under_the_reference_prior_is_the_classical_tolerance_interval():
+    """Cells are standardised, so that the half-width *is* the tolerance factor."""
+    counts = np.array([5, 10, 30])
+    cells = tuple(("k", f"n = {n}") for n in counts)
+    model = Unpooled(cells, counts)
+    estimands = IntervalEstimands(model, share=0.99, confidence=0.95)
+    run = sample(model, estimands, Settings(tolerance=0.01, seed=3))
+    assert run.gate.passed, run.gate.reasons
+    limits = dict(zip(run.estimates.names, zip(run.estimates.value, run.errors, strict=True), strict=True))
+    for n, (parameter, cell) in zip(counts, cells, strict=True):
+        wanted = {
+            "share": float(tolerance_factor(int(n), 0.99, 0.95)),
+            "mean": float(stats.t.isf(0.005, n - 1) / np.sqrt(n)),
+            "user": float(stats.t.isf(0.005, n - 1) * np.sqrt(1 + 1 / n)),
+        }
+        for kind, exact in wanted.items():
+            for side, sign in (("lower", -1), ("upper", 1)):
+                value, error = limits[f"{side} {kind} limit of {parameter} in {cell}"]
+                assert abs(value - sign * exact) < 4 * error, (n, kind, side)
+
+
+def test_settings_refuse_what_makes_no_sense():
+    with pytest.raises(UsageError, match=r"'tolerance', value 0: must lie in \(0, 1\)"):
+        Settings(tolerance=0)
+    with pytest.raises(UsageError, match=r"'ensembles', value 3: must be at least 4"):
+        Settings(ensembles=3)
+    with pytest.raises(UsageError, match=r"'walkers', value 63: must be at least 64"):
+        Settings(walkers=63)
