@@ -102,7 +102,7 @@ def at(document: Any, place: str) -> Any:
     """
     value = document
     for step in place.split("/")[1:]:
-        name = step.replace("~1", "/").replace("~0", "~")
+        name = _plain_name(step)
         try:
             if isinstance(value, Mapping):
                 value = value[name]
@@ -142,7 +142,7 @@ def number(document: Any, place: str, *, digits: int = 5, style: str = "plain") 
     """
     parent, _, last = place.rpartition("/")
     owner = at(document, parent)
-    value = owner.get(last) if isinstance(owner, Mapping) else at(document, place)
+    value = owner.get(_plain_name(last)) if isinstance(owner, Mapping) else at(document, place)
     if value is None:
         return Number("–", "", place)
     if isinstance(value, str) and value in _INFINITE:
@@ -163,3 +163,7 @@ def _short(value: float, style: str) -> str:
     fraction = style == "short percent"
     text = f"{100 * value if fraction else value:.10g}".replace("-", "−")
     return f"{text}\u202f%" if fraction else text
+
+
+def _plain_name(step: str) -> str:
+    return step.replace("~1", "/").replace("~0", "~")

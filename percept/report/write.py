@@ -63,7 +63,7 @@ def write_report(
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written, a format is unknown, or there is no Chromium for a PDF.
+        Where `out_dir` is a file or cannot be written, a format is unknown, or no Chromium prints the PDF.
     PerceptError
         What the study refuses.
     """

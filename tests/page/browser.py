@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import fcntl
 import json
 import os
 import select
@@ -34,6 +35,14 @@ def find_browser() -> str | None:
     return next((path for name in names if (path := shutil.which(name))), None)
 
 
+def _high(pair: tuple[int, int]) -> tuple[int, int]:
+    """Move two descriptors out of the way of 3 and 4."""
+    moved = tuple(fcntl.fcntl(one, fcntl.F_DUPFD_CLOEXEC, 10) for one in pair)
+    for one in pair:
+        os.close(one)
+    return moved[0], moved[1]
+
+
 class Browser:
     """One Chromium with a profile of its own; use as a context manager."""
 
@@ -45,16 +54,16 @@ class Browser:
 
     def __enter__(self) -> Browser:
         self._profile = tempfile.mkdtemp(prefix="percept-page-")
-        from_us, self._send = os.pipe()
-        self._receive, to_us = os.pipe()
+        from_us, self._send = _high(os.pipe())
+        self._receive, to_us = _high(os.pipe())
         flags = [*_FLAGS, f"--user-data-dir={self._profile}"]
         if os.geteuid() == 0:
             flags.append("--no-sandbox")
-        # Chromium reads commands from descriptor 3 and answers on 4.
-        redirect = f'exec "$0" "$@" 3<&{from_us} 4>&{to_us}'
         self._process = subprocess.Popen(
-            ["sh", "-c", redirect, self._executable, *flags, "about:blank"],
-            pass_fds=(from_us, to_us),
+            [self._executable, *flags, "about:blank"],
+            # Chromium reads commands from descriptor 3 and answers on 4; Python's own are not inherited.
+            preexec_fn=lambda: (os.dup2(from_us, 3), os.dup2(to_us, 4)),
+            close_fds=False,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

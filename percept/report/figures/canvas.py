@@ -263,7 +263,7 @@ def inline_svg(figure: Figure, drawing: Drawing) -> str:
     Returns
     -------
     str
-        Safe to put into HTML; every id starts with the drawing's name.
+        Safe to put into HTML; every id starts with ``svg-`` and the drawing's name.
     """
     body = _saved(figure, "svg", {"svg.fonttype": "none"}, dpi=72, facecolor="none").decode("utf-8")
     opening, _, rest = body[body.index("<svg") :].partition(">")
@@ -278,9 +278,9 @@ def inline_svg(figure: Figure, drawing: Drawing) -> str:
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0]} '
         f'style="min-width:{width * _LEAST:.4g}rem;max-width:{width * _MOST:.4g}rem" '
-        f'role="img" aria-labelledby="{drawing.name}-title {drawing.name}-desc">'
-        f'<title id="{drawing.name}-title">{escape(drawing.title)}</title>'
-        f'<desc id="{drawing.name}-desc">{escape(drawing.description)}</desc>' + rest.strip()
+        f'role="img" aria-labelledby="svg-{drawing.name}-title svg-{drawing.name}-desc">'
+        f'<title id="svg-{drawing.name}-title">{escape(drawing.title)}</title>'
+        f'<desc id="svg-{drawing.name}-desc">{escape(drawing.description)}</desc>' + rest.strip()
     )
 
 
@@ -290,9 +290,9 @@ _INLINE = tuple(
     (re.compile(pattern, re.DOTALL), replacement)
     for pattern, replacement in (
         (r"<metadata>.*?</metadata>|<!--.*?-->", ""),
-        (r'\bid="([^"]+)"', r'id="NAME-\1"'),
-        (r'xlink:href="#([^"]+)"', r'xlink:href="#NAME-\1"'),
-        (r"url\(#([^)]+)\)", r"url(#NAME-\1)"),
+        (r'\bid="([^"]+)"', r'id="svg-NAME-\1"'),
+        (r'xlink:href="#([^"]+)"', r'xlink:href="#svg-NAME-\1"'),
+        (r"url\(#([^)]+)\)", r"url(#svg-NAME-\1)"),
         (r"\n\s*", "\n"),
     )
 )

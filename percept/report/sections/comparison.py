@@ -1,4 +1,4 @@
-"""Classical against Bayesian, with the reasons."""
+"""Classical against Bayesian, with what sets them apart."""
 
 from __future__ import annotations
 
@@ -6,23 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from percept.report.sections.part import Part
-from percept.report.select import METHOD_NAMES
+from percept.report.select import METHODS, distinct
 
 __all__ = ["build"]
 
-_HEADS = {
-    "width_ratio": "width, Bayesian / classical",
-    "shift": "shift of the estimate",
-    **{
-        f"{limit}_{method}": f"{name} {limit}"
-        for limit in ("lower", "upper", "estimate")
-        for method, name in METHOD_NAMES.items()
-    },
-}
+_LABELS = ("environment", "parameter", "kind", "family")
+_MEASURES = {"width_ratio": "width, Bayesian / classical", "shift": "shift of the estimate"}
+# Estimates are in the table of the figure and in report.json; limits and their ratio say it here.
+_PAIRED = tuple(f"{limit}_{method}" for method in METHODS for limit in ("lower", "upper"))
+_LEFT_OUT = tuple(f"estimate_{method}" for method in METHODS)
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the rows of the comparison.
+    """Return the pairs of intervals, the measures between them, and whatever else a pair carries.
 
     Parameters
     ----------
@@ -35,11 +31,24 @@ def build(document: Mapping[str, Any]) -> Part | None:
     rows = document["comparison"]
     if not rows:
         return None
-    columns = list(rows[0])
-    texts = {column: any(isinstance(row[column], str) for row in rows) for column in columns}
-    heads = {column: _HEADS.get(column, column.replace("_", " ")) for column in columns}
+    families = distinct(rows, "family")
+    known = {*_LABELS, *_PAIRED, *_LEFT_OUT}
+    further = [name for name in rows[0] if name not in known]
     return Part(
         "comparison",
-        "Why the methods differ",
-        {"columns": columns, "heads": heads, "rows": rows, "texts": texts},
+        "Classical against Bayesian",
+        {
+            "labels": [name for name in _LABELS if name != "family" or len(families) > 1],
+            "families": families,
+            "methods": METHODS,
+            "further": [
+                {
+                    "name": name,
+                    "head": _MEASURES.get(name, name.replace("_", " ")),
+                    "text": any(isinstance(row[name], str) for row in rows),
+                }
+                for name in further
+            ],
+            "rows": rows,
+        },
     )

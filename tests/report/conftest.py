@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from percept import Scene, Study, read_sessions
+from percept.report import build_document, write_report
+
+DATASETS = Path(__file__).parents[2] / "datasets"
+
+
+def scene_of(**inference):
+    """The published scene with fewer frequencies."""
+    tables = Scene.load(DATASETS / "hbfd.toml").to_dict()
+    tables["frequency"]["points"] = 61
+    tables["inference"] |= {"method": "classical", **inference}
+    return Scene.from_tables(tables)
+
+
+@pytest.fixture(scope="session")
+def classical_study():
+    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene_of())
+
+
+@pytest.fixture(scope="session")
+def classical(classical_study):
+    """Document of the classical analysis of the published study."""
+    return build_document(classical_study)
+
+
+@pytest.fixture(scope="session")
+def both_study():
+    """Both methods, sampled to a loose accuracy."""
+    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene_of(method="both", tolerance=0.05))
+
+
+@pytest.fixture(scope="session")
+def both(both_study):
+    return build_document(both_study)
+
+
+@pytest.fixture(scope="session")
+def report(both_study, tmp_path_factory):
+    """Folder of a written report."""
+    out = tmp_path_factory.mktemp("report") / "out"
+    write_report(both_study, out, date="2026-01-01")
+    return out

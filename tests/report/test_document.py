@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from percept import Scene, Study, read_sessions
+from percept.report import build_document, dumps
+from percept.report.document import SCHEMA, zoom_windows
+from percept.report.findings import findings
+
+from .conftest import DATASETS, scene_of
+
+
+def test_it_has_every_part_and_only_json_values(both):
+    assert list(both) == [
+        "schema",
+        "provenance",
+        "data",
+        "zoom",
+        "intervals",
+        "boundaries",
+        "coupling",
+        "band",
+        "comparison",
+        "diagnostics",
+        "skipped",
+        "sensitivity",
+        "design",
+        "summary",
+    ]
+    assert both["schema"] == SCHEMA
+    assert json.loads(dumps(both)) == both
+
+
+def test_intervals_and_boundaries_have_the_promised_fields(both):
+    fields = {"environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence"}
+    fields |= {"lower", "upper", "estimate", "n", "unit", "covers"}
+    assert all(fields <= row.keys() for row in both["intervals"])
+    assert {row["method"] for row in both["intervals"]} == {"classical", "bayesian"}
+    fields = {"environment", "kind", "method", "family", "joint", "shape", "level"}
+    curves = ("omega", "lower", "upper", "reference", "coupled")
+    for record in both["boundaries"]:
+        assert fields <= record.keys()
+        assert {len(record[name]) for name in curves} == {61}
+
+
+def test_files_go_by_name_and_folders_stay_out(classical):
+    assert [file["name"] for file in classical["provenance"]["files"]] == ["hbfd_sessions.csv"]
+    assert str(DATASETS) not in dumps(classical)
+
+
+def test_the_same_study_gives_the_same_bytes():
+    def text():
+        return dumps(build_document(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene_of())))
+
+    assert text() == text()
+
+
+def test_cells_are_the_adjustments(classical):
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    for cell in classical["data"]["cells"]:
+        values = table.loc[table["environment"] == cell["environment"], f"{cell['parameter']}_adj"]
+        assert cell["values"] == values.tolist()
+        assert cell["mean"] == pytest.approx(values.mean(), rel=1e-15)
+        assert cell["sd"] == pytest.approx(values.std(ddof=1), rel=1e-14)
+
+
+def test_simulated_input_is_known_by_its_source_column():
+    sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
+    scene = Scene.from_tables({"inference": {"method": "classical"}})
+    assert not build_document(Study(sessions, scene))["data"]["simulated"]
+    table = sessions.table.assign(source="simulated")
+    marked = dataclasses.replace(sessions, table=table)
+    assert build_document(Study(marked, scene))["data"]["simulated"]
+
+
+def test_zoom_follows_the_scene_and_else_surrounds_10():
+    scene = Scene.from_tables({"report": {"zoom": {"VE1": [9.89, 10.11]}}})
+    windows = zoom_windows(scene, ["VE1", "VE2", "VE1"])
+    assert windows == {"VE1": [9.89, 10.11], "VE2": pytest.approx([9.8, 10.2])}
+
+
+def test_six_references_of_the_paper_lie_outside_their_own_interval(classical):
+    (normal,) = [row for row in classical["summary"]["references"] if row["family"] == "normal"]
+    outside = {(one["environment"], one["parameter"]) for one in normal["outside"]}
+    assert (normal["inside"], normal["of"]) == (4, 10)
+    assert outside == {("VE1", "k"), ("VE3", "k"), ("VE4", "k"), ("VE5", "k"), ("VE2", "b"), ("VE5", "b")}
+
+
+def test_widths_are_relative_to_the_reference(classical):
+    (row,) = [
+        row
+        for row in classical["summary"]["widths"]
+        if (row["family"], row["parameter"], row["kind"]) == ("normal", "k", "mean")
+    ]
+    assert row["narrowest"]["environment"] == "VE4"
+    assert row["narrowest"]["width"] == pytest.approx((24968 - 23316) / 25000, abs=1e-4)
+    assert row["widest"]["environment"] == "VE1"
+    assert row["widest"]["width"] == pytest.approx((19.02 - 10.808) / 10, abs=1e-4)
+
+
+def test_what_has_no_reference_or_limit_is_not_counted(classical):
+    document = {"intervals": [dict(row) for row in classical["intervals"]], "boundaries": []}
+    for row in document["intervals"]:
+        row["reference"] = None if row["environment"] == "VE1" else row["reference"]
+    assert {row["of"] for row in findings(document)["references"]} == {8}
+    assert findings({"intervals": [], "boundaries": []}) == {"references": [], "widths": []}
+
+
+def test_a_summary_and_a_scene_without_device_are_documents_too():
+    study = Study(
+        read_sessions(DATASETS / "hbfd_table1.csv"), Scene.from_tables({"inference": {"method": "classical"}})
+    )
+    document = build_document(study)
+    assert document["data"]["form"] == "summary"
+    assert document["data"]["cells"] == []
+    assert [document[name] for name in ("boundaries", "coupling", "sensitivity", "design")] == [
+        [],
+        None,
+        None,
+        None,
+    ]
+    assert any("device" in entry["why"] for entry in document["skipped"])
+    normal = [row for row in document["intervals"] if row["family"] == "normal" and row["kind"] == "mean"]
+    assert np.isfinite([row["lower"] for row in normal]).all()

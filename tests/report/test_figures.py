@@ -1,0 +1,235 @@
+from __future__ import annotations
+
+import copy
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from percept import haptics
+from percept.errors import UsageError
+from percept.report.figures.band import Widths, draw_band
+from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio, refined
+from percept.report.figures.canvas import COLOURS, drawn, grid, inline_svg, panels, plain_text, rendered
+from percept.report.figures.catalogue import drawings
+from percept.report.figures.design import draw_design
+from percept.report.figures.intervals import Bar, draw_intervals
+
+SVG = "{http://www.w3.org/2000/svg}"
+HOSTILE = '<script>alert("$x$")</script>'
+
+
+@pytest.fixture(scope="module")
+def found(both):
+    return {drawing.name: drawing for drawing in drawings(both)}
+
+
+def axes():
+    return Figure().add_subplot()
+
+
+def test_every_environment_has_its_three_views(found):
+    views = {f"boundary_{i}_{view}" for i in range(1, 6) for view in ("range", "zoom", "ratio")}
+    assert found.keys() == views | {"intervals_k", "intervals_b", "stability", "design", "band"}
+
+
+@pytest.mark.parametrize("form", ["svg", "pdf", "png"])
+def test_the_same_drawing_gives_the_same_bytes(found, form):
+    once, again = (rendered(drawn(found["boundary_1_zoom"]), form) for _ in range(2))
+    assert once == again
+    assert once.startswith({"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}[form])
+
+
+def test_a_file_has_its_size_in_millimetres(found):
+    drawing = found["band"]
+    root = ET.fromstring(rendered(drawn(drawing), "svg"))
+    for side, length in zip(("width", "height"), drawing.size, strict=True):
+        assert float(root.get(side).removesuffix("pt")) == pytest.approx(length * 72 / 25.4, rel=1e-6)
+
+
+def test_another_format_is_refused(found):
+    with pytest.raises(UsageError, match="figures come as svg, pdf, png"):
+        rendered(drawn(found["band"]), "eps")
+
+
+def test_embedded_fonts_in_a_pdf(found):
+    # Type 42 keeps the outlines of the font; Type 3 is what journals refuse.
+    assert b"/FontFile2" in rendered(drawn(found["band"]), "pdf")
+
+
+def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
+    drawing = found["boundary_2_ratio"]
+    text = inline_svg(drawn(drawing), drawing)
+    root = ET.fromstring(text)
+    assert root.tag == f"{SVG}svg"
+    assert root.find(f"{SVG}title").text == drawing.title
+    ids = {element.get("id") for element in root.iter() if element.get("id")}
+    assert all(one.startswith(f"svg-{drawing.name}-") for one in ids)
+    used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text))
+    assert used
+    assert used <= ids
+    labelled = root.get("aria-labelledby").split()
+    assert set(labelled) <= ids
+
+
+def test_the_page_s_svg_takes_its_colours_from_the_page(found):
+    drawing = found["intervals_k"]
+    text = inline_svg(drawn(drawing), drawing)
+    assert "var(--classical)" in text
+    assert "var(--bayesian)" in text
+    left = set(re.findall(r"#[0-9a-fA-F]{6}\b", text))
+    assert not left, left
+
+
+def test_hostile_names_are_drawn_as_text(both):
+    document = copy.deepcopy(both)
+    for part in (document["intervals"], document["boundaries"], document["data"]["cells"]):
+        for row in part:
+            row["environment"] = row["environment"].replace("VE1", HOSTILE)
+    document["zoom"][HOSTILE] = document["zoom"]["VE1"]
+    by_name = {drawing.name: drawing for drawing in drawings(document)}
+    for name in ("intervals_k", "boundary_1_range"):
+        text = inline_svg(drawn(by_name[name]), by_name[name])
+        assert "<script" not in text
+        seen = "".join(ET.fromstring(text).itertext())
+        assert 'alert("$x$")' in seen
+
+
+def test_dollars_are_no_mathematics():
+    assert plain_text("a$b$c") == r"a\$b\$c"
+    assert plain_text("plain") == "plain"
+
+
+def test_panels_stand_where_the_millimetres_say():
+    figure = Figure(figsize=(100 / 25.4, 50 / 25.4))
+    (left, right) = panels(figure, left=10, right=5, top=4, bottom=6, gap=15, columns=2)
+    assert np.array(left.get_position().bounds) * [100, 50, 100, 50] == pytest.approx([10, 6, 35, 40])
+    assert np.array(right.get_position().bounds) * [100, 50, 100, 50] == pytest.approx([60, 6, 35, 40])
+    rows = grid(figure, 3, columns=2, left=10, right=5, top=4, bottom=6, gap=15, line=10)
+    assert np.array(rows[2].get_position().bounds) * [100, 50, 100, 50] == pytest.approx([10, 6, 35, 15])
+
+
+@pytest.mark.parametrize("environment", [(10.0, 0.1), (1000.0, 1.0), (25000.0, 25.0)])
+def test_a_close_view_follows_the_exact_curve(environment):
+    device, period = haptics.Device(1.0, 5.0), 0.001
+    reference = haptics.Environment(*environment)
+    omega = np.geomspace(0.1, 100, 241)
+    curve = abs(haptics.perceived_impedance(omega, device, reference, period))
+    for window in ((9.89, 10.11), (9.3, 10.6)):
+        exact = abs(haptics.perceived_impedance(np.linspace(*window, 121), device, reference, period))
+        # Two curves of the paper's Fig. 7b are 1e-5 apart: the drawing must be finer than that.
+        assert refined(omega, curve, window) == pytest.approx(exact, rel=1e-6)
+
+
+def test_a_close_view_works_at_the_edges_of_the_range():
+    omega = np.geomspace(0.1, 100, 61)
+    for window in ((0.1, 0.11), (90.0, 100.0)):
+        assert refined(omega, omega**2, window) == pytest.approx(np.linspace(*window, 121) ** 2, rel=1e-9)
+
+
+OMEGA = np.array([1.0, 2.0, 4.0])
+LIMITS = Limits("c", "classical", np.array([1.0, 2.0, 3.0]), np.array([2.0, 3.0, 4.0]))
+
+
+def test_curves_are_the_arrays_given():
+    ax = axes()
+    draw_magnitude(ax, OMEGA, [LIMITS], np.ones(3), np.full(3, 2.0))
+    lines = ax.get_lines()
+    for line, curve in zip(lines, (LIMITS.lower, LIMITS.upper, 1, 2), strict=True):
+        assert (line.get_xdata() == OMEGA).all()
+        assert (line.get_ydata() == np.broadcast_to(curve, 3)).all()
+    assert ax.get_xscale() == ax.get_yscale() == "log"
+    assert lines[0].get_color() == COLOURS["classical"]
+
+
+def test_crossed_corner_curves_make_one_band():
+    ax = axes()
+    crossed = Limits("b", "bayesian", np.array([3.0, 2.0, 1.0]), np.array([1.0, 2.0, 3.0]))
+    draw_magnitude(ax, OMEGA, [crossed], np.ones(3), log=False)
+    low, high = ax.get_lines()[:2]
+    assert low.get_ydata().tolist() == [1.0, 2.0, 1.0]
+    assert high.get_ydata().tolist() == [3.0, 2.0, 3.0]
+
+
+def test_ratios_are_over_the_reference_and_turn_logarithmic_when_wide():
+    ax = axes()
+    draw_ratio(ax, OMEGA, [LIMITS], np.full(3, 2.0), np.full(3, 4.0))
+    assert ax.get_lines()[0].get_ydata().tolist() == [0.5, 1.0, 1.5]
+    assert ax.get_lines()[-1].get_ydata().tolist() == [2.0, 2.0, 2.0]
+    assert ax.get_yscale() == "linear"
+    wide = axes()
+    draw_ratio(wide, OMEGA, [Limits("c", "classical", np.zeros(3), np.full(3, 100.0))], np.ones(3))
+    assert wide.get_yscale() == "log"
+    assert 0 < wide.get_ylim()[0] < 100 < wide.get_ylim()[1]
+
+
+def test_bars_span_their_limits_and_a_negative_one_runs_to_the_edge():
+    ax = axes()
+    bars = [
+        Bar("A", "mean", "classical", 0.5, 2.0, 1.0),
+        Bar("A", "user", "classical", -1.0, 4.0, 1.0),
+        Bar("B", "mean", "bayesian", 0.8, 1.6, 1.1),
+    ]
+    draw_intervals(ax, ["A", "B"], bars, [np.array([0.9, 1.2]), np.empty(0)], log=True)
+    spans = [tuple(line.get_xdata()) for line in ax.get_lines() if len(line.get_xdata()) == 2]
+    assert (0.5, 2.0) in spans
+    assert (0.8, 1.6) in spans
+    (clipped,) = [span for span in spans if span[1] == 4.0]
+    assert 0 < clipped[0] < ax.get_xlim()[0]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["A", "B"]
+
+
+def test_bands_and_laws_are_drawn_where_they_are():
+    ax = axes()
+    impedance = np.array([1.0, 10.0])
+    widths = Widths("c", "classical", ("A", "B"), impedance, impedance / 2, {"power law": impedance / 3})
+    draw_band(ax, impedance, [widths])
+    points, law = ax.get_lines()
+    assert points.get_ydata().tolist() == [0.5, 5.0]
+    assert (law.get_ydata() == impedance / 3).all()
+    assert [text.get_text() for text in ax.texts] == ["A", "B"]
+
+
+def test_the_map_shades_every_interval_of_every_line():
+    ax = axes()
+    intervals = [np.array([[0.0, 1e3]]), np.array([[0.0, 1e3], [2e3, 3e3]]), np.empty((0, 2))]
+    draw_design(ax, np.array([0.0, 1.0, 2.0]), intervals, coupling=(5e3, 4.0))
+    bars = [(bar.get_x(), bar.get_width(), bar.get_y(), bar.get_height()) for bar in ax.patches]
+    assert bars == [(0.0, 1.0, 0.0, 0.5), (0.0, 1.0, 0.5, 1.0), (2.0, 1.0, 0.5, 1.0)]
+    (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (5.0, 4.0)
+
+
+def contrast(one, other):
+    """WCAG contrast ratio of two colours."""
+
+    def luminance(colour):
+        parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+        return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
+
+    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize("name", ["ink", "quiet", "classical", "bayesian", "coupled", "warn"])
+def test_colours_stand_out_from_the_paper(name):
+    assert contrast(COLOURS[name], COLOURS["paper"]) >= 4.5
+
+
+def test_methods_stay_apart_in_colour_blindness():
+    # Viénot, Brettel and Mollon (1999): linear RGB as a protanope and a deuteranope sees it.
+    seen_by = {
+        "protanope": np.array([[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]]),
+        "deuteranope": np.array([[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]),
+    }
+
+    def linear(colour):
+        parts = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+        return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+
+    for matrix in seen_by.values():
+        classical, bayesian = (matrix @ linear(COLOURS[name]) for name in ("classical", "bayesian"))
+        assert np.linalg.norm(classical - bayesian) > 0.25

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+from decimal import ROUND_HALF_EVEN, Context, Decimal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from percept.errors import UsageError
+from percept.report.numbers import at, number, percentage, rounded
+
+_SUPERSCRIPT = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
+def read(text: str) -> Decimal:
+    """The number a reader sees."""
+    mantissa, _, power = text.replace("−", "-").partition(" × 10")
+    return Decimal(mantissa).scaleb(int(power.translate(_SUPERSCRIPT)) if power else 0)
+
+
+@given(
+    st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False).filter(lambda x: x != 0),
+    st.integers(1, 9),
+)
+def test_text_is_the_exact_value_rounded_once(value, digits):
+    exact = Context(prec=digits, rounding=ROUND_HALF_EVEN).create_decimal(Decimal(value))
+    assert read(rounded(value, digits)) == exact
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (19.02, "19.020"),
+        (0.0356, "0.035600"),
+        (8979.9, "8979.9"),
+        (23316.0, "23316"),
+        (123456.0, "1.2346e5"),
+        (0.000012, "1.2000 × 10⁻⁵"),
+        (-2.5e-7, "−2.5000 × 10⁻⁷"),
+        (1.5e12, "1.5000 × 10¹²"),
+        (0.0, "0"),
+        (float("inf"), "∞"),
+        (float("-inf"), "−∞"),
+    ],
+)
+def test_forms(value, text):
+    expected = "123460" if text == "1.2346e5" else text
+    assert rounded(value) == expected
+
+
+def test_percentage_has_a_narrow_space():
+    assert percentage(0.6472) == "64.7\u202f%"
+
+
+DOCUMENT = {"rows": [{"lower": 10.808, "upper": "inf", "none": None, "n": 12345, "level": 0.99, "a/b": 2}]}
+
+
+@pytest.mark.parametrize(
+    ("place", "style", "text", "exact"),
+    [
+        ("/rows/0/lower", "plain", "10.808", "10.808"),
+        ("/rows/0/upper", "plain", "∞", "inf"),
+        ("/rows/0/none", "plain", "–", ""),
+        ("/rows/0/absent", "plain", "–", ""),
+        ("/rows/0/n", "count", "12\u202f345", "12345"),
+        ("/rows/0/level", "short percent", "99\u202f%", "0.99"),
+        ("/rows/0/level", "short", "0.99", "0.99"),
+        ("/rows/0/a~1b", "short", "2", "2"),
+    ],
+)
+def test_a_number_knows_its_place_and_all_its_digits(place, style, text, exact):
+    shown = number(DOCUMENT, place, style=style)
+    assert (shown.text, shown.exact, shown.place) == (text, exact, place)
+
+
+@pytest.mark.parametrize("place", ["/rows/1/lower", "/other/0/lower", "/rows/0/lower/deeper", "/rows/x/y"])
+def test_a_place_that_is_not_there_is_an_error_that_names_it(place):
+    with pytest.raises(UsageError, match="has nothing at this place") as caught:
+        at(DOCUMENT, place)
+    assert caught.value.value == place
+
+
+def test_text_is_no_number():
+    with pytest.raises(UsageError, match="a number was expected"):
+        number({"x": "VE1"}, "/x")

@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+import copy
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from percept import Study, read_sessions
+from percept.report import build_document
+from percept.report.numbers import number
+from percept.report.page import Plate, render_page
+from percept.report.sections import build_parts
+
+from .conftest import DATASETS, scene_of
+
+STYLES = [("plain", digits) for digits in (3, 4, 5)] + [("percent", 3)]
+STYLES += [(style, 5) for style in ("short", "short percent", "count")]
+HOSTILE = '"><img src=x onerror=alert(1)>{{7*7}}</script>'
+
+
+class Reader(HTMLParser):
+    """What a page says: numbers with their places, text of table cells, tags and attributes."""
+
+    def __init__(self, page):
+        super().__init__(convert_charrefs=True)
+        self.numbers, self.cells, self.tags, self.text = [], [], [], []
+        self._open, self._cell, self._inside = None, None, []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.tags.append((tag, attributes))
+        self._inside.append(tag)
+        if tag == "data":
+            self._open = [attributes["data-at"], attributes["value"], ""]
+        if tag in ("td", "th"):
+            self._cell = {"tag": tag, "bare": "", "class": attributes.get("class", "")}
+
+    def handle_endtag(self, tag):
+        if tag == "data":
+            self.numbers.append(tuple(self._open))
+            self._open = None
+        if tag in ("td", "th") and self._cell:
+            self.cells.append(self._cell)
+            self._cell = None
+        while self._inside and self._inside.pop() != tag:
+            pass
+
+    def handle_data(self, data):
+        if self._inside and self._inside[-1] not in ("script", "style"):
+            self.text.append(data)
+        if self._open:
+            self._open[2] += data
+        elif self._cell:
+            self._cell["bare"] += data
+
+
+def page_of(document):
+    return render_page(document, {}, date="2026-01-01")
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return (report / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def read(page):
+    return Reader(page)
+
+
+def test_every_number_is_the_one_in_report_json(read, both):
+    assert len(read.numbers) > 500
+    for place, exact, text in read.numbers:
+        forms = [
+            number(both, place, digits=digits, style=style)
+            for style, digits in STYLES
+            if fits(both, place, style)
+        ]
+        assert exact == forms[0].exact, place
+        assert text in {form.text for form in forms}, place
+
+
+def fits(document, place, style):
+    value = number(document, place).exact
+    return style != "count" or re.fullmatch(r"-?\d+", value) is not None
+
+
+def test_no_table_shows_a_number_that_is_not_in_report_json(read):
+    bare = [cell for cell in read.cells if cell["tag"] == "td" and "text" not in cell["class"]]
+    assert len(bare) > 500
+    for cell in bare:
+        assert not re.search(r"\d", cell["bare"]), cell
+
+
+def test_nothing_is_fetched(page, read):
+    for tag, attributes in read.tags:
+        for name in ("src", "href", "xlink:href", "srcset", "data", "action"):
+            assert attributes.get(name, "#").startswith(("#", "data:")), (tag, attributes)
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+
+
+def test_it_is_small_enough_to_mail(report):
+    assert (report / "report.html").stat().st_size < 3e6
+
+
+def test_ids_are_unique_and_links_lead_somewhere(read):
+    ids = [attributes["id"] for _, attributes in read.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for _, attributes in read.tags:
+        for name in ("href", "xlink:href"):
+            if name in attributes:
+                assert attributes[name][1:] in ids
+        for one in attributes.get("aria-labelledby", "").split():
+            assert one in ids
+
+
+def test_every_table_has_a_caption_and_scoped_heads(page, read):
+    assert page.count("<table") == page.count("<caption>")
+    assert all("scope" in attributes for tag, attributes in read.tags if tag == "th")
+
+
+def test_the_sentence_of_every_interval_is_on_the_page(read, both):
+    text = " ".join("".join(read.text).split())
+    for sentence in {row["covers"] for row in both["intervals"]}:
+        assert sentence in text
+
+
+def test_the_page_differs_in_its_date_only(both):
+    one, other = (render_page(both, {}, date=date) for date in ("2026-01-01", "2027-02-03"))
+    assert one != other
+    assert one.replace("2026-01-01", "2027-02-03") == other
+
+
+def renamed(document, name):
+    """The document with VE1 called otherwise."""
+    document = copy.deepcopy(document)
+    for part in (document["intervals"], document["boundaries"], document["data"]["cells"]):
+        for row in part:
+            row["environment"] = name if row["environment"] == "VE1" else row["environment"]
+    document["zoom"][name] = document["zoom"].pop("VE1")
+    for row in document["coupling"]["realism"]:
+        row["environment"] = name if row["environment"] == "VE1" else row["environment"]
+    document["data"]["environments"] = [name, *document["data"]["environments"][1:]]
+    document["data"]["notices"] = [{"text": name, "file": name, "row": 3}]
+    document["data"]["exclusions"] = [{"who": name, "what": name, "why": name, "file": name, "row": 3}]
+    document["provenance"]["files"][0]["name"] = name
+    document["skipped"] = [{"what": name, "why": name}]
+    return document
+
+
+def test_hostile_names_appear_as_text(classical):
+    page = page_of(renamed(classical, HOSTILE))
+    read = Reader(page)
+    assert not [tag for tag, _ in read.tags if tag == "img"]
+    assert not [attributes for _, attributes in read.tags if "onerror" in attributes]
+    assert page.count("</script>") == 2
+    assert "".join(read.text).count(HOSTILE) >= 8
+    assert "49" not in [cell["bare"] for cell in read.cells]
+
+
+def names_of(document):
+    return [part.name for part in build_parts(document)]
+
+
+def test_sections_stand_in_reading_order(both):
+    assert names_of(both) == [
+        "summary",
+        "intervals",
+        "boundaries",
+        "coupling",
+        "device",
+        "band",
+        "comparison",
+        "diagnostics",
+        "data",
+        "methods",
+        "provenance",
+        "skipped",
+    ]
+
+
+def test_a_section_not_needed_is_absent(classical):
+    assert "diagnostics" not in names_of(classical)
+    assert "comparison" not in names_of(classical)
+    scene = scene_of()
+    tables = scene.to_dict()
+    for name in ("device", "coupling"):
+        tables.pop(name)
+    document = build_document(
+        Study(read_sessions(DATASETS / "hbfd_table1.csv"), type(scene).from_tables(tables))
+    )
+    assert names_of(document) == ["summary", "intervals", "band", "data", "methods", "provenance", "skipped"]
+    page = page_of(document)
+    assert "Published limits for 5 references" in page
+    assert "Llewellyn" not in page
+    assert "emcee" not in re.sub(r'<script.*?</script>|"emcee.*', "", page.split('<h2 id="provenance')[0])
+
+
+def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
+    scene = scene_of(method="both", tolerance=0.0001, most_steps=200)
+    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
+    document = build_document(study)
+    gate = document["diagnostics"]["gate"]
+    assert not gate["passed"]
+    page = page_of(document)
+    assert "The Bayesian numbers are withheld" in page
+    text = "".join(Reader(page).text)
+    for reason in gate["reasons"]:
+        assert reason in text
+    assert {row["method"] for row in document["intervals"]} == {"classical"}
+    assert 'class="m-bayesian"' not in page
+
+
+def test_simulated_input_is_named_before_any_result(classical):
+    document = copy.deepcopy(classical)
+    assert "Simulated data" not in page_of(document)
+    document["data"]["simulated"] = True
+    page = page_of(document)
+    assert page.index("Simulated data") < page.index("<main")
+    assert "simulated subjects" in page
+
+
+def test_figures_come_with_their_words(both):
+    plate = Plate("A <b> title of |Z_h|", "What Z_h,vc shows.", "<svg></svg>")
+    page = render_page(both, {"band": plate}, date="2026-01-01")
+    assert "A &lt;b&gt; title of |Z<sub>h</sub>|" in page
+    assert "What Z<sub>h,vc</sub> shows." in page

@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from percept.report.plain import dumps, plain
+
+
+@dataclass(frozen=True)
+class Record:
+    name: str
+    curve: np.ndarray
+
+
+def test_records_arrays_and_tables_become_json_values():
+    value = {
+        "record": Record("a", np.array([1.0, np.inf, -np.inf, np.nan])),
+        "table": pd.DataFrame({"x": [1, 2], "y": ["a", None]}),
+        "pair": (np.float64(0.1), np.int64(3), np.bool_(True)),
+        "complex": 1 + 2j,
+        "nothing": None,
+    }
+    assert plain(value) == {
+        "record": {"name": "a", "curve": [1.0, "inf", "-inf", None]},
+        "table": [{"x": 1, "y": "a"}, {"x": 2, "y": None}],
+        "pair": [0.1, 3, True],
+        "complex": [1.0, 2.0],
+        "nothing": None,
+    }
+
+
+def test_what_has_no_plain_form_is_refused():
+    with pytest.raises(TypeError, match="object has no plain form"):
+        plain({"x": object()})
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False)))
+def test_every_double_survives_the_text(values):
+    read = json.loads(dumps({"x": plain(np.array(values))}))["x"]
+    assert [math.copysign(1, v) for v in read] == [math.copysign(1, v) for v in values]
+    assert read == values
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.text(),
+        lambda part: st.lists(part) | st.dictionaries(st.text(), part),
+        max_leaves=20,
+    )
+)
+def test_text_reads_back_whatever_the_nesting(value):
+    assert json.loads(dumps({"x": value})) == {"x": value}
+
+
+def test_a_nan_that_slipped_through_is_not_written():
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        dumps({"x": [float("nan")]})
+
+
+def test_lists_of_numbers_stand_on_one_line():
+    assert (
+        dumps({"x": [1, 2], "y": [{"z": []}]}) == '{\n "x": [1, 2],\n "y": [\n  {\n   "z": []\n  }\n ]\n}\n'
+    )

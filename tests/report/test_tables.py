@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import copy
+import csv
+import io
+
+import pandas as pd
+import pytest
+
+from percept.report.latex import latex_tables
+from percept.report.numbers import rounded
+from percept.report.tables import csv_tables
+
+from .conftest import DATASETS
+
+
+def rows_of(text):
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+@pytest.mark.parametrize(("parameter", "unit"), [("k", "N/m"), ("b", "N·s/m")])
+def test_limits_read_back_to_the_same_doubles(classical, parameter, unit):
+    rows = rows_of(csv_tables(classical)[f"intervals_{parameter}.csv"])
+    expected = [row for row in classical["intervals"] if row["parameter"] == parameter]
+    assert [float(row[f"lower ({unit})"]) for row in rows] == [row["lower"] for row in expected]
+    assert [float(row[f"upper ({unit})"]) for row in rows] == [row["upper"] for row in expected]
+    assert [row["environment"] for row in rows] == [row["environment"] for row in expected]
+
+
+def test_the_paper_s_table_comes_out_to_the_digit(classical):
+    published = pd.read_csv(DATASETS / "hbfd_table1.csv", dtype=str)
+    tables = {p: rows_of(csv_tables(classical)[f"intervals_{p}.csv"]) for p in ("k", "b")}
+    for row in published.itertuples():
+        unit = {"k": "N/m", "b": "N·s/m"}[row.parameter]
+        found = next(
+            r
+            for r in tables[row.parameter]
+            if (r["environment"], r["kind"], r["family"], r["joint"])
+            == (row.environment, "mean", "normal", "marginal")
+        )
+        for limit in ("lower", "upper"):
+            digits = len(getattr(row, limit).replace(".", "").lstrip("0"))
+            assert float(rounded(float(found[f"{limit} ({unit})"]), digits)) == float(getattr(row, limit))
+
+
+def test_curves_have_a_row_per_frequency(classical):
+    rows = rows_of(csv_tables(classical)["boundaries.csv"])
+    first = classical["boundaries"][0]
+    some = rows[: len(first["omega"])]
+    assert len(rows) == sum(len(boundary["omega"]) for boundary in classical["boundaries"])
+    for head, name in (
+        ("omega (rad/s)", "omega"),
+        ("lower (N·s/m)", "lower"),
+        ("coupled (N·s/m)", "coupled"),
+    ):
+        assert [float(row[head]) for row in some] == first[name]
+
+
+def test_text_that_a_spreadsheet_would_run_is_neutralised(classical):
+    document = copy.deepcopy(classical)
+    for row in document["intervals"]:
+        row["environment"] = '=HYPERLINK("http://x")'
+        row["lower"] = "-inf"
+    rows = rows_of(csv_tables(document)["intervals_k.csv"])
+    assert {row["environment"] for row in rows} == {'\'=HYPERLINK("http://x")'}
+    assert {row["lower (N/m)"] for row in rows} == {"-inf"}
+
+
+def test_latex_shows_the_page_s_digits_and_escapes_names(classical):
+    document = copy.deepcopy(classical)
+    for row in document["intervals"]:
+        row["environment"] = row["environment"].replace("VE1", r"50%_{a}\b&c#$~^")
+    text = latex_tables(document)["intervals_k.tex"]
+    assert "$10.808$ & $19.020$" in text
+    assert r"50\%\_\{a\}\textbackslash{}b\&c\#\$\textasciitilde{}\textasciicircum{}" in text
+    body = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
+    assert {line.count(" & ") for line in body} == {6}
+    assert latex_tables(document).keys() >= {"intervals_b.tex", "intervals_k_bonferroni.tex"}
+
+
+def test_latex_writes_powers_of_ten(classical):
+    document = copy.deepcopy(classical)
+    document["intervals"][0]["lower"] = 1.5e-9
+    assert r"$1.5000 \times 10^{-9}$" in latex_tables(document)["intervals_k.tex"]

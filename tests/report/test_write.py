@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from percept import Scene, Study, read_sessions
+from percept.errors import PerceptError, UsageError
+from percept.report import dumps, write_report
+from percept.report.pdf import print_pdf
+
+from .conftest import DATASETS
+
+
+@pytest.fixture
+def quick():
+    """A study without device: no curves, nothing to sample."""
+    scene = Scene.from_tables({"inference": {"method": "classical"}})
+    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
+
+
+def test_everything_promised_is_there(report, both):
+    files = {str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()}
+    promised = {"report.html", "report.json", "posterior.nc", "references.bib"}
+    promised |= {f"tables/{name}.csv" for name in ("intervals_k", "intervals_b", "boundaries", "band")}
+    promised |= {f"figures/{name}.svg" for name in ("intervals_k", "boundary_5_zoom", "stability", "design")}
+    assert promised <= files
+    assert (report / "report.json").read_text(encoding="utf-8") == dumps(both)
+
+
+def test_the_posterior_reads_back(report, both_study):
+    import xarray as xr
+
+    with xr.open_datatree(report / "posterior.nc", engine="h5netcdf") as tree:
+        assert set(tree.children) == set(both_study.posterior.children)
+
+
+def test_files_of_the_user_stay_and_a_second_run_gives_the_same(quick, tmp_path):
+    out = tmp_path / "out"
+    write_report(quick, out, date="2026-01-01")
+    (out / "notes.txt").write_text("mine")
+    (out / "figures").mkdir(exist_ok=True)
+    (out / "figures" / "mine.svg").write_text("mine")
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    page = write_report(quick, out, date="2026-01-01")
+    assert page == out / "report.html"
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_formats_are_those_asked_for(quick, tmp_path):
+    write_report(quick, tmp_path / "out", formats=("pdf", "png"))
+    assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
+        f"{name}.{form}" for name in ("band", "intervals_b", "intervals_k") for form in ("pdf", "png")
+    }
+
+
+def test_a_refusal_leaves_nothing_behind(tmp_path):
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    one = type(read_sessions(DATASETS / "hbfd_sessions.csv")).from_frame(table[table["subject"] == "S01"])
+    with pytest.raises(PerceptError):
+        write_report(Study(one, Scene()), tmp_path / "deep" / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_format_leaves_nothing_behind(quick, tmp_path):
+    with pytest.raises(UsageError, match="figures come as"):
+        write_report(quick, tmp_path / "out", formats=("eps",))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_in_the_folder_s_place_is_left_alone(quick, tmp_path):
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(UsageError, match="needs a folder") as caught:
+        write_report(quick, tmp_path / "out")
+    assert caught.value.file == str(tmp_path / "out")
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_a_folder_that_cannot_be_made_is_named(quick, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(UsageError, match="cannot be written") as caught:
+        write_report(quick, tmp_path / "file" / "out")
+    assert caught.value.file == str(tmp_path / "file" / "out")
+
+
+def test_steps_are_told(quick, tmp_path):
+    told = []
+    write_report(quick, tmp_path / "out", progress=told.append)
+    assert told == ["results", "tables", "figures", "page"]
+
+
+def test_the_seed_that_was_used_is_recorded(quick, tmp_path):
+    write_report(quick, tmp_path / "out", seed=7)
+    document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    assert document["provenance"]["seed"] == 7
+
+
+def test_without_a_browser_a_pdf_is_refused_with_a_way_out(tmp_path, monkeypatch):
+    monkeypatch.setenv("PERCEPT_BROWSER", "no-such-browser")
+    with pytest.raises(UsageError, match="needs a Chromium") as caught:
+        print_pdf(tmp_path / "page.html", tmp_path / "page.pdf")
+    assert "PERCEPT_BROWSER" in caught.value.hint
+
+
+def test_a_browser_that_fails_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PERCEPT_BROWSER", "false")
+    with pytest.raises(UsageError, match="could not be printed") as caught:
+        print_pdf(tmp_path / "page.html", tmp_path / "page.pdf")
+    assert Path(caught.value.file).name == "false"
