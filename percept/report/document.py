@@ -124,7 +124,7 @@ def _data(study: Study) -> dict[str, Any]:
     table = sessions.table
     return {
         "form": sessions.form,
-        "simulated": bool("source" in table and (table["source"] == "simulated").any()),
+        "simulated": sessions.simulated,
         "subjects": len(sessions.subjects),
         "rows": len(table),
         "environments": list(sessions.environments),

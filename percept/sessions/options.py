@@ -9,9 +9,11 @@ from typing import Any, Literal
 
 from percept.errors import UsageError
 
-__all__ = ["CANONICAL", "SUMMARY", "ColumnRule", "ExcludeRule", "ReadOptions"]
+__all__ = ["CANONICAL", "KEPT_COLUMNS", "SUMMARY", "ColumnRule", "ExcludeRule", "ReadOptions"]
 
 CANONICAL = ("subject", "session", "environment", "trial", "k_ref", "b_ref", "k_adj", "b_adj")
+#: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
+KEPT_COLUMNS = ("group", "source")
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
 _PLACES = frozenset({"subject", "session", "environment"})
 _PLACE = re.compile(r"\{(\w+)\}")

@@ -16,7 +16,7 @@ from percept.sessions.cells import CellError, pick
 from percept.sessions.columns import Resolution, Slot, resolve
 from percept.sessions.dialect import Grid
 from percept.sessions.numbers import Mark, decimal_mark, is_missing, parse_numbers
-from percept.sessions.options import CANONICAL, ExcludeRule, ReadOptions
+from percept.sessions.options import CANONICAL, KEPT_COLUMNS, ExcludeRule, ReadOptions
 from percept.sessions.problems import Problems, shown
 from percept.sessions.records import Exclusion, Notice
 from percept.sessions.summary import read_summary
@@ -160,7 +160,7 @@ def _require(
 
 def _unused(header: Sequence[str], resolution: Resolution, options: ReadOptions) -> list[str]:
     used = {at for slot in resolution.slots for at in slot.columns.values()}
-    named = {*options.groups, *options.only, *(rule.column for rule in options.exclude), "group"}
+    named = {*options.groups, *options.only, *(rule.column for rule in options.exclude), *KEPT_COLUMNS}
     return [name for at, name in enumerate(header) if at not in used and name and name not in named]
 
 
@@ -183,8 +183,8 @@ class _Reader:
         self.options = options
         self.problems = problems
         self.part = part
-        kept = ["group", *options.groups] if "group" in grid.header else options.groups
-        self.groups = list(dict.fromkeys(kept))
+        kept = [name for name in KEPT_COLUMNS if name in grid.header]
+        self.groups = list(dict.fromkeys([*kept, *options.groups]))
         own = [*self.groups, *options.only, *(r.column for r in options.exclude if r.column not in CANONICAL)]
         self.own = {name: self._own(name) for name in dict.fromkeys(own)}
         slots = [self._slot(slot, named) for slot in resolution.slots]

@@ -120,6 +120,11 @@ class Sessions:
         return tuple(p for p in ("k", "b") if self.table[f"{p}_adj"].notna().any())
 
     @property
+    def simulated(self) -> bool:
+        """Whether the data say of themselves, in a column `source`, that some are simulated."""
+        return "source" in self.table and bool((self.table["source"] == "simulated").any())
+
+    @property
     def subjects(self) -> tuple[str, ...]:
         """Subject ids in order of first appearance; empty in summary form."""
         return tuple(self.table["subject"].unique()) if self.form == "trials" else ()
