@@ -1,0 +1,186 @@
+"""What the paper's figures say of a device: each panel's statement over mass and damping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.haptics import Coupling, Device, corner_curves, perceived_impedance
+from percept.reproduce.published import Published, Wall
+
+__all__ = ["DAMPINGS", "MASSES", "Curves", "Panel", "curves", "largest", "over_devices", "panels"]
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+#: Devices a hand can move, kg and N·s/m; nobody published the mass or the damping of the one used.
+MASSES = np.geomspace(0.01, 30.0, 71)
+DAMPINGS = np.geomspace(0.05, 50.0, 61)
+_POINTS = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """The four curves of a panel of Fig. 7, N·s/m, over ω on the last axis.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (n,)
+        rad/s.
+    lower, upper : ndarray, shape (..., n)
+        The two corner curves, the smaller and the larger of them at each ω.
+    direct, coupled : ndarray, shape (..., n)
+        abs(Z_h) and abs(Z_h_vc) of the reference.
+    """
+
+    omega: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    direct: FloatArray
+    coupled: FloatArray
+
+
+def curves(omega: FloatArray, device: Device, wall: Wall, coupling: Coupling, period: float) -> Curves:
+    """Return the curves of a panel for one device, or an array of them.
+
+    Parameters
+    ----------
+    omega : ndarray, shape (n,)
+        rad/s.
+    device : Device
+        Its mass and damping of one shape (...), kg and N·s/m.
+    wall : Wall
+    coupling : Coupling
+    period : float
+        Sampling period T, s.
+
+    Returns
+    -------
+    Curves
+    """
+    each = Device(np.asarray(device.mass)[..., None], np.asarray(device.damping)[..., None])
+    at_low, at_high = corner_curves(omega, each, wall.stiffness, wall.damping, period)
+    return Curves(
+        omega=omega,
+        lower=np.minimum(at_low, at_high),
+        upper=np.maximum(at_low, at_high),
+        direct=np.abs(perceived_impedance(omega, each, wall.environment, period)),
+        coupled=np.abs(perceived_impedance(omega, each, wall.environment, period, coupling=coupling)),
+    )
+
+
+def _both_below(found: Curves) -> BoolArray:
+    return np.asarray(((found.direct < found.lower) & (found.coupled < found.lower)).all(axis=-1))
+
+
+def _both_inside(found: Curves) -> BoolArray:
+    inside = (found.lower <= found.coupled) & (found.coupled < found.direct) & (found.direct <= found.upper)
+    return np.asarray(inside.all(axis=-1))
+
+
+def _either_side(found: Curves) -> BoolArray:
+    return np.asarray(((found.coupled < found.lower) & (found.upper < found.direct)).all(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """An enlarged panel of Fig. 7 and what the paper reads off it.
+
+    Attributes
+    ----------
+    name : str
+        "7b", "7d" or "7f".
+    says : str
+        The statement, in a few words.
+    wall : Wall
+    window : tuple of float
+        rad/s.
+    true_of : callable
+        From `Curves` to whether the statement holds at every ω of the window.
+    """
+
+    name: str
+    says: str
+    wall: Wall
+    window: tuple[float, float]
+    true_of: Callable[[Curves], BoolArray]
+
+
+def panels(published: Published) -> tuple[Panel, ...]:
+    """Return the three enlarged panels."""
+    read = (
+        ("7b", "both curves below the boundaries", _both_below),
+        ("7d", "both curves inside, the coupled one lower", _both_inside),
+        ("7f", "coupled below, uncoupled above the boundaries", _either_side),
+    )
+    return tuple(
+        Panel(name, says, wall, window, true_of)
+        for (name, says, true_of), (wall, window) in zip(read, published.drawn, strict=True)
+    )
+
+
+def over_devices(
+    published: Published,
+    panel: Panel,
+    mass: FloatArray,
+    damping: FloatArray,
+    *,
+    omega: FloatArray | None = None,
+) -> BoolArray:
+    """Say for which devices a panel's statement is true over its window.
+
+    Parameters
+    ----------
+    published : Published
+    panel : Panel
+    mass, damping : ndarray
+        kg and N·s/m, of shapes that broadcast to (...).
+    omega : ndarray, shape (n,), optional
+        rad/s, in place of the window.
+
+    Returns
+    -------
+    ndarray of bool, shape (...)
+    """
+    mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
+    if omega is None:
+        omega = np.linspace(*panel.window, _POINTS)
+    device = Device(mass, damping)
+    return panel.true_of(curves(omega, device, panel.wall, published.tuned, published.period))
+
+
+def largest(true_at: Callable[[FloatArray], BoolArray], candidates: FloatArray) -> float | None:
+    """Return where a statement stops being true, on a rising scale.
+
+    Parameters
+    ----------
+    true_at : callable
+        From values, shape (n,), to whether the statement is true of each.
+    candidates : ndarray, shape (m,)
+        Positive, increasing.
+
+    Returns
+    -------
+    float or None
+        The largest value at which it is true, to 12 digits; inf where it is true of the last candidate, None
+        where it is true of none.
+    """
+    true = true_at(candidates)
+    if not true.any():
+        return None
+    last = int(np.flatnonzero(true)[-1])
+    if last == candidates.size - 1:
+        return float("inf")
+    low, high = candidates[last], candidates[last + 1]
+    while high - low > 1e-12 * high:
+        middle = np.sqrt(low * high)
+        if true_at(np.array([middle]))[0]:
+            low = middle
+        else:
+            high = middle
+        if middle in (low, high) and np.nextafter(low, high) >= high:
+            break
+    return float(low)

@@ -1,0 +1,183 @@
+"""What the paper prints: Table 1, the couplings, the windows of its figures, and the numbers in its text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import UsageError
+from percept.haptics import Coupling, Device, Environment
+from percept.inference import Moments
+from percept.scene import Scene
+from percept.simulate import PublishedLimits, read_summary
+
+__all__ = [
+    "ENOUGH_SUBJECTS",
+    "LOOKED_AT",
+    "TEXT_REFERENCES",
+    "THEORETICAL",
+    "Published",
+    "Wall",
+    "load_published",
+]
+
+#: Section 2.3: the coupling the theory gave, k_c in N/m and b_c in N·s/m (Eq. 6).
+THEORETICAL = Coupling(110e3, 100.0)
+#: Section 3.1: so many subjects are said to represent everybody.
+ENOUGH_SUBJECTS = 30
+#: Section 4 as printed, (k_e in N/m, b_e in N·s/m): from very low to very high impedance.
+TEXT_REFERENCES = ((10.0, 0.1), (10.0, 0.1), (10e3, 10.0), (25e3, 25.0), (50e3, 50.0))
+#: Where Fig. 7 looks closely, rad/s.
+LOOKED_AT = 10.0
+
+
+@dataclass(frozen=True)
+class Wall:
+    """One row pair of Table 1.
+
+    Attributes
+    ----------
+    name : str
+    environment : Environment
+        The reference, k in N/m and b in N·s/m.
+    stiffness, damping : tuple of float
+        Printed limits of the mean, N/m and N·s/m.
+    """
+
+    name: str
+    environment: Environment
+    stiffness: tuple[float, float]
+    damping: tuple[float, float]
+
+    @property
+    def k(self) -> float:
+        """Stiffness of the reference, N/m."""
+        return float(self.environment.stiffness)
+
+    @property
+    def b(self) -> float:
+        """Damping of the reference, N·s/m."""
+        return float(self.environment.damping)
+
+
+@dataclass(frozen=True, eq=False)
+class Published:
+    """The paper's numbers and the scene they are looked at in.
+
+    Attributes
+    ----------
+    limits : PublishedLimits
+        Table 1, digits kept; k and b of every environment.
+    scene : Scene
+        Device, tuned coupling, perceivable range, and under `report.zoom` the windows of Figs 7b, d and f,
+        in this order.
+    files : tuple of Path
+        Where both were read.
+
+    Raises
+    ------
+    UsageError
+        A table without k or b, a scene without a rigid device, without a coupling, or without three windows
+        on environments of the table.
+    """
+
+    limits: PublishedLimits
+    scene: Scene
+    files: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.limits.parameters != ("k", "b"):
+            raise UsageError("the table must have k and b.", column="parameter", value=self.limits.parameters)
+        device = self.scene.device
+        if device is None or device.mass is None or device.modes:
+            raise UsageError("the reproduction needs a rigid device: mass and damping.", column="device")
+        if self.scene.coupling is None:
+            raise UsageError("the reproduction needs the coupling of section 2.3.", column="coupling")
+        windows = self.scene.report.zoom
+        if len(windows) != 3 or not set(windows) <= set(self.limits.environments):
+            raise UsageError(
+                "three windows are needed, those of Figs 7b, d and f, on environments of the table.",
+                column="report.zoom",
+                value=sorted(windows),
+            )
+
+    @cached_property
+    def walls(self) -> tuple[Wall, ...]:
+        """The environments in the table's order."""
+        found = []
+        for row, name in enumerate(self.limits.environments):
+            (k, b), (k_low, b_low), (k_high, b_high) = (
+                tuple(map(float, part[row]))
+                for part in (self.limits.reference, self.limits.lower, self.limits.upper)
+            )
+            found.append(Wall(name, Environment(k, b), (k_low, k_high), (b_low, b_high)))
+        return tuple(found)
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Mean and SD behind the limits, shape (environments, 2), N/m and N·s/m."""
+        lower, upper = (np.array(part, dtype=float) for part in (self.limits.lower, self.limits.upper))
+        return Moments.from_limits(lower, upper, self.limits.n, level=self.limits.level)
+
+    @property
+    def drawn(self) -> tuple[tuple[Wall, tuple[float, float]], ...]:
+        """The environments of Fig. 7 with the window, rad/s, of each enlarged panel: b, d and f."""
+        by_name = {wall.name: wall for wall in self.walls}
+        return tuple((by_name[name], window) for name, window in self.scene.report.zoom.items())
+
+    @property
+    def device(self) -> Device:
+        """The scene's device."""
+        table = self.scene.device
+        assert table is not None
+        return Device(table.mass or 0.0, table.damping or 0.0)
+
+    @property
+    def period(self) -> float:
+        """Sampling period T, s."""
+        assert self.scene.device is not None
+        return self.scene.device.period
+
+    @property
+    def tuned(self) -> Coupling:
+        """The coupling found by tuning."""
+        assert self.scene.coupling is not None
+        return Coupling(self.scene.coupling.stiffness, self.scene.coupling.damping)
+
+    def omega(self, points: int = 241) -> NDArray[np.float64]:
+        """Return ω over the perceivable range, rad/s, shape (points,), evenly on a logarithmic scale."""
+        return np.geomspace(self.scene.frequency.lower, self.scene.frequency.upper, points)
+
+
+def load_published(table: str | Path | None = None, scene: str | Path | None = None) -> Published:
+    """Read the published numbers.
+
+    Parameters
+    ----------
+    table : str or Path, optional
+        Limits as `percept.simulate.read_summary` reads them; the paper's Table 1 by default.
+    scene : str or Path, optional
+        A scene file; by default the one that comes with the table.
+
+    Returns
+    -------
+    Published
+
+    Raises
+    ------
+    UsageError
+        A file that cannot be read or lacks what the reproduction needs.
+    """
+    files = (Path(table or _shipped("hbfd_table1.csv")), Path(scene or _shipped("hbfd.toml")))
+    return Published(read_summary(files[0]), Scene.load(files[1]), files)
+
+
+def _shipped(name: str) -> Path:
+    """Return a data set: inside an installed package, or beside it in a checkout."""
+    inside = Path(str(resources.files("percept").joinpath("datasets", name)))
+    return inside if inside.is_file() else Path(__file__).resolve().parents[2] / "datasets" / name
