@@ -7,14 +7,26 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy import stats
+from numpy.typing import ArrayLike, NDArray
 
+from percept.boundary.band_fit import LAWS, fit_law, leave_one_out
 from percept.errors import RefusalError
 
-__all__ = ["BandLaw", "BandStudy", "Estimate", "environment_magnitude_range", "power_law"]
+__all__ = [
+    "BandLaw",
+    "BandStatement",
+    "BandStudy",
+    "Estimate",
+    "band_laws",
+    "band_statements",
+    "environment_magnitude_range",
+]
 
 Array = NDArray[np.float64]
+# Without an environment an offset counts as gone below this share of what it was.
+_GONE = 0.1
+# Laws within this factor in leave-one-out error are called equal.
+_ALIKE = 1.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,13 +47,20 @@ class BandLaw:
     method, kind, family : str
         Whose bands.
     model : str
-        "power": band = w |Z|^p.
+        "weber": band = w |Z|; "offset": c + w |Z|, c >= 0; "power": w |Z|^p.
     parameters : dict of str to Estimate
-        By name.
+        By name; c in N·s/m.
     level : float
-        Of the parameters' intervals.
+        Of the parameters' intervals: of posterior draws, or of a parametric bootstrap.
     sentence : str
         What the law says.
+    left_out_error : float or None
+        Root mean square over environments of log(band predicted from the others / band), its median over
+        draws; None with too few environments.
+    best : float or None
+        Share of the draws in which this law has the smallest such error of the three.
+    carried_by : str or None
+        The one environment without which the offset all but vanishes.
     """
 
     method: str
@@ -51,6 +70,30 @@ class BandLaw:
     parameters: dict[str, Estimate]
     level: float
     sentence: str
+    left_out_error: float | None = None
+    best: float | None = None
+    carried_by: str | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class BandStatement:
+    """A statement on bands, with the probability that it is true.
+
+    Attributes
+    ----------
+    method, kind, family : str
+        Whose bands.
+    statement : str
+        In words.
+    probability : float
+        Share of the posterior draws, or of the bootstrap's.
+    """
+
+    method: str
+    kind: str
+    family: str
+    statement: str
+    probability: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,52 +108,74 @@ class BandStudy:
         environment, method, kind, family, impedance (abs(Z_e) of the reference, N·s/m), lower, upper, band
         (N·s/m), relative (band over impedance).
     laws : tuple of BandLaw
-        One per method, kind and family with at least three environments.
+        Three per method, kind and family, with at least three environments.
+    statements : tuple of BandStatement
+        Whether bands are narrower at low impedance, absolutely and relatively.
+    kappa : DataFrame or None
+        parameter, lower, value, upper, below_zero: the hierarchical model's own trend of log spread per
+        decade, 0 being Weber's law, and the probability that it is negative.
     """
 
     omega: float
     rows: pd.DataFrame
     laws: tuple[BandLaw, ...]
+    statements: tuple[BandStatement, ...] = ()
+    kappa: pd.DataFrame | None = None
 
 
 def environment_magnitude_range(
-    omega: float, stiffness: tuple[float, float], damping: tuple[float, float]
-) -> tuple[float, float]:
-    """Smallest and largest abs(b - jk/omega) over a rectangle of (k, b).
+    omega: float, stiffness: tuple[ArrayLike, ArrayLike], damping: tuple[ArrayLike, ArrayLike]
+) -> tuple[Array, Array]:
+    """Smallest and largest abs(b - jk/omega) over rectangles of (k, b).
 
     Parameters
     ----------
     omega : float
         rad/s.
-    stiffness, damping : tuple of float
-        Limits, N/m and N·s/m; may be negative.
+    stiffness, damping : tuple of array_like
+        Limits, N/m and N·s/m, of one shape; may be negative.
 
     Returns
     -------
-    lower, upper : float
-        N·s/m.
+    lower, upper : ndarray
+        N·s/m, of that shape.
     """
-    axes = [(stiffness[0] / omega, stiffness[1] / omega), damping]
-    near = [0.0 if low <= 0.0 <= high else min(abs(low), abs(high)) for low, high in axes]
-    far = [max(abs(low), abs(high)) for low, high in axes]
-    return math.hypot(*near), math.hypot(*far)
+    k, b = (tuple(np.asarray(limit, dtype=float) for limit in pair) for pair in (stiffness, damping))
+    axes = [(k[0] / omega, k[1] / omega), b]
+    near = [np.maximum(0.0, np.maximum(low, -high)) for low, high in axes]
+    far = [np.maximum(np.abs(low), np.abs(high)) for low, high in axes]
+    return np.hypot(*near), np.hypot(*far)
 
 
-def power_law(method: str, kind: str, family: str, impedance: Array, band: Array, *, level: float) -> BandLaw:
-    """Fit band = w |Z|^p by least squares on the logarithms.
+def band_laws(
+    environments: tuple[str, ...],
+    impedance: Array,
+    bands: Array,
+    replicates: Array,
+    *,
+    method: str,
+    kind: str,
+    family: str,
+    level: float,
+) -> tuple[BandLaw, ...]:
+    """Fit the three laws, each with intervals, leave-one-environment-out error and what it rests on.
 
     Parameters
     ----------
+    environments : tuple of str
+        J names.
+    impedance, bands : ndarray, shape (J,)
+        abs(Z_e) and band, N·s/m, positive.
+    replicates : ndarray, shape (S, J)
+        Posterior or bootstrap draws of the bands.
     method, kind, family : str
         Whose bands.
-    impedance, band : ndarray, shape (J,)
-        abs(Z_e) and band per environment, N·s/m, positive.
     level : float
-        Confidence level of the parameters' t-intervals.
+        Of the intervals.
 
     Returns
     -------
-    BandLaw
+    tuple of BandLaw
 
     Raises
     ------
@@ -120,29 +185,105 @@ def power_law(method: str, kind: str, family: str, impedance: Array, band: Array
     count = impedance.size
     if count < 3:
         raise RefusalError(f"a law of the band needs three environments; there are {count}.")
-    x, y = np.log(impedance), np.log(band)
-    centred = x - x.mean()
-    exponent = float(centred @ y / (centred @ centred))
-    intercept = float(y.mean())
-    residual = y - intercept - exponent * centred
-    variance = float(residual @ residual) / (count - 2)
-    reach = float(stats.t.isf(0.5 * (1.0 - level), count - 2))
-    exponent_error = reach * math.sqrt(variance / float(centred @ centred))
-    # The weight is the band at 1 N·s/m: extrapolated from the mean of log|Z|.
-    at_one = intercept - exponent * float(x.mean())
-    weight_error = reach * math.sqrt(
-        variance * (1.0 / count + float(x.mean()) ** 2 / float(centred @ centred))
-    )
-    p = Estimate(exponent, exponent - exponent_error, exponent + exponent_error)
-    w = Estimate(math.exp(at_one), math.exp(at_one - weight_error), math.exp(at_one + weight_error))
-    return BandLaw(method, kind, family, "power", {"w": w, "p": p}, level, _sentence(p))
-
-
-def _sentence(p: Estimate) -> str:
-    if p.lower <= 1.0 <= p.upper:
-        return (
-            "The exponent's interval holds 1: a band proportional to the impedance (Weber's law) "
-            "is not ruled out."
+    fits = {
+        law: (fit_law(law, impedance, bands[None])[0], fit_law(law, impedance, replicates)) for law in LAWS
+    }
+    left_out = {law: leave_one_out(law, impedance, replicates) for law in LAWS}
+    errors = np.stack([np.sqrt((error**2).mean(axis=1)) for error, _ in left_out.values()])
+    typical = dict(zip(LAWS, np.median(errors, axis=1).tolist(), strict=True))
+    best = dict(zip(LAWS, np.bincount(errors.argmin(axis=0), minlength=3) / errors.shape[1], strict=True))
+    tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
+    carrier = _carrier(environments, fits["offset"][1], left_out["offset"][1])
+    found = []
+    for law, (value, drawn) in fits.items():
+        ends = np.quantile(drawn, tails, axis=0)
+        parameters = {
+            name: Estimate(float(value[i]), float(ends[0, i]), float(ends[1, i]))
+            for i, name in enumerate(LAWS[law])
+        }
+        carried = carrier if law == "offset" else None
+        found.append(
+            BandLaw(
+                method,
+                kind,
+                family,
+                law,
+                parameters,
+                level,
+                _sentence(law, parameters, typical, carried),
+                typical[law],
+                float(best[law]),
+                carried,
+            )
         )
+    return tuple(found)
+
+
+def band_statements(
+    impedance: Array, replicates: Array, *, method: str, kind: str, family: str
+) -> tuple[BandStatement, ...]:
+    """Judge two statements on discrimination at low against high impedance.
+
+    Parameters
+    ----------
+    impedance : ndarray, shape (J,)
+        N·s/m.
+    replicates : ndarray, shape (S, J)
+        Posterior or bootstrap draws of the bands, N·s/m.
+    method, kind, family : str
+        Whose bands.
+
+    Returns
+    -------
+    tuple of BandStatement
+    """
+    order = np.argsort(impedance)
+    absolute = replicates[:, order]
+    relative = absolute / impedance[order]
+    lowest, highest = absolute[:, 0], absolute[:, -1]
+    ends = "The band is narrower at the lowest impedance than at the highest"
+    said = {
+        f"{ends} (absolute width).": lowest < highest,
+        f"{ends}, relative to the impedance.": relative[:, 0] < relative[:, -1],
+        "The band widens from each environment to the next higher impedance (absolute width).": np.all(
+            np.diff(absolute, axis=1) > 0, axis=1
+        ),
+    }
+    return tuple(
+        BandStatement(method, kind, family, text, float(np.mean(true))) for text, true in said.items()
+    )
+
+
+def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> str | None:
+    """Name the environment without which the typical offset is a tenth of what it was, if just one is."""
+    whole = float(np.median(fitted[:, 0]))
+    left = np.median(without[:, :, 0], axis=1)
+    gone = np.flatnonzero(left < _GONE * whole) if whole > 0 else np.empty(0, dtype=int)
+    return environments[int(gone[0])] if gone.size == 1 else None
+
+
+def _sentence(
+    law: str, parameters: dict[str, Estimate], errors: dict[str, float], carried_by: str | None
+) -> str:
+    smallest = min(errors.values())
+    alike = [name for name, error in errors.items() if error <= _ALIKE * smallest]
+    rank = (
+        "Left-one-out, it predicts as well as any of the three"
+        if law in alike
+        else "Left-one-out, another law predicts better"
+    )
+    error = f"{rank} (typically off by a factor {math.exp(errors[law]):.3g})."
+    if law == "weber":
+        return f"The band is {parameters['w'].value:.3g} times the impedance. {error}"
+    if law == "offset":
+        on = (
+            f" Only {carried_by} speaks for the offset: without it there is none to be seen."
+            if carried_by
+            else ""
+        )
+        return f"The band is an offset and a share of the impedance. {error}{on}"
+    p = parameters["p"]
+    if p.lower <= 1.0 <= p.upper:
+        return f"The exponent's interval holds 1: Weber's law is not ruled out. {error}"
     growing = "faster" if p.lower > 1.0 else "slower"
-    return f"The band grows {growing} than the impedance: the exponent's interval does not hold 1."
+    return f"The band grows {growing} than the impedance: the exponent's interval does not hold 1. {error}"

@@ -23,6 +23,7 @@ from percept.simulate.model import TrueValues, draw_environments, draw_hyperpara
 from percept.simulate.study import simulate
 from percept.study import Study
 from percept.study.prediction import predict
+from percept.study.regions import displayable
 
 __all__ = ["Judgement", "judge_study"]
 
@@ -177,6 +178,7 @@ def _judged_boundaries(
             points = population.average(boundary.family)[None]  # type: ignore[arg-type]
         else:
             points = users[boundary.environment]
+        points = displayable(points)
         curves = perceived_magnitude(
             boundary.omega[:, None], study.device, points[:, 0], points[:, 1], table.period
         )

@@ -5,37 +5,108 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from percept.boundary.band import BandStudy, environment_magnitude_range, power_law
+from percept.boundary.band import (
+    BandLaw,
+    BandStatement,
+    BandStudy,
+    band_laws,
+    band_statements,
+    environment_magnitude_range,
+)
+from percept.study.band_replicates import Replicates
+from percept.study.bayesian import Fit
 from percept.study.cells import both_limits
+from percept.study.posterior import thinned_points
 
-__all__ = ["band_study"]
+__all__ = ["band_study", "weber_trend"]
 
 
-def band_study(intervals: pd.DataFrame, *, omega: float, level: float) -> BandStudy:
-    """Band of abs(Z_e) over each environment's rectangle of intervals, and its power law.
+def band_study(
+    intervals: pd.DataFrame,
+    replicates: Replicates,
+    *,
+    omega: float,
+    level: float,
+    kappa: pd.DataFrame | None = None,
+) -> BandStudy:
+    """Band of abs(Z_e) over each environment's rectangle of intervals, and the laws bands follow.
 
     Parameters
     ----------
     intervals : DataFrame
         `Study.intervals`.
+    replicates : dict
+        Draws of the bands by method, kind and family.
     omega : float
         rad/s.
     level : float
         Level of the laws' parameter intervals.
+    kappa : DataFrame, optional
+        As `weber_trend` gives it.
 
     Returns
     -------
     BandStudy
     """
+    table = pd.DataFrame(_rows(intervals, omega))
+    laws: list[BandLaw] = []
+    statements: list[BandStatement] = []
+    for found, part in table.groupby(["method", "kind", "family"], sort=False) if len(table) else ():
+        method, kind, family = (str(label) for label in found)
+        drawn = replicates.get((method, kind, family))
+        impedance, bands = part["impedance"].to_numpy(), part["band"].to_numpy()
+        if drawn is None or drawn.shape[1] != len(part) or len(part) < 3:
+            continue
+        names = tuple(part["environment"])
+        laws += band_laws(
+            names, impedance, bands, drawn, method=method, kind=kind, family=family, level=level
+        )
+        statements += band_statements(impedance, drawn, method=method, kind=kind, family=family)
+    return BandStudy(omega, table, tuple(laws), tuple(statements), kappa)
+
+
+def weber_trend(fit: Fit, *, level: float) -> pd.DataFrame | None:
+    """Give the trend of log spread per decade of the reference, which Weber's law sets to zero.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior.
+    level : float
+        Of the equal-tailed interval.
+
+    Returns
+    -------
+    DataFrame or None
+        parameter, lower, value (posterior mean), upper, below_zero (probability); None where the model has
+        no such trend.
+    """
+    named = fit.prepared.model.scales(thinned_points(fit)[0])
+    if "kappa" not in named:
+        return None
+    drawn = named["kappa"][1]
+    ends = np.quantile(drawn, [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
+    return pd.DataFrame(
+        {
+            "parameter": list(dict.fromkeys(p for p, _ in fit.prepared.model.cells)),
+            "lower": ends[0],
+            "value": drawn.mean(axis=0),
+            "upper": ends[1],
+            "below_zero": (drawn < 0).mean(axis=0),
+        }
+    )
+
+
+def _rows(intervals: pd.DataFrame, omega: float) -> list[dict[str, object]]:
     marginal = intervals[intervals["joint"] == "marginal"]
-    rows = []
+    rows: list[dict[str, object]] = []
     for (environment, method, kind, family), cell in marginal.groupby(
         ["environment", "method", "kind", "family"], sort=False
     ):
         found = both_limits(cell)
         if found is None:
             continue
-        lower, upper = environment_magnitude_range(omega, *found)
+        lower, upper = (float(end) for end in environment_magnitude_range(omega, *found))
         k_ref, b_ref = (float(cell.loc[cell["parameter"] == p, "reference"].iloc[0]) for p in ("k", "b"))
         impedance = float(np.hypot(b_ref, k_ref / omega))
         rows.append(
@@ -51,17 +122,4 @@ def band_study(intervals: pd.DataFrame, *, omega: float, level: float) -> BandSt
                 "relative": (upper - lower) / impedance,
             }
         )
-    table = pd.DataFrame(rows)
-    laws = [
-        power_law(
-            str(method),
-            str(kind),
-            str(family),
-            part["impedance"].to_numpy(),
-            part["band"].to_numpy(),
-            level=level,
-        )
-        for (method, kind, family), part in table.groupby(["method", "kind", "family"], sort=False)
-        if len(part) >= 3
-    ]
-    return BandStudy(omega, table, tuple(laws))
+    return rows

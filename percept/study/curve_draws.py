@@ -13,7 +13,7 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import FAMILIES
 from percept.study.posterior import thinned_points
-from percept.study.regions import Draws, subject_pairs
+from percept.study.regions import Draws, displayable, subject_pairs
 
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
@@ -48,7 +48,7 @@ def posterior_draws(fit: Fit, scene: Scene) -> Iterator[Draws]:
     column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
     for kind, responses in zip(("mean", "user"), drawn, strict=True):
         if kind in scene.inference.kinds:
-            native = fit.prepared.scale.native(responses)
+            native = displayable(fit.prepared.scale.native(responses))
             yield Draws(
                 kind=kind,
                 method="bayesian",
@@ -85,7 +85,7 @@ def classical_draws(sessions: Sessions, scene: Scene) -> Iterator[Draws]:
             pairs = {}
             for environment, (k, b) in values.items():
                 try:
-                    pairs[environment] = confidence_draws(
+                    drawn = confidence_draws(
                         k,
                         b,
                         kind=kind,
@@ -95,6 +95,7 @@ def classical_draws(sessions: Sessions, scene: Scene) -> Iterator[Draws]:
                     )
                 except RefusalError:
                     continue
+                pairs[environment] = displayable(drawn[0]), displayable(drawn[1])
             yield Draws(
                 kind=kind, method="classical", family=family, level=scene.inference.level, pairs=pairs
             )

@@ -21,7 +21,7 @@ from percept.study.bayesian import Fit
 from percept.study.boundaries import Bench, Range, environment_boundaries
 from percept.study.new_environment import NewEnvironment, new_environment
 from percept.study.posterior import thinned_points
-from percept.study.regions import Draws, Region, draw_ellipses, rectangles
+from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
 from percept.study.responses import ResponseScale
 from percept.study.units import NAMES, UNITS
 
@@ -33,9 +33,6 @@ __all__ = ["Prediction", "predict"]
 Array = NDArray[np.float64]
 _DRAWS = 16_384
 _BATCHES = 20
-# Far from the tested range a spread, and so a draw, may leave the range of doubles; beyond this many N/m or
-# N·s/m no curve of interest changes.
-_LARGEST = 1e60
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -271,10 +268,9 @@ def _boundaries(
         )
         for kind, responses in drawn.items()
         if kind in asked.kinds
-        for native in [_displayable(_native(scale, responses))]
+        for native in [displayable(_native(scale, responses))]
     ]
-    limits = {side: _displayable(intervals[side].to_numpy()) for side in ("lower", "upper")}
-    regions: list[Region] = list(rectangles(intervals.assign(**limits)))
+    regions: list[Region] = list(rectangles(intervals))
     for part in draws:
         regions += draw_ellipses(part, {name: int(fit.prepared.counts.max())})
     environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
@@ -286,7 +282,3 @@ def _boundaries(
 def _native(scale: ResponseScale, response: Array) -> Array:
     with np.errstate(over="ignore", under="ignore"):
         return scale.native(response)
-
-
-def _displayable(values: Array) -> Array:
-    return np.copysign(np.clip(np.abs(values), 1.0 / _LARGEST, _LARGEST), values)

@@ -30,6 +30,7 @@ __all__ = [
     "Region",
     "bonferroni_regions",
     "classical_ellipses",
+    "displayable",
     "draw_ellipses",
     "rectangles",
     "subject_pairs",
@@ -38,6 +39,10 @@ __all__ = [
 Array = NDArray[np.float64]
 Family = Literal["normal", "lognormal"]
 Pairs = dict[str, tuple[Array, Array]]
+# Where little is known a spread, and so a draw or a limit, may leave the range of doubles; beyond this many
+# N/m or N·s/m no curve of interest changes.
+_LARGEST = 1e60
+_SIDES = ("lower", "upper")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,6 +115,11 @@ class Draws:
     pairs: Pairs
 
 
+def displayable(values: Array) -> Array:
+    """Bring draws and limits (N/m, N·s/m) into the range that impedances can be worked out for."""
+    return np.copysign(np.clip(np.abs(values), 1.0 / _LARGEST, _LARGEST), values)
+
+
 def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     """Pair the intervals of stiffness and damping.
 
@@ -124,7 +134,7 @@ def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     """
     keys = ["environment", "kind", "method", "family", "joint"]
     for found, rows in intervals.groupby(keys, sort=False):
-        limits = both_limits(rows)
+        limits = both_limits(rows.assign(**{side: displayable(rows[side].to_numpy()) for side in _SIDES}))
         if limits is not None:
             environment, kind, method, family, joint = (str(part) for part in found)
             yield Region(
@@ -249,7 +259,7 @@ def bonferroni_regions(fit: Fit, scene: Scene) -> Iterator[Region]:
     )
     laws = model.laws(thinned_points(fit)[0])
     for kind in asked.kinds:
-        lower, upper = (fit.prepared.scale.native(limit) for limit in halved.limits(kind, laws)[:2])
+        lower, upper = (displayable(fit.prepared.scale.native(end)) for end in halved.limits(kind, laws)[:2])
         limits = {cell: (float(lower[c]), float(upper[c])) for c, cell in enumerate(model.cells)}
         for environment in dict.fromkeys(e for _, e in model.cells):
             yield Region(

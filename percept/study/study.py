@@ -326,9 +326,17 @@ class Study:
         """Band of the environment's own impedance and its law; None with one parameter or environment."""
         if self.parameters != ("k", "b") or len(self.environments) < 2:
             return None
-        from percept.study.bands import band_study
+        from percept.study.band_replicates import Replicates, classical_replicates, posterior_replicates
+        from percept.study.bands import band_study, weber_trend
 
-        return band_study(self.intervals, omega=_BAND_OMEGA, level=self.scene.inference.level)
+        level, kappa = self.scene.inference.level, None
+        replicates: Replicates = {}
+        if self.scene.inference.method != "bayesian":
+            replicates |= classical_replicates(self.sessions, self.scene, self.environments, _BAND_OMEGA)
+        if self.fit is not None and self.fit.run.gate.passed:
+            replicates |= posterior_replicates(self.fit, self.scene, _BAND_OMEGA)
+            kappa = weber_trend(self.fit, level=level)
+        return band_study(self.intervals, replicates, omega=_BAND_OMEGA, level=level, kappa=kappa)
 
     @cached_property
     def coupling(self) -> CouplingStudy | None:

@@ -1,0 +1,145 @@
+"""Three laws of a band against impedance, fitted on the log scale to many sets of bands at once.
+
+Weber: w|Z|. Offset: c + w|Z|, c ≥ 0. Power: w|Z|^p. Each is a model of its own: all of c, w and p at once
+cannot be told apart by a few environments.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError, UsageError
+
+__all__ = ["LAWS", "fit_law", "law_band", "leave_one_out"]
+
+Array = NDArray[np.float64]
+
+#: Parameters of each law, in order.
+LAWS: dict[str, tuple[str, ...]] = {"weber": ("w",), "offset": ("c", "w"), "power": ("w", "p")}
+_GRID = 41
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+_STEPS = 30
+
+
+def fit_law(law: str, impedance: Array, bands: Array) -> Array:
+    """Fit a law by least squares on the logarithms.
+
+    Parameters
+    ----------
+    law : {"weber", "offset", "power"}
+        Which.
+    impedance : ndarray, shape (J,)
+        abs(Z_e), N·s/m, positive.
+    bands : ndarray, shape (S, J)
+        S sets of bands, N·s/m, positive.
+
+    Returns
+    -------
+    ndarray, shape (S, number of parameters)
+        In the order of `LAWS`; c and w in the bands' unit and in none (Weber, offset).
+
+    Raises
+    ------
+    UsageError
+        An unknown law, shapes that differ, values that are not positive.
+    RefusalError
+        Fewer environments than parameters, or impedances that do not differ.
+    """
+    if law not in LAWS:
+        raise UsageError(f"law must be one of {', '.join(LAWS)}.", value=law)
+    if bands.ndim != 2 or impedance.shape != bands.shape[1:]:
+        raise UsageError("bands need one value per environment.", value=(impedance.shape, bands.shape))
+    if not ((impedance > 0).all() and (bands > 0).all()):
+        raise UsageError("impedances and bands must be positive.")
+    if impedance.size < len(LAWS[law]) or (law != "weber" and np.ptp(impedance) == 0):
+        raise RefusalError(
+            f"{impedance.size} environment(s) cannot determine {' and '.join(LAWS[law])}.",
+            hint="Add reference environments of other impedance.",
+        )
+    y = np.log(bands)
+    if law == "weber":
+        return np.exp((y - np.log(impedance)).mean(axis=1))[:, None]
+    if law == "power":
+        x = np.log(impedance)
+        centred = x - x.mean()
+        exponent = y @ centred / (centred @ centred)
+        return np.stack([np.exp(y.mean(axis=1) - exponent * x.mean()), exponent], axis=1)
+    return _fit_offset(impedance, y)
+
+
+def law_band(law: str, parameters: Array, impedance: Array) -> Array:
+    """Bands of fitted laws, shape (S, J).
+
+    Parameters
+    ----------
+    law : {"weber", "offset", "power"}
+        Which.
+    parameters : ndarray, shape (S, number of parameters)
+        As `fit_law` gives them.
+    impedance : ndarray, shape (J,)
+        N·s/m.
+
+    Returns
+    -------
+    ndarray, shape (S, J)
+        N·s/m.
+    """
+    named = dict(zip(LAWS[law], parameters.T[..., None], strict=True))
+    return named.get("c", 0.0) + named["w"] * impedance ** named.get("p", 1.0)
+
+
+def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Array]:
+    """Predict each environment's band from the others.
+
+    Parameters
+    ----------
+    law, impedance, bands
+        As `fit_law`, with an environment more than parameters.
+
+    Returns
+    -------
+    error : ndarray, shape (S, J)
+        log(predicted/band).
+    parameters : ndarray, shape (J, S, number of parameters)
+        Fitted without each environment.
+
+    Raises
+    ------
+    UsageError, RefusalError
+        As `fit_law`.
+    """
+    errors, fits = [], []
+    for j in range(impedance.size):
+        kept = np.arange(impedance.size) != j
+        fitted = fit_law(law, impedance[kept], bands[:, kept])
+        errors.append(np.log(law_band(law, fitted, impedance[[j]])[:, 0] / bands[:, j]))
+        fits.append(fitted)
+    return np.stack(errors, axis=1), np.stack(fits)
+
+
+def _fit_offset(impedance: Array, y: Array) -> Array:
+    """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
+    low, high = np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 6.0
+    grid = np.concatenate([[-np.inf], np.linspace(low, high, _GRID)])
+    costs = np.stack([_cost(np.full(len(y), t), impedance, y) for t in grid], axis=1)
+    best = costs.argmin(axis=1)
+    step = (high - low) / (_GRID - 1)
+    centre = np.where(np.isfinite(grid[best]), grid[best], low)
+    left, right = centre - step, centre + step
+    for _ in range(_STEPS):
+        width = _GOLDEN * (right - left)
+        first, second = right - width, left + width
+        lower = _cost(first, impedance, y) <= _cost(second, impedance, y)
+        left, right = np.where(lower, left, first), np.where(lower, second, right)
+    found = 0.5 * (left + right)
+    # No offset at all may fit best: the search runs in the logarithm, which never gets there.
+    none = _cost(np.full(len(y), -np.inf), impedance, y) <= _cost(found, impedance, y)
+    ratio = np.where(none, 0.0, np.exp(found))
+    w = np.exp((y - np.log(ratio[:, None] + impedance)).mean(axis=1))
+    return np.stack([ratio * w, w], axis=1)
+
+
+def _cost(log_ratio: Array, impedance: Array, y: Array) -> Array:
+    off = y - np.log(np.exp(log_ratio)[:, None] + impedance)
+    return off.var(axis=1)

@@ -1,0 +1,124 @@
+"""Draws of a study's bands: of its posterior, and of a parametric bootstrap of its classical intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.boundary.band import environment_magnitude_range
+from percept.inference.classical.moments import Moments
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.bayesian import Fit
+from percept.study.classical import FAMILIES, cell_interval, cell_moments
+from percept.study.posterior import thinned_points
+
+__all__ = ["Replicates", "classical_replicates", "posterior_replicates"]
+
+Array = NDArray[np.float64]
+#: By method, kind and family: bands (S, J), N·s/m, environments in the order of the study.
+Replicates = dict[tuple[str, str, str], Array]
+_BOOTSTRAP = 1000
+# A law's interval needs no more posterior draws than that either.
+_DRAWS = 2000
+
+
+def classical_replicates(
+    sessions: Sessions, scene: Scene, environments: tuple[str, ...], omega: float
+) -> Replicates:
+    """Simulate the means and SDs that other studies of these users would find, and their bands.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        The study, in either form.
+    scene : Scene
+        Kinds, levels and seed.
+    environments : tuple of str
+        Names, in order.
+    omega : float
+        rad/s.
+
+    Returns
+    -------
+    Replicates
+        Stiffness and damping vary independently; families without an interval in some cell are left out.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(107,)))
+    found: Replicates = {}
+    for family in FAMILIES:
+        cells = {(c.parameter, c.environment): c.moments for c in cell_moments(sessions, ("k", "b"), family)}
+        known = {cell: moments for cell, moments in cells.items() if moments is not None}
+        if len(known) < 2 * len(environments):
+            continue
+        drawn = {cell: _redrawn(_on_scale(moments, family), rng) for cell, moments in known.items()}
+        for kind in scene.inference.kinds:
+            limits = {cell: _limits(known[cell], drawn[cell], kind, family, scene, cell[0]) for cell in known}
+            bands = [_bands(omega, limits["k", e], limits["b", e]) for e in environments]
+            found["classical", kind, family] = np.stack(bands, axis=1)
+    return found
+
+
+def posterior_replicates(fit: Fit, scene: Scene, omega: float) -> Replicates:
+    """Bands of the central interval given each posterior draw: of the population's mean, or of its users.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior of both parameters.
+    scene : Scene
+        Kinds, level and share.
+    omega : float
+        rad/s.
+
+    Returns
+    -------
+    Replicates
+    """
+    asked = scene.inference
+    model, scale = fit.prepared.model, fit.prepared.scale
+    points = thinned_points(fit)[0]
+    points = points[:: max(1, len(points) // _DRAWS)]
+    rng = np.random.default_rng(np.random.SeedSequence(asked.seed, spawn_key=(108,)))
+    means, _ = model.draw(points, rng)
+    laws = model.laws(points)
+    found: Replicates = {}
+    for kind in asked.kinds:
+        held = asked.held_share if kind == "share" else asked.level
+        reach = -special.ndtri(0.5 * (1.0 - held))
+        centre, spread = (laws.mean, laws.sd) if kind == "mean" else (means, laws.spread)
+        ends = scale.native(centre - reach * spread), scale.native(centre + reach * spread)
+        limits = {cell: (ends[0][:, c], ends[1][:, c]) for c, cell in enumerate(model.cells)}
+        bands = [
+            _bands(omega, limits["k", e], limits["b", e]) for e in dict.fromkeys(e for _, e in model.cells)
+        ]
+        found["bayesian", kind, asked.family] = np.stack(bands, axis=1)
+    return found
+
+
+def _bands(omega: float, stiffness: tuple[Array, Array], damping: tuple[Array, Array]) -> Array:
+    lower, upper = environment_magnitude_range(omega, stiffness, damping)
+    return upper - lower
+
+
+def _on_scale(moments: Moments, family: str) -> Moments:
+    return moments.lognormal() if family == "lognormal" and moments.scale == "linear" else moments
+
+
+def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Means and SDs of studies of a population that has these."""
+    n, sd = int(np.asarray(moments.n)), float(moments.sd)
+    mean = float(moments.mean) + sd / np.sqrt(n) * rng.standard_normal(_BOOTSTRAP)
+    return mean, sd * np.sqrt(rng.chisquare(n - 1, _BOOTSTRAP) / (n - 1))
+
+
+def _limits(
+    moments: Moments, drawn: tuple[Array, Array], kind: str, family: str, scene: Scene, parameter: str
+) -> tuple[Array, Array]:
+    interval = cell_interval(moments, kind, family, scene, parameter, "marginal")
+    assert interval.factor is not None
+    mean, reach = drawn[0], float(interval.factor) * drawn[1]
+    if family == "lognormal":
+        return np.exp(mean - reach), np.exp(mean + reach)
+    return mean - reach, mean + reach
