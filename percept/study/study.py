@@ -383,20 +383,20 @@ class Study:
 
     @cached_property
     def comparison(self) -> pd.DataFrame | None:
-        """Classical and Bayesian intervals of equal family and kind, paired; None with one method."""
+        """Intervals of both methods in equal family and kind, with the reasons; None with one method."""
         if self.fit is None or self.scene.inference.method != "both" or not self.fit.run.gate.passed:
             return None
-        keys = ["environment", "parameter", "kind", "family"]
-        rows = self.intervals[self.intervals["joint"] == "marginal"]
-        pair = [
-            rows[rows["method"] == method][[*keys, "lower", "upper", "estimate"]]
-            for method in ("classical", "bayesian")
-        ]
-        both = pair[0].merge(pair[1], on=keys, suffixes=("_classical", "_bayesian"))
-        classical, bayesian = (both[f"upper_{m}"] - both[f"lower_{m}"] for m in ("classical", "bayesian"))
-        both["width_ratio"] = bayesian / classical
-        both["shift"] = both["estimate_bayesian"] / both["estimate_classical"] - 1.0
-        return both
+        from percept.study.comparison import compare_intervals, sample_sds
+
+        sds = sample_sds(self.sessions, self.parameters, self.scene.inference.family)
+        return compare_intervals(self.intervals, self.fit, self.scene, sds)
+
+    @cached_property
+    def curve_comparison(self) -> pd.DataFrame:
+        """Boundaries of both methods in equal environment, kind, family, joint treatment and shape."""
+        from percept.study.comparison import compare_curves
+
+        return compare_curves(self.boundaries)
 
     @cached_property
     def skipped(self) -> tuple[tuple[str, str], ...]:

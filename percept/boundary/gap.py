@@ -1,0 +1,75 @@
+"""How far two boundaries lie apart: on average over the range, and at the worst omega."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.boundary.records import Boundary
+from percept.errors import UsageError
+
+__all__ = ["CurveGap", "curve_gap"]
+
+Array = NDArray[np.float64]
+# Limits of zero have no logarithm; both curves count as at least this share of the larger upper limit.
+_FLOOR = 1e-6
+
+
+@dataclass(frozen=True)
+class CurveGap:
+    """Distance of one curve from another, as natural logarithms of their ratio.
+
+    Attributes
+    ----------
+    area : float
+        Mean of abs(log ratio) over log omega.
+    largest : float
+        log(second/first) where it is largest in size.
+    omega : float
+        Where that is, rad/s.
+    """
+
+    area: float
+    largest: float
+    omega: float
+
+
+def curve_gap(first: Boundary, second: Boundary) -> dict[str, CurveGap]:
+    """Compare the lower and the upper curves of two boundaries over the range they share.
+
+    Parameters
+    ----------
+    first, second : Boundary
+        On grids of their own; straight in log-log between the frequencies.
+
+    Returns
+    -------
+    dict
+        ``"lower"`` and ``"upper"``.
+
+    Raises
+    ------
+    UsageError
+        Where the ranges of omega do not overlap.
+    """
+    low, high = max(first.omega[0], second.omega[0]), min(first.omega[-1], second.omega[-1])
+    if not low < high:
+        raise UsageError("the two boundaries have no range of omega in common.", value=(low, high))
+    omega = np.unique(np.concatenate([first.omega, second.omega]))
+    omega = omega[(omega >= low) & (omega <= high)]
+    x = np.log(omega)
+    floor = np.log(_FLOOR) + np.maximum(_line(first, "upper", x), _line(second, "upper", x))
+    gaps = {}
+    for side in ("lower", "upper"):
+        ratio = np.maximum(_line(second, side, x), floor) - np.maximum(_line(first, side, x), floor)
+        worst = int(np.abs(ratio).argmax())
+        area = float(np.trapezoid(np.abs(ratio), x) / (x[-1] - x[0]))
+        gaps[side] = CurveGap(area, float(ratio[worst]), float(omega[worst]))
+    return gaps
+
+
+def _line(boundary: Boundary, side: str, x: Array) -> Array:
+    curve = np.maximum(getattr(boundary, side), np.finfo(float).tiny)
+    return np.interp(x, np.log(boundary.omega), np.log(curve))

@@ -1,0 +1,190 @@
+"""Classical against Bayesian intervals and curves of equal family and kind, with the reasons in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from percept.boundary.gap import curve_gap
+from percept.boundary.records import Boundary
+from percept.inference.hierarchy.laws import Laws
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.bayesian import Fit
+from percept.study.classical import cell_moments
+from percept.study.relaxed import PriorPull, prior_pull
+
+__all__ = ["compare_curves", "compare_intervals", "sample_sds"]
+
+Array = NDArray[np.float64]
+_KEYS = ["environment", "parameter", "kind", "family"]
+
+
+def compare_intervals(
+    intervals: pd.DataFrame, fit: Fit, scene: Scene, sample_sd: dict[tuple[str, str], float]
+) -> pd.DataFrame:
+    """Pair the methods' marginal intervals and say why they differ.
+
+    Parameters
+    ----------
+    intervals : DataFrame
+        `Study.intervals`.
+    fit : Fit
+        The sampled posterior.
+    scene : Scene
+        Family, kinds and seed.
+    sample_sd : dict of (str, str) to float
+        SD of the subjects' values per (parameter, environment), on the scale of the family.
+
+    Returns
+    -------
+    DataFrame
+        environment, parameter, kind, family; lower, upper, estimate of each method; width_ratio (Bayesian over
+        classical); shift (relative, of the estimates); overlap (common part over the whole that both span,
+        from 0 to 1, on the family's scale). The reasons: spread_ratio (posterior typical SD between users
+        over the sample's: shrinkage across environments) times certainty_ratio (half-widths in SDs,
+        Bayesian over classical: what is borrowed in knowing the SD and the mean) is the width ratio on the
+        family's scale; shift_sds (Bayesian centre minus classical, in sample SDs); prior_lower, prior_upper
+        (shift of the Bayesian limits by the priors, against priors twice as wide, in half-widths);
+        prior_effective (draws those rest on); scale_ratio (classical width in the other family over the
+        width in this one); to_mean_classical, to_mean_bayesian (width over that of kind mean: what is
+        covered).
+    """
+    marginal = intervals[intervals["joint"] == "marginal"]
+    pair = [
+        marginal[marginal["method"] == method][[*_KEYS, "lower", "upper", "estimate"]]
+        for method in ("classical", "bayesian")
+    ]
+    both = pair[0].merge(pair[1], on=_KEYS, suffixes=("_classical", "_bayesian"))
+    if both.empty:
+        return both
+    log = scene.inference.family == "lognormal"
+    classical, bayesian = (both[f"upper_{m}"] - both[f"lower_{m}"] for m in ("classical", "bayesian"))
+    both["width_ratio"] = bayesian / classical
+    both["shift"] = both["estimate_bayesian"] / both["estimate_classical"] - 1.0
+    ends = {
+        name: _scaled(both[name].to_numpy(), log) for name in both if str(name).startswith(("lower", "upper"))
+    }
+    low = np.maximum(ends["lower_classical"], ends["lower_bayesian"])
+    high = np.minimum(ends["upper_classical"], ends["upper_bayesian"])
+    span = np.maximum(ends["upper_classical"], ends["upper_bayesian"]) - np.minimum(
+        ends["lower_classical"], ends["lower_bayesian"]
+    )
+    both["overlap"] = np.maximum(high - low, 0.0) / span
+    widths = {m: ends[f"upper_{m}"] - ends[f"lower_{m}"] for m in ("classical", "bayesian")}
+    centres = {m: 0.5 * (ends[f"upper_{m}"] + ends[f"lower_{m}"]) for m in ("classical", "bayesian")}
+    cells = list(zip(both["parameter"], both["environment"], strict=True))
+    sd = np.array([sample_sd[cell] for cell in cells])
+    both["spread_ratio"] = _posterior_sd(fit, cells) / sd
+    both["certainty_ratio"] = widths["bayesian"] / widths["classical"] / both["spread_ratio"]
+    both["shift_sds"] = (centres["bayesian"] - centres["classical"]) / sd
+    _add_prior(both, fit, scene, ends, widths["bayesian"], cells)
+    _add_scale(both, marginal, classical)
+    for method, width in widths.items():
+        both[f"to_mean_{method}"] = _over_mean(both, width)
+    return both
+
+
+def compare_curves(boundaries: tuple[Boundary, ...]) -> pd.DataFrame:
+    """Compare the methods' boundaries of equal environment, kind, family, joint treatment and shape.
+
+    Parameters
+    ----------
+    boundaries : tuple of Boundary
+        `Study.boundaries`.
+
+    Returns
+    -------
+    DataFrame
+        environment, kind, family, joint, shape; per side, lower and upper: area (mean over log omega of
+        abs(log(Bayesian/classical))), largest (log(Bayesian/classical) where it is largest) and omega (where
+        that is, rad/s).
+    """
+    labels = ("environment", "kind", "family", "joint", "shape")
+    known = {(b.method, *(getattr(b, name) for name in labels)): b for b in boundaries}
+    rows = []
+    for (method, *key), boundary in known.items():
+        other = known.get(("bayesian", *key))
+        if method == "classical" and other is not None:
+            row: dict[str, object] = dict(zip(labels, key, strict=True))
+            for side, gap in curve_gap(boundary, other).items():
+                row |= {f"area_{side}": gap.area, f"largest_{side}": gap.largest, f"omega_{side}": gap.omega}
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def sample_sds(sessions: Sessions, parameters: tuple[str, ...], family: str) -> dict[tuple[str, str], float]:
+    """Take the SD of the subjects' values of every cell that has one.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        The study, in either form.
+    parameters : tuple of str
+        "k", "b" or both.
+    family : str
+        "normal" or "lognormal": of the values, or of their logarithms.
+
+    Returns
+    -------
+    dict of (str, str) to float
+        By (parameter, environment).
+    """
+    found = {}
+    for cell in cell_moments(sessions, parameters, family):
+        moments = cell.moments
+        if moments is None:
+            continue
+        if family == "lognormal" and moments.scale == "linear":
+            moments = moments.lognormal()
+        found[cell.parameter, cell.environment] = float(moments.sd)
+    return found
+
+
+def _scaled(values: Array, log: bool) -> Array:
+    return np.log(values) if log else values
+
+
+def _posterior_sd(fit: Fit, cells: list[tuple[str, str]]) -> Array:
+    """Typical SD between users per cell, on the family's scale (N/m and N·s/m under normal)."""
+    laws = Laws.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
+    typical = np.exp(np.log(laws.spread).mean(axis=0))
+    scale = fit.prepared.scale
+    column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
+    return np.array([typical[column[cell]] * scale.unit[column[cell]] for cell in cells])
+
+
+def _add_prior(
+    both: pd.DataFrame,
+    fit: Fit,
+    scene: Scene,
+    ends: dict[object, Array],
+    width: Array,
+    cells: list[tuple[str, str]],
+) -> None:
+    found: PriorPull | None = prior_pull(fit, scene)
+    if found is None:
+        return
+    column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
+    log, scale = scene.inference.family == "lognormal", fit.prepared.scale
+    for s, side in enumerate(("lower", "upper")):
+        relaxed = {kind: _scaled(scale.native(limits[s]), log) for kind, limits in found.limits.items()}
+        values = [relaxed[kind][column[cell]] for kind, cell in zip(both["kind"], cells, strict=True)]
+        both[f"prior_{side}"] = (ends[f"{side}_bayesian"] - np.array(values)) / (0.5 * width)
+    both["prior_effective"] = found.effective
+
+
+def _add_scale(both: pd.DataFrame, marginal: pd.DataFrame, width: pd.Series[float]) -> None:
+    keys = ["environment", "parameter", "kind"]
+    family = both["family"].iloc[0]
+    other = marginal[(marginal["method"] == "classical") & (marginal["family"] != family)]
+    known = {tuple(row[name] for name in keys): row["upper"] - row["lower"] for _, row in other.iterrows()}
+    wanted = both[keys].itertuples(index=False, name=None)
+    both["scale_ratio"] = [known.get(key, np.nan) for key in wanted] / width.to_numpy()
+
+
+def _over_mean(both: pd.DataFrame, width: Array) -> list[float]:
+    keys = list(zip(both["environment"], both["parameter"], both["kind"], strict=True))
+    known = dict(zip(keys, width.tolist(), strict=True))
+    return [known[key] / known.get((key[0], key[1], "mean"), np.nan) for key in keys]
