@@ -40,8 +40,8 @@ def compare_intervals(
     Returns
     -------
     DataFrame
-        environment, parameter, kind, family; lower, upper, estimate of each method; width_ratio (Bayesian over
-        classical); shift (relative, of the estimates); overlap (common part over the whole that both span,
+        environment, parameter, kind, family; lower, upper, estimate of each method; width_ratio (Bayesian
+        over classical); shift (relative, of the estimates); overlap (common part over the whole that both span,
         from 0 to 1, on the family's scale). The reasons: spread_ratio (posterior typical SD between users
         over the sample's: shrinkage across environments) times certainty_ratio (half-widths in SDs,
         Bayesian over classical: what is borrowed in knowing the SD and the mean) is the width ratio on the

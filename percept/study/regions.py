@@ -41,7 +41,7 @@ Family = Literal["normal", "lognormal"]
 Pairs = dict[str, tuple[Array, Array]]
 # Where little is known a spread, and so a draw or a limit, may leave the range of doubles; beyond this many
 # N/m or N·s/m no curve of interest changes.
-_LARGEST = 1e60
+_LARGEST = 1e40
 _SIDES = ("lower", "upper")
 
 

@@ -110,7 +110,7 @@ def _laws(density: CollapsedDensity, scales: Scales) -> Laws:
 
 
 def _prior_change(scales: Scales, old: Priors, new: Priors, *, trend: bool) -> Array:
-    """log of new over old prior density of the scales, up to a constant."""
+    """Give the logarithm of new over old prior density of the scales, up to a constant."""
     total = np.zeros(scales.log_prior.shape)
     half_normal = {"tau": "tau_scale", "sigma_u": "sigma_u_scale", "omega": "omega_scale"}
     half_normal["omega_e"] = "omega_e_scale"
@@ -138,6 +138,6 @@ def _normal_change(values: Array, old: float, new: float) -> Array:
 
 
 def _systematic(weight: Array, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Indices of as many draws, each as often as its weight says, to within one."""
+    """Choose as many draws, each as often as its weight says, to within one."""
     places = (np.arange(weight.size) + rng.random()) / weight.size
     return np.minimum(np.searchsorted(np.cumsum(weight), places), weight.size - 1)

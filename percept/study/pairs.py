@@ -1,0 +1,223 @@
+"""Two studies, groups of subjects or devices side by side: the same intervals, and their difference."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from percept.boundary.gap import curve_gap
+from percept.errors import RefusalError, UsageError
+from percept.inference.hierarchy.laws import Laws
+from percept.inference.sampling.mixture import mixture_quantile
+from percept.sessions import Sessions
+from percept.study.classical import cell_moments
+from percept.study.comparison import sample_sds
+
+if TYPE_CHECKING:
+    from percept.study.study import Study
+
+__all__ = ["PairComparison", "compare_studies", "split_by"]
+
+Array = NDArray[np.float64]
+_DRAWS = 8192
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PairComparison:
+    """Study B against study A.
+
+    Attributes
+    ----------
+    intervals : DataFrame
+        environment, parameter, kind, method, family, joint; lower, upper of each; width_ratio (B over A).
+    differences : DataFrame
+        environment, parameter, method, family; lower, value, upper of the average user of B over A (a ratio
+        under lognormal, a difference in N/m or N·s/m under normal); probability_above (that B's is the
+        larger, None for the classical method); and the same of the SD between users, as a ratio:
+        spread_lower, spread_value, spread_upper.
+    curves : DataFrame
+        As `compare_curves`, for boundaries of the two that are alike.
+    """
+
+    intervals: pd.DataFrame
+    differences: pd.DataFrame
+    curves: pd.DataFrame
+
+    def _repr_html_(self) -> str:
+        shown = self.differences.to_html(index=False, escape=True)
+        return f"<p>{html.escape('Average users of B against A, and the spread between users.')}</p>{shown}"
+
+
+def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
+    """Split a study by a column of the sessions, such as a group of subjects.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Trial form.
+    column : str
+        A column of the table that was kept beside those of the format.
+
+    Returns
+    -------
+    dict of str to Sessions
+        By value, in order of first appearance.
+
+    Raises
+    ------
+    UsageError
+        Where there is no such column, or it has one value.
+    """
+    if column not in sessions.table:
+        known = ", ".join(str(name) for name in sessions.table.columns)
+        raise UsageError(f"there is no such column; the columns are {known}.", column=column)
+    parts = {
+        str(value): dataclasses.replace(sessions, table=rows)
+        for value, rows in sessions.table.groupby(column, sort=False)
+    }
+    if len(parts) < 2:
+        raise UsageError("all rows have one value: there is nothing to compare.", column=column)
+    return parts
+
+
+def compare_studies(first: Study, second: Study, *, seed: int = 1) -> PairComparison:
+    """Compare two studies over the environments and parameters that both have.
+
+    Parameters
+    ----------
+    first, second : Study
+        A and B: of independent subjects, in one family and at one level.
+    seed : int
+        Of the pairing of posterior draws.
+
+    Returns
+    -------
+    PairComparison
+
+    Raises
+    ------
+    UsageError
+        Families or levels that differ.
+    RefusalError
+        No environment in common.
+    """
+    for name in ("family", "level"):
+        a, b = (getattr(study.scene.inference, name) for study in (first, second))
+        if a != b:
+            raise UsageError(f"the two studies are analysed with a {name} of {a} and {b}.", column=name)
+    if not set(first.environments) & set(second.environments):
+        raise RefusalError("the two studies have no environment in common, by name.")
+    keys = ["environment", "parameter", "kind", "method", "family", "joint"]
+    pair = [study.intervals[[*keys, "lower", "upper"]] for study in (first, second)]
+    intervals = pair[0].merge(pair[1], on=keys, suffixes=("_a", "_b"))
+    widths = [intervals[f"upper_{side}"] - intervals[f"lower_{side}"] for side in ("a", "b")]
+    intervals["width_ratio"] = widths[1] / widths[0]
+    differences = _classical(first, second) + _bayesian(first, second, np.random.default_rng(seed))
+    return PairComparison(intervals, pd.DataFrame(differences), _curves(first, second))
+
+
+def _classical(first: Study, second: Study) -> list[dict[str, object]]:
+    """Welch's interval of the difference of means, and the F interval of the ratio of SDs."""
+    family = first.scene.inference.family
+    if "bayesian" in (first.scene.inference.method, second.scene.inference.method):
+        return []
+    tail = 0.5 * (1.0 - first.scene.inference.level)
+    log = family == "lognormal"
+    counts = [
+        {(c.parameter, c.environment): c.moments for c in cell_moments(s.sessions, s.parameters, family)}
+        for s in (first, second)
+    ]
+    sds = [sample_sds(s.sessions, s.parameters, family) for s in (first, second)]
+    rows: list[dict[str, object]] = []
+    for cell in sds[0]:
+        moments = [part.get(cell) for part in counts]
+        if cell not in sds[1] or moments[0] is None or moments[1] is None:
+            continue
+        on_scale = [m.lognormal() if log and m.scale == "linear" else m for m in moments if m is not None]
+        mean, sd, n = (
+            np.array([float(np.asarray(getattr(m, f))) for m in on_scale]) for f in ("mean", "sd", "n")
+        )
+        share = sd**2 / n
+        freedom = share.sum() ** 2 / (share**2 / (n - 1)).sum()
+        centre = mean[1] - mean[0]
+        reach = float(stats.t.isf(tail, freedom)) * np.sqrt(share.sum())
+        ends = np.array([centre - reach, centre, centre + reach])
+        spread = sd[1] / sd[0]
+        quantiles = [float(stats.f.isf(t, n[1] - 1, n[0] - 1)) for t in (tail, 1.0 - tail)]
+        rows.append(
+            _row(cell, "classical", family, np.exp(ends) if log else ends)
+            | {
+                "probability_above": None,
+                "spread_lower": spread / np.sqrt(quantiles[0]),
+                "spread_value": spread,
+                "spread_upper": spread / np.sqrt(quantiles[1]),
+            }
+        )
+    return rows
+
+
+def _bayesian(first: Study, second: Study, rng: np.random.Generator) -> list[dict[str, object]]:
+    """Root of the mixture of differences of conditional normals; the two posteriors are independent."""
+    fits = [study.fit for study in (first, second)]
+    if any(fit is None or not fit.run.gate.passed for fit in fits):
+        return []
+    family, level = first.scene.inference.family, first.scene.inference.level
+    log, tail = family == "lognormal", 0.5 * (1.0 - level)
+    parts = []
+    for fit in fits:
+        assert fit is not None
+        components = fit.run.components.reshape(-1, fit.run.components.shape[-1])
+        laws = Laws.unpack(components[rng.integers(len(components), size=_DRAWS)])
+        scale = fit.prepared.scale
+        origin = np.log(scale.origin) if log else scale.origin
+        unit = scale.unit
+        column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
+        parts.append((origin + unit * laws.mean, unit * laws.sd, unit * laws.spread, column))
+    (mean_a, sd_a, spread_a, column_a), (mean_b, sd_b, spread_b, column_b) = parts
+    rows: list[dict[str, object]] = []
+    for cell in column_a:
+        if cell not in column_b:
+            continue
+        a, b = column_a[cell], column_b[cell]
+        mean, sd = (mean_b[:, [b]] - mean_a[:, [a]]), np.hypot(sd_a[:, [a]], sd_b[:, [b]])
+        lower, upper = (float(mixture_quantile(mean, sd, tail, upper=side)[0]) for side in (False, True))
+        ends = np.array([lower, float(mean.mean()), upper])
+        ratio = np.quantile(spread_b[:, b] / spread_a[:, a], [tail, 0.5, 1.0 - tail])
+        rows.append(
+            _row(cell, "bayesian", family, np.exp(ends) if log else ends)
+            | {
+                "probability_above": float(stats.norm.cdf(mean / sd).mean()),
+                "spread_lower": float(ratio[0]),
+                "spread_value": float(ratio[1]),
+                "spread_upper": float(ratio[2]),
+            }
+        )
+    return rows
+
+
+def _row(cell: tuple[str, str], method: str, family: str, ends: Array) -> dict[str, object]:
+    lower, value, upper = ends.tolist()
+    what = {"environment": cell[1], "parameter": cell[0], "method": method, "family": family}
+    return {**what, "lower": lower, "value": value, "upper": upper}
+
+
+def _curves(first: Study, second: Study) -> pd.DataFrame:
+    labels = ("environment", "kind", "method", "family", "joint", "shape")
+    known = {tuple(getattr(b, name) for name in labels): b for b in second.boundaries}
+    rows = []
+    for boundary in first.boundaries:
+        key = tuple(getattr(boundary, name) for name in labels)
+        other = known.get(key)
+        if other is None:
+            continue
+        row: dict[str, object] = dict(zip(labels, key, strict=True))
+        for side, gap in curve_gap(boundary, other).items():
+            row |= {f"area_{side}": gap.area, f"largest_{side}": gap.largest, f"omega_{side}": gap.omega}
+        rows.append(row)
+    return pd.DataFrame(rows)
