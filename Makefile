@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help report reproduce test lint bench docs clean
+.PHONY: help report reproduce test test-page lint bench docs clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -22,6 +22,12 @@ report: $(STAMP)  ## analyse the published study and print the page's path
 
 test: lint  ## lint, types and the whole test suite
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -q
+
+test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headless Chromium
+	@$(BIN)/python -m pytest -m page tests/page -q -rs
+
+build/node_modules/axe-core:
+	@npm install --silent --no-save --prefix build axe-core || echo "no axe-core: accessibility is not tested"
 
 lint: $(STAMP)  ## ruff (with docstring rules) and strict types
 	@$(BIN)/ruff check .
