@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import datetime
-import shutil
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from percept.errors import UsageError
 from percept.report.document import build_document
+from percept.report.folder import filled_folder
 from percept.report.pdf import print_pdf
 from percept.report.plain import dumps
 
@@ -36,7 +34,8 @@ def write_report(
     """Write the page, report.json, tables, figures and the posterior of a study.
 
     Everything is first written beside `out_dir`, then moved into it file by file, the page last: a run that
-    fails leaves nothing behind, and files of other names in `out_dir` stay as they are.
+    fails leaves nothing behind. Of the files in `out_dir` only those an earlier run wrote are replaced or
+    removed.
 
     Parameters
     ----------
@@ -67,27 +66,15 @@ def write_report(
     PerceptError
         What the study refuses.
     """
-    out = Path(out_dir)
     step = progress or (lambda _: None)
-    if out.exists() and not out.is_dir():
-        raise UsageError("the report needs a folder, and this is a file.", file=str(out_dir))
-    step("results")
-    document = build_document(study, seed=seed)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-    except OSError as error:
-        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
-    try:
-        _fill(aside, study, document, formats, date or datetime.date.today().isoformat(), step)
+    with filled_folder(out_dir, last="report.html") as folder:
+        step("results")
+        document = build_document(study, seed=seed)
+        _fill(folder, study, document, formats, date or datetime.date.today().isoformat(), step)
         if pdf:
             step("pdf")
-            print_pdf(aside / "report.html", aside / "report.pdf")
-        return _move(aside, out)
-    except OSError as error:
-        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+            print_pdf(folder / "report.html", folder / "report.pdf")
+    return Path(out_dir) / "report.html"
 
 
 def _fill(
@@ -127,14 +114,3 @@ def _figures(folder: Path, document: dict[str, object], formats: Sequence[str]) 
             (folder / f"{drawing.name}.{form}").write_bytes(rendered(figure, form))
         plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(figure, drawing))
     return plates
-
-
-def _move(aside: Path, out: Path) -> Path:
-    """Move every file to its place, the page last: where it is, the rest is."""
-    page = aside / "report.html"
-    others = sorted(path for path in aside.rglob("*") if path.is_file() and path != page)
-    for path in [*others, page]:
-        target = out / path.relative_to(aside)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        path.replace(target)
-    return out / "report.html"

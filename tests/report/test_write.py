@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.errors import PerceptError, UsageError
 from percept.report import dumps, write_report
+from percept.report.folder import filled_folder
 from percept.report.pdf import print_pdf
 
 from .conftest import DATASETS
@@ -48,10 +50,49 @@ def test_files_of_the_user_stay_and_a_second_run_gives_the_same(quick, tmp_path)
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
+def test_what_an_earlier_run_wrote_goes_unless_somebody_changed_it(tmp_path):
+    def fill(*names):
+        with filled_folder(tmp_path / "out", last="page.html") as folder:
+            for name in names:
+                (folder / name).write_text(f"{name} of the program")
+
+    fill("page.html", "posterior.nc", "old.csv", "edited.csv")
+    (tmp_path / "out" / "edited.csv").write_text("mine now")
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    fill("page.html", "new.csv")
+    found = {path.name: path.read_text() for path in (tmp_path / "out").iterdir()}
+    assert found.pop("page.sha256").count("\n") == 2
+    assert found == {
+        "page.html": "page.html of the program",
+        "new.csv": "new.csv of the program",
+        "edited.csv": "mine now",
+        "notes.txt": "mine",
+    }
+
+
+def test_a_list_that_points_outside_its_folder_is_not_followed(tmp_path):
+    outside = tmp_path / "outside.txt"
+    outside.write_text("mine")
+    digest = hashlib.sha256(b"mine").hexdigest()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "page.sha256").write_text(
+        f"{digest}  ../outside.txt\n{digest}  {outside}\nnonsense\n"
+    )
+    with filled_folder(tmp_path / "out", last="page.html") as folder:
+        (folder / "page.html").write_text("x")
+    assert outside.read_text() == "mine"
+
+
+def test_the_list_is_one_that_sha256sum_reads(report):
+    for line in (report / "report.sha256").read_text(encoding="utf-8").splitlines():
+        digest, name = line.split("  ")
+        assert hashlib.sha256((report / name).read_bytes()).hexdigest() == digest
+
+
 def test_formats_are_those_asked_for(quick, tmp_path):
-    write_report(quick, tmp_path / "out", formats=("pdf", "png"))
+    write_report(quick, tmp_path / "out", formats=("pdf",))
     assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
-        f"{name}.{form}" for name in ("band", "intervals_b", "intervals_k") for form in ("pdf", "png")
+        f"{name}.{form}" for name in ("band", "intervals_b", "intervals_k") for form in ("pdf",)
     }
 
 
@@ -71,7 +112,7 @@ def test_an_unknown_format_leaves_nothing_behind(quick, tmp_path):
 
 def test_a_file_in_the_folder_s_place_is_left_alone(quick, tmp_path):
     (tmp_path / "out").write_text("mine")
-    with pytest.raises(UsageError, match="needs a folder") as caught:
+    with pytest.raises(UsageError, match="folder is needed") as caught:
         write_report(quick, tmp_path / "out")
     assert caught.value.file == str(tmp_path / "out")
     assert (tmp_path / "out").read_text() == "mine"

@@ -285,7 +285,7 @@ def inline_svg(figure: Figure, drawing: Drawing) -> str:
 
 
 # rem per mm: at the most a figure's lettering is as large as the page's small print, at the least readable.
-_LEAST, _MOST = 0.2, 0.3
+_LEAST, _MOST = 0.165, 0.3
 _INLINE = tuple(
     (re.compile(pattern, re.DOTALL), replacement)
     for pattern, replacement in (

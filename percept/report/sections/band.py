@@ -43,6 +43,7 @@ def build(document: Mapping[str, Any]) -> Part | None:
         {
             **law,
             "name": _NAMES.get(law["model"], law["model"]),
+            "place": f"/band/laws/{index}",
             "values": [
                 {
                     "meaning": _MEANINGS.get(name, name),
@@ -61,6 +62,14 @@ def build(document: Mapping[str, Any]) -> Part | None:
             "rows": rows,
             "laws": laws,
             "family": family,
+            "statements": [
+                {**statement, "place": f"/band/statements/{index}"}
+                for index, statement in enumerate(band.get("statements") or ())
+                if statement["family"] == family
+            ],
+            "trend": [
+                {**row, "place": f"/band/kappa/{index}"} for index, row in enumerate(band.get("kappa") or ())
+            ],
             "methods": [method for method in METHODS if any(method in row["places"] for row in rows)],
         },
     )

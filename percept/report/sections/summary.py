@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from percept.report.sections.part import Part
-from percept.report.select import KINDS, family_of, first
+from percept.report.select import KINDS, family_of, first, matching
 
 __all__ = ["build"]
 
@@ -75,10 +75,15 @@ def _references(document: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _law(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """Return the law to quote: of the average user, Bayesian if there is one."""
-    return first(
-        (document["band"] or {}).get("laws") or (),
+    """Return the law to quote: the best predictor for the average user, Bayesian if there is one."""
+    laws = (document["band"] or {}).get("laws") or ()
+    chosen = first(
+        laws,
         kind=KINDS,
         method=("bayesian", "classical"),
         family=(family_of(document), "lognormal", "normal"),
     )
+    if chosen is None:
+        return None
+    alike = matching(laws, **{name: chosen[name] for name in ("kind", "method", "family")})
+    return min(alike, key=lambda law: (law["left_out_error"] is None, law["left_out_error"]))

@@ -1,0 +1,96 @@
+"""A folder of results: filled aside, moved into place file by file, nothing of the user's touched."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from percept.errors import UsageError
+
+__all__ = ["filled_folder"]
+
+
+@contextmanager
+def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
+    """Give an empty folder to write into; what stands in it at the end is moved to `out_dir`.
+
+    An error inside leaves `out_dir` as it was. A list of the files and their hashes, in the form of
+    ``sha256sum`` and named after `last`, goes with them: a file of an earlier list that is not written again
+    is removed if it still is what was written then. Every other file stays.
+
+    Parameters
+    ----------
+    out_dir : str or Path
+        Folder, made where it does not exist.
+    last : str
+        Name of the file to move last: where it is, the rest is.
+
+    Yields
+    ------
+    Path
+        The folder to write into.
+
+    Raises
+    ------
+    UsageError
+        Where `out_dir` is a file or cannot be written.
+    """
+    out = Path(out_dir)
+    if out.exists() and not out.is_dir():
+        raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))
+    missing = [parent for parent in out.parents if not parent.exists()]
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        # Beside the folder, because only within one file system is a move all or nothing.
+        aside = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    except OSError as error:
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+    try:
+        yield aside
+        _move(aside, out, last)
+    except OSError as error:
+        if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
+            raise
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+        with suppress(OSError):
+            for parent in missing:
+                parent.rmdir()  # only where nothing came of it: a folder with something in it stays
+
+
+def _move(aside: Path, out: Path, last: str) -> None:
+    files = sorted(path.relative_to(aside) for path in aside.rglob("*") if path.is_file())
+    new = {path: _hash(aside / path) for path in files}
+    listing = Path(last).with_suffix(".sha256")
+    old = _listed(out / listing)
+    (aside / listing).write_text(
+        "".join(f"{digest}  {path.as_posix()}\n" for path, digest in new.items()), encoding="utf-8"
+    )
+    for path in [*(path for path in files if path.name != last), listing, Path(last)]:
+        (out / path).parent.mkdir(parents=True, exist_ok=True)
+        (aside / path).replace(out / path)
+    for path, digest in old.items():
+        stale = out / path
+        if path not in new and stale.is_file() and _hash(stale) == digest:
+            stale.unlink()
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _listed(path: Path) -> dict[Path, str]:
+    """Return what an earlier list names, inside its own folder only."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return {}
+    found = {Path(name): digest for digest, _, name in (line.partition("  ") for line in lines) if name}
+    return {
+        path: digest for path, digest in found.items() if not path.is_absolute() and ".." not in path.parts
+    }
