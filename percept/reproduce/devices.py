@@ -112,9 +112,9 @@ class Panel:
 def panels(published: Published) -> tuple[Panel, ...]:
     """Return the three enlarged panels."""
     read = (
-        ("7b", "both curves below the boundaries", _both_below),
-        ("7d", "both curves inside, the coupled one lower", _both_inside),
-        ("7f", "coupled below, uncoupled above the boundaries", _either_side),
+        ("7b", "both below the boundaries", _both_below),
+        ("7d", "both inside, coupled below direct", _both_inside),
+        ("7f", "one curve below, one above them", _either_side),
     )
     return tuple(
         Panel(name, says, wall, window, true_of)

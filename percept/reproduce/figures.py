@@ -1,0 +1,328 @@
+"""The paper's figures drawn again, and what it left to do: device maps and adapted couplings."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from percept.haptics import (
+    Coupling,
+    Device,
+    corner_curves,
+    coupling_admittance,
+    coupling_bound,
+    perceived_impedance,
+    required_damping,
+    stable_region,
+)
+from percept.report.figures.boundaries import Limits, draw_magnitude
+from percept.report.figures.canvas import COLOURS, Drawing, grid, legend_below, panels, plain_text
+from percept.report.figures.design import draw_design
+from percept.report.figures.stability import draw_stability
+from percept.reproduce import devices
+from percept.reproduce.adaptive import Adapted, TradeOff
+from percept.reproduce.devices import DAMPINGS, MASSES, over_devices
+from percept.reproduce.published import THEORETICAL, Published, Wall
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["drawings"]
+
+_PAIR = (86.0, 72.0)
+_WIDE = (0.1, 1000.0)  # rad/s; the paper's axes reach past the device's resonances at 300
+_POINTS = 241
+_ANY = 5.0  # N/m; what is drawn where every positive stiffness will do
+
+
+def drawings(published: Published, adapted: Adapted, trade: TradeOff) -> list[Drawing]:
+    """Return every figure of the page; nothing is drawn yet.
+
+    Parameters
+    ----------
+    published : Published
+    adapted : Adapted
+    trade : TradeOff
+
+    Returns
+    -------
+    list of Drawing
+    """
+    found = [_fig4(published), _fig5(published)]
+    for panel, wide in zip(devices.panels(published), ("a", "c", "e"), strict=True):
+        found.append(_fig7_wide(published, panel.wall, wide))
+        found.append(_fig7_close(published, panel, published.device, f"fig-{panel.name}"))
+    return [
+        *found,
+        _fig7b_light(published),
+        _maps(published),
+        _trade(published, trade),
+        _design(published, adapted),
+    ]
+
+
+def _fig4(published: Published) -> Drawing:
+    needed = float(required_damping(THEORETICAL, published.period).damping)
+
+    def draw(figure: Figure) -> None:
+        (ax,) = panels(figure, left=18, top=3)
+        nyquist = np.pi / published.period
+        omega = np.geomspace(10.0, nyquist * 0.9999, 401)
+        bound = coupling_bound(omega, Device(published.device.mass, needed), published.period)
+        lines, binding = {}, {}
+        for coupling in (THEORETICAL, published.tuned):
+            label = f"{float(coupling.stiffness) / 1e3:g} kN/m"
+            admittance = coupling_admittance(omega, coupling, published.period, discretization="backward")
+            lines[label] = np.asarray(admittance).real
+            binding[label] = float(required_damping(coupling, published.period).omega)
+        draw_stability(ax, omega, bound, lines, binding=binding)
+
+    return Drawing(
+        "fig-4",
+        "Fig. 4: stability of the theoretical and the tuned coupling",
+        f"Re 1/Z_c of both couplings and its lower bound for a rigid device of {needed:.4g} N·s/m, with "
+        f"which "
+        "the theoretical one just touches it. The knots of the paper’s figure are resonances it gives no "
+        "numbers for.",
+        (120.0, 80.0),
+        draw,
+    )
+
+
+def _fig5(published: Published) -> Drawing:
+    wall, _ = published.drawn[0]
+
+    def draw(figure: Figure) -> None:
+        (ax,) = panels(figure, left=18, bottom=23, right=5)
+        _draw_four(ax, published, Device(0.0, 0.0), wall, published.omega(_POINTS), coupling=None, log=True)
+        legend_below(ax, columns=1)
+
+    return Drawing(
+        "fig-5",
+        "Fig. 5: realistic performance boundaries",
+        f"The limits of {wall.name} without a device, so that the upper limits lie above the lower ones "
+        "throughout; the reference is dashed.",
+        (120.0, 84.0),
+        draw,
+    )
+
+
+def _fig7_wide(published: Published, wall: Wall, letter: str) -> Drawing:
+    return Drawing(
+        f"fig-7{letter}",
+        f"Fig. 7{letter}: {wall.name}",
+        f"Boundaries, reference, and reference through the coupling, {_device(published.device)}.",
+        _PAIR,
+        partial(_draw_panel, published, published.device, wall, np.geomspace(*_WIDE, _POINTS), True),
+    )
+
+
+def _fig7_close(published: Published, panel: devices.Panel, device: Device, name: str) -> Drawing:
+    true = bool(over_devices(published, panel, np.array(device.mass), np.array(device.damping)))
+    return Drawing(
+        name,
+        f"Fig. {panel.name}: {panel.wall.name} enlarged",
+        f"The paper reads: {panel.says}. {'So it is' if true else 'Not so'} with {_device(device)}.",
+        _PAIR,
+        partial(_draw_panel, published, device, panel.wall, np.linspace(*panel.window, 121), False),
+    )
+
+
+def _fig7b_light(published: Published) -> Drawing:
+    """Draw Fig. 7b for a device with which the paper's reading is true, if one of those tried is one."""
+    panel = devices.panels(published)[0]
+    true = over_devices(published, panel, MASSES, DAMPINGS[:, None])
+    row, column = np.argwhere(true)[-1] // 2 if true.any() else (0, 0)
+    return _fig7_close(published, panel, Device(float(MASSES[column]), float(DAMPINGS[row])), "fig-7b-light")
+
+
+def _device(device: Device) -> str:
+    return f"m = {float(device.mass):.3g} kg and b_d = {float(device.damping):.3g} N·s/m"
+
+
+def _draw_panel(
+    published: Published, device: Device, wall: Wall, omega: devices.FloatArray, log: bool, figure: Figure
+) -> None:
+    (ax,) = panels(figure, left=18, bottom=24, right=5)
+    _draw_four(ax, published, device, wall, omega, coupling=published.tuned, log=log)
+    ax.set_title(plain_text(f"{wall.name}: {wall.k:g} N/m, {wall.b:g} N·s/m"), loc="left")
+    legend_below(ax, columns=1)
+
+
+def _draw_four(
+    ax: Axes,
+    published: Published,
+    device: Device,
+    wall: Wall,
+    omega: devices.FloatArray,
+    *,
+    coupling: Coupling | None,
+    log: bool,
+) -> None:
+    period = published.period
+    limits = Limits(
+        f"boundaries, {published.limits.level:.0%} limits of k and b",
+        "classical",
+        *corner_curves(omega, device, wall.stiffness, wall.damping, period),
+    )
+    direct, coupled = (
+        np.abs(perceived_impedance(omega, device, wall.environment, period, coupling=each))
+        for each in (None, coupling)
+    )
+    draw_magnitude(ax, omega, [limits], direct, None if coupling is None else coupled, log=log)
+
+
+def _maps(published: Published) -> Drawing:
+    shown = devices.panels(published)
+
+    def draw(figure: Figure) -> None:
+        axes = grid(figure, len(shown), columns=len(shown), left=14, gap=9, top=11, bottom=22)
+        for ax, panel in zip(axes, shown, strict=True):
+            true = over_devices(published, panel, MASSES, DAMPINGS[:, None])
+            ax.contourf(
+                MASSES,
+                DAMPINGS,
+                true.astype(float),
+                levels=[0.5, 1.5],
+                colors=[COLOURS["coupled"]],
+                alpha=0.35,
+            )
+            _mark_devices(ax, published)
+            ax.set_title(plain_text(f"Fig. {panel.name}:\n{panel.says}"), loc="left", fontsize=6.5)
+            ax.set_xlabel("device mass (kg)")
+        axes[0].set_ylabel("device damping (N·s/m)")
+        axes[0].fill_between([], [], [], color=COLOURS["coupled"], alpha=0.35, label="true over the window")
+        legend_below(axes[0], columns=2)
+
+    return Drawing(
+        "devices",
+        "What Fig. 7 says of the device, whose mass and damping were not published",
+        "Shaded: the reading of the paper is true over the whole window. Above a line the coupling named is "
+        "stable; the cross is the scene’s device.",
+        (178.0, 78.0),
+        draw,
+    )
+
+
+def _mark_devices(ax: Axes, published: Published) -> None:
+    for coupling, dashes in ((THEORETICAL, (0, (6, 2))), (published.tuned, (0, (2, 1.5)))):
+        needed = float(required_damping(coupling, published.period).damping)
+        ax.axhline(
+            needed,
+            color=COLOURS["classical"],
+            linestyle=dashes,
+            linewidth=0.9,
+            label=f"{float(coupling.stiffness) / 1e3:g} kN/m is stable above {needed:.4g} N·s/m",
+        )
+    ax.plot(
+        [float(published.device.mass)],
+        [float(published.device.damping)],
+        marker="X",
+        markersize=5,
+        linestyle="none",
+        color=COLOURS["warn"],
+        label="the scene’s device",
+    )
+    _logarithmic(ax)
+    ax.set_xlim(MASSES[0], MASSES[-1])
+    ax.set_ylim(DAMPINGS[0], DAMPINGS[-1])
+
+
+def _trade(published: Published, trade: TradeOff) -> Drawing:
+    def draw(figure: Figure) -> None:
+        (ax,) = panels(figure, left=18, bottom=28, top=4)
+        ax.plot(
+            trade.damping, trade.stiffest / 1e3, color=COLOURS["ink"], linewidth=1.5, label="stiffest stable"
+        )
+        styles = ("-", (0, (6, 2)), (0, (3, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)))
+        for row, wall in enumerate(published.walls):
+            damping, softest = _from_least(trade, row)
+            ax.plot(
+                damping,
+                softest / 1e3,
+                color=COLOURS["coupled"],
+                linestyle=styles[row % len(styles)],
+                label=f"softest that feels real, {wall.name}",
+            )
+        ax.plot(
+            [trade.static],
+            [float(published.tuned.stiffness) / 1e3],
+            marker="X",
+            markersize=6,
+            linestyle="none",
+            color=COLOURS["warn"],
+            label="the paper’s tuned coupling",
+        )
+        _logarithmic(ax)
+        ax.set_xlim(trade.damping[0], trade.damping[-1])
+        ax.set_ylim(bottom=_ANY / 1e3)
+        ax.set_xlabel("device damping b$_d$ (N·s/m)")
+        ax.set_ylabel("k$_c$ (kN/m)")
+        legend_below(ax, columns=2)
+
+    return Drawing(
+        "trade-off",
+        "Stability against realism: the coupling each environment asks for",
+        "Between an environment’s line and the line of stability lie couplings that are stable and keep the "
+        "next user’s boundary over the whole perceivable range. Stiffer walls need stiffer couplings, and so "
+        "better damped devices.",
+        (140.0, 96.0),
+        draw,
+    )
+
+
+def _from_least(trade: TradeOff, row: int) -> tuple[devices.FloatArray, devices.FloatArray]:
+    """Return an environment's line from the first damping that will do; there both limits meet."""
+    kept = np.isfinite(trade.softest[row])
+    damping, softest = trade.damping[kept], np.maximum(trade.softest[row][kept], _ANY)
+    least = trade.least[row]
+    if kept.all() or not kept.any():
+        return damping, softest
+    met = float(np.exp(np.interp(np.log(least), np.log(trade.damping), np.log(trade.stiffest))))
+    return np.append(least, damping), np.append(met, softest)
+
+
+def _logarithmic(ax: Axes) -> None:
+    from matplotlib.ticker import FuncFormatter
+
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.minorticks_off()
+
+
+def _design(published: Published, adapted: Adapted) -> Drawing:
+    regions = [
+        *zip((wall.name for wall in published.walls), adapted.design.each, strict=True),
+        ("one coupling for all", adapted.design.common),
+    ]
+    damping = float(adapted.device.damping)
+
+    def draw(figure: Figure) -> None:
+        edge = stable_region(damping, published.period, points=65)
+        axes = grid(figure, len(regions), columns=3, bottom=17)
+        for ax, (name, region) in zip(axes, regions, strict=True):
+            draw_design(
+                ax,
+                region.damping,
+                region.intervals,
+                stable=(edge.stiffness, edge.damping),
+                coupling=(float(published.tuned.stiffness), float(published.tuned.damping)),
+            )
+            ax.set_title(plain_text(name), loc="left")
+        for ax in axes[::3]:
+            ax.set_ylabel("b$_c$ (N·s/m)")
+        legend_below(axes[0], columns=3)
+
+    return Drawing(
+        "design",
+        "Couplings that are stable and feel real, by environment",
+        f"For {_device(adapted.device)}, the damping Fig. 4 implies. Shaded: stable, and inside the next "
+        "user’s boundary at every perceivable ω. The cross is the paper’s tuned coupling.",
+        (175.0, 16.0 + 52.0 * -(-len(regions) // 3)),
+        draw,
+    )
