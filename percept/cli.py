@@ -14,7 +14,10 @@ from percept.errors import PerceptError
 __all__ = ["COMMANDS", "build_parser", "main"]
 
 #: Commands, in the order of an analyst's work.
-COMMANDS = ("new", "validate", "report", "fit", "simulate", "reproduce", "doctor", "completion")
+COMMANDS = (
+    "new", "validate", "report", "fit", "compare", "predict", "plan", "calibrate", "simulate", "reproduce",
+    "doctor", "completion",
+)  # fmt: skip
 
 _EXAMPLE = """example:
   percept report sessions/ --scene scene.toml --out results

@@ -41,9 +41,9 @@ def compare_intervals(
     -------
     DataFrame
         environment, parameter, kind, family; lower, upper, estimate of each method; width_ratio (Bayesian
-        over classical); shift (relative, of the estimates); overlap (common part over the whole that both span,
-        from 0 to 1, on the family's scale). The reasons: spread_ratio (posterior typical SD between users
-        over the sample's: shrinkage across environments) times certainty_ratio (half-widths in SDs,
+        over classical); shift (relative, of the estimates); overlap (common part over the whole that both
+        span, from 0 to 1, on the family's scale). The reasons: spread_ratio (posterior typical SD between
+        users over the sample's: shrinkage across environments) times certainty_ratio (half-widths in SDs,
         Bayesian over classical: what is borrowed in knowing the SD and the mean) is the width ratio on the
         family's scale; shift_sds (Bayesian centre minus classical, in sample SDs); prior_lower, prior_upper
         (shift of the Bayesian limits by the priors, against priors twice as wide, in half-widths);

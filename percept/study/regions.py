@@ -171,7 +171,8 @@ def subject_pairs(sessions: Sessions, family: Family) -> Pairs:
         if family == "lognormal" and (adjusted <= 0).any():
             continue
         k, b = (
-            subject_means(column, rows["subject"].to_numpy(), family=family).values for column in adjusted.T
+            displayable(subject_means(column, rows["subject"].to_numpy(), family=family).values)
+            for column in adjusted.T
         )
         pairs[str(environment)] = k, b
     return pairs

@@ -1,0 +1,99 @@
+"""Simulate studies like yours, refit them, and report the real coverage of every interval and boundary."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.progress import SamplerProgress
+
+if TYPE_CHECKING:
+    from percept.calibration.plan import CoveragePlan
+
+HELP = "simulate, refit and report real coverage"
+# What curves are drawn for where the scene has no rigid device: kg, N·s/m and s.
+_DEVICE, _PERIOD = (1.0, 5.0), 0.001
+EXAMPLE = "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_analysis_arguments(parser)
+    parser.add_argument("--studies", type=int, default=100, metavar="N", help="studies per design (100)")
+    parser.add_argument("--subjects", type=int, nargs="+", metavar="N", help="subjects (the study's own)")
+    parser.add_argument(
+        "--from", dest="source", choices=("fit", "prior"), default="fit", help="simulate from (fit)"
+    )
+    parser.add_argument(
+        "--truth",
+        nargs="+",
+        choices=("lognormal", "normal"),
+        default=["lognormal"],
+        help="distribution of the simulated users (lognormal); the family of the model is --family",
+    )
+    parser.add_argument("--workers", type=int, metavar="N", help="processes (all cores)")
+    parser.add_argument("--out", default="coverage", metavar="DIR", help="folder to write into (coverage)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write DIR/coverage.md and DIR/coverage.csv; an interrupted run goes on from DIR/judged.jsonl."""
+    import dataclasses
+
+    import pandas as pd
+
+    from percept.calibration.coverage import coverage, coverage_markdown
+
+    out = Path(arguments.out)
+    rows = []
+    for plan in _plans(arguments):
+        name = f"n = {plan.subjects}, {plan.truth} users"
+
+        def told(done: int, studies: int, name: str = name) -> None:
+            if not arguments.quiet and sys.stderr.isatty():
+                print(f"\r{name}: {done} of {studies} studies ", end="", file=sys.stderr, flush=True)
+
+        rows += coverage(
+            plan,
+            arguments.studies,
+            workers=arguments.workers,
+            checkpoint=out / "judged.jsonl",
+            progress=told,
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "coverage.md").write_text(coverage_markdown(rows), encoding="utf-8")
+    pd.DataFrame([dataclasses.asdict(row) for row in rows]).to_csv(out / "coverage.csv", index=False)
+    print(out / "coverage.md")
+    return 0
+
+
+def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
+    from percept.calibration.plan import CoveragePlan, fitted_values
+
+    with SamplerProgress(shown=not arguments.quiet) as progress:
+        study = open_study(arguments, progress)
+        values = fitted_values(study) if arguments.source == "fit" else None
+    asked, device = study.scene.inference, study.scene.device
+    rigid, period = _DEVICE, _PERIOD
+    if device is not None and device.mass is not None and device.damping is not None:
+        rigid, period = (device.mass, device.damping), device.period
+    return [
+        CoveragePlan(
+            references=tuple((study.reference["k", e], study.reference["b", e]) for e in study.environments),
+            subjects=subjects,
+            truth=truth,
+            family=asked.family,
+            method="classical" if asked.method == "classical" else "both",
+            level=asked.level,
+            confidence=asked.confidence,
+            tolerance=max(asked.tolerance, 0.05),
+            values=values,
+            seed=asked.seed,
+            device=rigid,
+            period=period,
+        )
+        for subjects in arguments.subjects or [len(study.sessions.subjects)]
+        for truth in arguments.truth
+    ]
