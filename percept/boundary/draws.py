@@ -113,6 +113,9 @@ class DrawCurves:
         curves = perceived_magnitude(
             omega[:, None], self._device, self._stiffness, self._damping, self._period, hold=self._hold
         )
+        # At Nyquist a mass is infinite whatever the draw.
+        endless = np.isinf(curves).any(axis=1)
+        curves[endless] = 1.0
         logs = np.log(curves)
         lower, upper = _tails(curves, 0.5 * (1.0 - self._level))
         mean = logs.mean(axis=1)
@@ -123,7 +126,9 @@ class DrawCurves:
         logs *= inverse[:, None]
         np.abs(logs, out=logs)
         np.maximum(self._farthest, logs.max(axis=0), out=self._farthest)
-        return np.stack([lower, upper, mean, sd])
+        bands = np.stack([lower, upper, mean, sd])
+        bands[:3, endless] = np.inf
+        return bands
 
 
 def _tails(values: Array, tail: float) -> tuple[Array, Array]:

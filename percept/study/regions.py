@@ -205,7 +205,8 @@ def classical_ellipses(sessions: Sessions, scene: Scene) -> Iterator[Region]:
                     ellipse = ellipse_region(k, b, kind=kind, level=level, family=family)  # type: ignore[arg-type]
                 except RefusalError:
                     continue
-                yield _around(environment, ellipse)
+                if _representable(ellipse):
+                    yield _around(environment, ellipse)
 
 
 def draw_ellipses(draws: Draws, counts: dict[str, int]) -> Iterator[Region]:
@@ -223,17 +224,16 @@ def draw_ellipses(draws: Draws, counts: dict[str, int]) -> Iterator[Region]:
     Region
     """
     for environment, (k, b) in draws.pairs.items():
-        yield _around(
-            environment,
-            ellipse_of_draws(
-                k,
-                b,
-                kind=draws.kind,  # type: ignore[arg-type]
-                family=draws.family,  # type: ignore[arg-type]
-                level=draws.level,
-                n=counts[environment],
-            ),
+        ellipse = ellipse_of_draws(
+            k,
+            b,
+            kind=draws.kind,  # type: ignore[arg-type]
+            family=draws.family,  # type: ignore[arg-type]
+            level=draws.level,
+            n=counts[environment],
         )
+        if _representable(ellipse):
+            yield _around(environment, ellipse)
 
 
 def bonferroni_regions(fit: Fit, scene: Scene) -> Iterator[Region]:
@@ -272,6 +272,14 @@ def bonferroni_regions(fit: Fit, scene: Scene) -> Iterator[Region]:
                 level=asked.level,
                 limits=(limits["k", environment], limits["b", environment]),
             )
+
+
+def _representable(ellipse: EllipseRegion) -> bool:
+    """Say whether an ellipse of logarithms stays in the range of doubles: no curve is drawn where not."""
+    if ellipse.family == "normal":
+        return True
+    reach = np.abs(ellipse.centre) + ellipse.radius * ellipse.spread
+    return bool(reach.max() < np.log(_LARGEST))
 
 
 def _halved(level: float) -> float:

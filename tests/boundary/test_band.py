@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from percept.boundary.band import band_laws, band_statements, environment_magnitude_range
+from percept.boundary.band_fit import fit_law, law_band, leave_one_out
+from percept.errors import RefusalError, UsageError
+
+Z = np.geomspace(1.0, 5000.0, 40)
+TRUE = {"weber": (0.12,), "offset": (0.8, 0.1), "power": (0.5, 0.8)}
+
+
+def simulated(law: str, count: int, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return law_band(law, np.array([TRUE[law]]), Z) * np.exp(0.1 * rng.standard_normal((count, Z.size)))
+
+
+@pytest.mark.parametrize("law", ["weber", "offset", "power"])
+def test_recovers_its_own_parameters(law: str) -> None:
+    fitted = fit_law(law, Z, simulated(law, 400))
+    error = fitted.std(axis=0, ddof=1) / 20.0
+    # Logarithms average without bias; their exponentials have one of half the variance.
+    bias = 0.5 * (fitted.std(axis=0) ** 2) / np.abs(TRUE[law])
+    assert np.all(np.abs(fitted.mean(axis=0) - TRUE[law]) < 4 * error + 2 * bias)
+
+
+@pytest.mark.parametrize("law", ["weber", "offset", "power"])
+def test_its_own_data_is_predicted_best_left_one_out(law: str) -> None:
+    bands = simulated(law, 200)
+    errors = {name: np.sqrt((leave_one_out(name, Z, bands)[0] ** 2).mean(axis=1)) for name in TRUE}
+    own = errors.pop(law)
+    assert all(np.median(own) < 1.02 * np.median(other) for other in errors.values())
+    if law != "weber":  # both other laws contain Weber's
+        assert all((own < other).mean() > 0.95 for other in errors.values())
+
+
+def test_offset_equals_a_general_optimiser() -> None:
+    bands = simulated("offset", 5, seed=3)[:, ::6]
+    for row, (c, w) in zip(bands, fit_law("offset", Z[::6], bands), strict=True):
+
+        def residual(p: np.ndarray, row: np.ndarray = row) -> np.ndarray:
+            return np.log(np.exp(p[0]) + np.exp(p[1]) * Z[::6]) - np.log(row)
+
+        best = least_squares(residual, [0.0, -2.0], xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        np.testing.assert_allclose([c, w], np.exp(best.x), rtol=1e-5)
+
+
+def test_no_offset_where_bands_fall_short_at_low_impedance() -> None:
+    bands = law_band("power", np.array([[0.1, 1.3]]), Z)
+    assert fit_law("offset", Z, bands)[0, 0] == 0.0
+
+
+def test_left_out_is_predicted_from_the_others_only() -> None:
+    bands = simulated("power", 3)[:, :6]
+    error, fits = leave_one_out("power", Z[:6], bands)
+    kept = np.arange(6) != 2
+    by_hand = np.polynomial.polynomial.polyfit(np.log(Z[:6][kept]), np.log(bands[:, kept]).T, 1)
+    np.testing.assert_allclose(fits[2][:, 1], by_hand[1])
+    np.testing.assert_allclose(error[:, 2], by_hand[0] + by_hand[1] * np.log(Z[2]) - np.log(bands[:, 2]))
+
+
+def test_one_environment_carrying_the_offset_is_named() -> None:
+    z = np.array([1.0, 100.0, 1000.0, 2500.0, 5000.0])
+    bands = np.array([1.2, 10.0, 100.0, 250.0, 500.0])
+    draws = bands * np.exp(0.02 * np.random.default_rng(1).standard_normal((300, 5)))
+    names = ("A", "B", "C", "D", "E")
+    laws = band_laws(names, z, bands, draws, method="classical", kind="mean", family="normal", level=0.9)
+    offset = next(law for law in laws if law.model == "offset")
+    assert offset.carried_by == "A"
+    assert "Only A speaks for the offset" in offset.sentence
+    assert offset.parameters["c"].lower < 1.1 < offset.parameters["c"].upper
+    assert sum(law.best or 0.0 for law in laws) == pytest.approx(1.0)
+
+
+def test_statements_of_absolute_and_relative_width() -> None:
+    z = np.array([1000.0, 1.0])
+    draws = np.array([[100.0, 0.5], [100.0, 0.05], [0.4, 0.5], [100.0, 0.2]])
+    found = band_statements(z, draws, method="bayesian", kind="user", family="normal")
+    assert [one.probability for one in found] == [0.75, 0.25, 0.75]
+
+
+def test_range_over_a_rectangle_equals_a_grid() -> None:
+    for k, b in (((900.0, 1100.0), (0.5, 2.0)), ((-50.0, 100.0), (-0.5, 2.0)), ((10.0, 20.0), (-3.0, -1.0))):
+        grid = np.hypot(*np.meshgrid(np.linspace(*b, 501), np.linspace(*k, 501) / 10.0))
+        lower, upper = environment_magnitude_range(10.0, k, b)
+        assert float(upper) == pytest.approx(grid.max())
+        assert float(lower) == pytest.approx(grid.min(), abs=0.05)
+
+
+def test_refused() -> None:
+    with pytest.raises(UsageError, match="law must be one of"):
+        fit_law("cubic", Z, simulated("weber", 1))
+    with pytest.raises(UsageError, match="one value per environment"):
+        fit_law("weber", Z[:3], simulated("weber", 1))
+    with pytest.raises(UsageError, match="must be positive"):
+        fit_law("weber", Z, -simulated("weber", 1))
+    with pytest.raises(RefusalError, match="cannot determine c and w"):
+        fit_law("offset", Z[:1], simulated("weber", 1)[:, :1])
+    with pytest.raises(RefusalError, match="needs three environments"):
+        band_laws(("A", "B"), Z[:2], Z[:2], Z[None, :2], method="", kind="", family="", level=0.9)

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from percept.boundary.gap import curve_gap
+from percept.boundary.membership import depth_membership, magnitude_membership
+from percept.boundary.realism import Displayed, Populations, realism
+from percept.boundary.records import Boundary
+from percept.errors import UsageError
+from percept.haptics import Device, Environment, magnitude_envelope, perceived_impedance
+
+OMEGA = np.array([1.0, 10.0, 100.0])
+
+
+def boundary(omega: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Boundary:
+    return Boundary(
+        environment="VE1", kind="mean", method="classical", family="normal", joint="marginal",
+        shape="envelope", level=0.99, omega=omega, lower=lower, upper=upper, reference=lower,
+    )  # fmt: skip
+
+
+def test_the_omega_where_a_curve_leaves_is_that_of_the_straight_lines() -> None:
+    # log10 of the curve rises from 0 to 2 over two decades and meets the limit 10 at omega 10.
+    found = magnitude_membership(OMEGA, np.full(3, 0.1), np.full(3, 10.0), np.array([1.0, 10.0, 100.0]))
+    assert found.leaves == (pytest.approx((10.0, 100.0)),)
+    assert found.inside == pytest.approx(0.5)
+    assert found.margin == pytest.approx(-np.log(10.0))
+    assert found.margin_omega == 100.0
+
+
+def test_crossed_corner_curves_hold_nothing() -> None:
+    found = magnitude_membership(OMEGA, np.full(3, 2.0), np.full(3, 1.0), np.full(3, 1.5))
+    assert found.inside == 0.0
+    assert found.leaves == (pytest.approx((1.0, 100.0)),)
+
+
+def test_a_lower_limit_of_zero_cannot_be_left() -> None:
+    found = magnitude_membership(OMEGA, np.zeros(3), np.full(3, 2.0), np.full(3, 1e-9))
+    assert (found.inside, found.leaves) == (1.0, ())
+
+
+# Halves and odd quarters: curves cross the limits, but never touch them at a frequency.
+_FOUR = {"min_size": 4, "max_size": 4}
+
+
+@given(st.lists(st.integers(-4, 4), **_FOUR), st.lists(st.integers(-4, 4), **_FOUR))
+def test_share_and_intervals_agree_with_a_fine_grid(lows: list[int], curves: list[int]) -> None:
+    omega = np.geomspace(0.1, 100.0, 4)
+    low, curve = 0.5 * np.array(lows), 0.5 * np.array(curves) + 0.25
+    lower, shown = np.exp(low), np.exp(curve)
+    found = magnitude_membership(omega, lower, 4.0 * lower, shown)
+    x = np.linspace(np.log(0.1), np.log(100.0), 3001)
+    line, base = (np.interp(x, np.log(omega), values) for values in (curve, low))
+    outside = (line < base) | (line > base + np.log(4.0))
+    assert found.inside == pytest.approx(1.0 - outside.mean(), abs=4e-3)
+    spans = np.log(np.array(found.leaves)).reshape(-1, 2)
+    assert np.ptp(spans, axis=1).sum() / np.log(1000.0) == pytest.approx(1.0 - found.inside, abs=1e-9)
+
+
+def test_refused() -> None:
+    with pytest.raises(UsageError, match="one value per omega"):
+        depth_membership(OMEGA, np.zeros((1, 2)))
+    with pytest.raises(UsageError, match="must be positive and increase"):
+        depth_membership(OMEGA[::-1], np.zeros((1, 3)))
+
+
+def test_gap_of_curves_on_different_grids() -> None:
+    first = boundary(np.geomspace(1, 100, 5), np.full(5, 1.0), np.full(5, 2.0))
+    omega = np.geomspace(10, 1000, 9)
+    second = boundary(omega, np.full(9, 1.0), 2.0 * omega / 10.0)
+    gaps = curve_gap(first, second)
+    assert (gaps["lower"].area, gaps["lower"].largest) == (0.0, 0.0)
+    assert gaps["upper"].largest == pytest.approx(np.log(10.0))
+    assert gaps["upper"].omega == pytest.approx(100.0)
+    assert gaps["upper"].area == pytest.approx(np.log(10.0) / 2.0)
+    with pytest.raises(UsageError, match="no range of omega in common"):
+        curve_gap(first, boundary(np.array([200.0, 300.0]), np.ones(2), np.ones(2)))
+
+
+def test_realism_equals_a_loop_over_draws_and_frequencies() -> None:
+    rng = np.random.default_rng(5)
+    device, period, omega = Device(1.0, 5.0), 1e-3, np.geomspace(0.1, 100.0, 9)
+    k_low, b_low = np.exp(rng.normal(6.85, 0.06, 200)), rng.normal(0.5, 0.3, 200)
+    k_high, b_high = k_low * 1.15, b_low + 1.0
+    shown = Environment(950.0, 1.2)
+    displayed = Displayed(
+        omega, np.abs(perceived_impedance(omega, device, shown, period)), np.full(9, 950.0), np.full(9, 1.2)
+    )
+    found = realism(displayed, Populations((k_low, k_high), (b_low, b_high)), device, period)
+    plane = (k_low <= 950) & (k_high >= 950) & (b_low <= 1.2) & (b_high >= 1.2)
+    inside = np.empty((9, 200), dtype=bool)
+    for m, s in np.ndindex(inside.shape):
+        box = (k_low[s], k_high[s]), (b_low[s], b_high[s])
+        lower, upper = magnitude_envelope(omega[m], device, *box, period)
+        inside[m, s] = lower <= displayed.magnitude[m] <= upper
+    assert found.plane_throughout == plane.mean()
+    np.testing.assert_array_equal(found.plane, np.full(9, plane.mean()))
+    np.testing.assert_array_equal(found.magnitude, inside.mean(axis=1))
+    assert found.magnitude_throughout == inside.all(axis=0).mean()
+    assert 0.1 < found.plane_throughout < found.magnitude_throughout < 0.9
+
+
+def test_realism_needs_draws() -> None:
+    nothing = (np.empty(0), np.empty(0))
+    displayed = Displayed(*(np.ones(1) for _ in range(4)))
+    with pytest.raises(UsageError, match="at least one posterior draw"):
+        realism(displayed, Populations(nothing, nothing), Device(1.0, 5.0), 1e-3)
