@@ -2,75 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from percept.haptics import (
-    Coupling,
-    EnvironmentBoundary,
-    QualifyingRegion,
-    design_couplings,
-    magnitude_envelope,
-    stable_region,
-)
-from percept.report.apparatus import apparatus_of, boxes_of
+from percept.haptics import Coupling, CouplingDesign, Device, QualifyingRegion, stable_region
 from percept.report.plain import plain
-from percept.report.select import array
 
-__all__ = ["coupling_design"]
+if TYPE_CHECKING:
+    from percept.study import Study
 
-_POINTS = 81
+__all__ = ["design_of"]
 
 
-def coupling_design(document: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Map the couplings that qualify, by environment and for all environments.
+def design_of(study: Study) -> dict[str, Any] | None:
+    """Unpack the couplings that qualify, by method, environment and for all environments.
 
     Parameters
     ----------
-    document : mapping
-        With provenance, intervals and boundaries.
+    study : Study
 
     Returns
     -------
     dict or None
-        ``damping`` (b_c of each line, N·s/m); ``environments``, each with ``name``, ``intervals`` (per line,
-        a list of ``[low, high]`` of k_c, N/m), ``largest`` and ``softest`` (``stiffness``, ``damping``, or
-        None); ``common`` likewise for all together; ``stable`` (``stiffness`` and ``damping`` of the edge of
-        the stable region of a rigid device, None with modes); ``kind``, ``method``, ``family`` of the
-        boundary. None without a rigid or modal device, a coupling, or boundaries.
+        ``maps``, one per method: ``method``, ``damping`` (b_c of each line, N·s/m) and ``environments``, each
+        with ``name`` (None for all together, last), ``intervals`` (per line, a list of ``[low, high]`` of
+        k_c, N/m), ``largest`` and ``softest`` (``stiffness``, ``damping``, or None). ``stable``:
+        ``stiffness`` and ``damping`` along the edge of the stable region of a rigid device, None with modes
+        or a measured device. ``kind`` and ``family`` of the boundary. None where the study has no such map.
     """
-    apparatus, boxes = apparatus_of(document), boxes_of(document, "user")
-    if apparatus is None or apparatus.coupling is None or not boxes or not document["boundaries"]:
+    found = study.coupling_design
+    if not found:
         return None
-    device, period, hold = apparatus.device, apparatus.period, apparatus.hold
-    omega = array(document["boundaries"][0]["omega"])
-    omega = omega[(omega > 0) & (omega < np.pi / period)]
-    omega = np.geomspace(omega[0], omega[-1], min(_POINTS, omega.size))
-    limits = [
-        EnvironmentBoundary(
-            box.environment,
-            *magnitude_envelope(omega, device, box.stiffness, box.damping, period, hold=hold),
-        )
-        for box in boxes
-    ]
-    design = design_couplings(omega, device, limits, period, hold=hold)
-    edge = None
-    if not device.modes:
-        region = stable_region(float(device.damping), period, hold=hold, points=65)
-        edge = {"stiffness": plain(region.stiffness), "damping": plain(region.damping)}
+    return {
+        "kind": "user",
+        "family": study.scene.inference.family,
+        "stable": _edge(study),
+        "maps": [{"method": method, **_map(design, study.environments)} for method, design in found.items()],
+    }
+
+
+def _map(design: CouplingDesign, environments: tuple[str, ...]) -> dict[str, Any]:
+    regions = [*zip(environments, design.each, strict=True), (None, design.common)]
     return {
         "damping": plain(design.common.damping),
-        "environments": [
-            {"name": box.name, **_region(region)} for box, region in zip(boxes, design.each, strict=True)
-        ],
-        "common": _region(design.common),
-        "stable": edge,
-        "kind": "user",
-        "method": boxes[0].method,
-        "family": boxes[0].family,
+        "environments": [{"name": name, **_region(region)} for name, region in regions],
     }
+
+
+def _edge(study: Study) -> dict[str, Any] | None:
+    device, table = study.device, study.scene.device
+    if table is None or not isinstance(device, Device) or device.modes:
+        return None
+    region = stable_region(float(device.damping), table.period, hold=table.hold, points=65)
+    return {"stiffness": plain(region.stiffness), "damping": plain(region.damping)}
 
 
 def _region(region: QualifyingRegion) -> dict[str, Any]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
 from importlib import metadata
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from percept.report.design import coupling_design
+from percept.report.curves import close_views, readings, zoom_windows
+from percept.report.design import design_of
 from percept.report.findings import findings
 from percept.report.plain import plain
 from percept.report.select import distinct
@@ -17,13 +17,9 @@ from percept.report.sensitivity import device_sensitivity
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["SCHEMA", "build_document", "zoom_windows"]
+__all__ = ["SCHEMA", "build_document"]
 
 SCHEMA = "percept-report/1"
-
-# Where the paper looks closely, and how closely where the scene does not say.
-_ZOOM_AT = 10.0
-_ZOOM_BY = 0.02
 
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
 UNITS = {"k": "N/m", "b": "N·s/m"}
@@ -44,54 +40,36 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     Returns
     -------
     dict
-        ``schema``, ``provenance``, ``data``, ``zoom``, ``intervals``, ``boundaries``, ``coupling``, ``band``,
-        ``comparison``, ``diagnostics``, ``skipped``, and what is worked out from them: ``sensitivity``,
-        ``design``, ``summary``. JSON values only (see `percept.report.plain`), in the
+        ``schema``, ``provenance``, ``data``, ``intervals``, ``boundaries`` with their ``zoom`` windows,
+        ``close`` views and ``readings`` at one frequency, ``coupling``, ``band``, ``design``, ``comparison``,
+        ``diagnostics``, ``skipped``, and what is worked out from them: ``sensitivity``, ``summary``. JSON
+        values only (see `percept.report.plain`), in the
         units of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
     document = {
         "schema": SCHEMA,
         "provenance": _provenance(study, seed),
         "data": _data(study),
-        "zoom": {},
         "intervals": plain(study.intervals),
         "boundaries": plain(study.boundaries) if curves else [],
+        "zoom": {},
+        "close": [],
+        "readings": [],
         "coupling": plain(study.coupling) if curves else None,
         "band": plain(study.band),
+        "design": None,
         "comparison": plain(study.comparison),
         "diagnostics": plain(study.diagnostics),
         "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
     }
-    document["zoom"] = zoom_windows(study.scene, distinct(document["boundaries"], "environment"))
+    if document["boundaries"]:
+        document["zoom"] = zoom_windows(study.scene, distinct(document["boundaries"], "environment"))
+        document["close"] = close_views(study, document["zoom"])
+        document["readings"] = readings(study)
+        document["design"] = design_of(study)
     document["sensitivity"] = device_sensitivity(document)
-    document["design"] = coupling_design(document)
     document["summary"] = findings(document)
     return document
-
-
-def zoom_windows(scene: Any, environments: list[str]) -> dict[str, list[float]]:
-    """Return the window of ω that each environment's close view shows.
-
-    Parameters
-    ----------
-    scene : Scene
-        ``scene.report.zoom`` is a pair of rad/s for all environments or a mapping of environment to pair;
-        an environment without one gets 10 rad/s ± 2 %.
-    environments : list of str
-        Repeats are dropped.
-
-    Returns
-    -------
-    dict
-        Environment to ``[lower, upper]``, rad/s.
-    """
-    asked = getattr(getattr(scene, "report", None), "zoom", None)
-    usual = [_ZOOM_AT * (1 - _ZOOM_BY), _ZOOM_AT * (1 + _ZOOM_BY)]
-    windows: dict[str, list[float]] = {}
-    for environment in dict.fromkeys(environments):
-        window = asked.get(environment, usual) if isinstance(asked, Mapping) else asked or usual
-        windows[environment] = [float(edge) for edge in window]
-    return windows
 
 
 def _provenance(study: Study, seed: int | None) -> dict[str, Any]:

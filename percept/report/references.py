@@ -142,6 +142,12 @@ _ALL = (
     ),
 )
 
+# As the methods paragraph cites them.
+_IN_ORDER = tuple(
+    next(reference for reference in _ALL if reference.key == key)
+    for key in ("boundaries", "percept", "meeker2017", "emcee", "terbraak2006", "vehtari2021", "adams1999")
+)
+
 
 def cited(document: Mapping[str, Any]) -> list[Reference]:
     """Return what the methods paragraph of a document cites, in order.
@@ -163,7 +169,7 @@ def cited(document: Mapping[str, Any]) -> list[Reference]:
         needed |= {"emcee", "terbraak2006", "vehtari2021"}
     if scene.get("coupling"):
         needed.add("adams1999")
-    return [reference for reference in _ALL if reference.key in needed]
+    return [reference for reference in _IN_ORDER if reference.key in needed]
 
 
 def bibtex(document: Mapping[str, Any]) -> str:

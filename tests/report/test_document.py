@@ -6,31 +6,34 @@ import json
 import numpy as np
 import pytest
 
-from percept import Scene, Study, read_sessions
+from percept import Scene, Study, haptics, read_sessions
 from percept.report import build_document, dumps
-from percept.report.document import SCHEMA, zoom_windows
+from percept.report.curves import zoom_windows
+from percept.report.document import SCHEMA
 from percept.report.findings import findings
 
 from .conftest import DATASETS, scene_of
 
 
 def test_it_has_every_part_and_only_json_values(both):
-    assert list(both) == [
+    assert set(both) == {
         "schema",
         "provenance",
         "data",
-        "zoom",
         "intervals",
         "boundaries",
+        "zoom",
+        "close",
+        "readings",
         "coupling",
         "band",
+        "design",
         "comparison",
         "diagnostics",
         "skipped",
         "sensitivity",
-        "design",
         "summary",
-    ]
+    }
     assert both["schema"] == SCHEMA
     assert json.loads(dumps(both)) == both
 
@@ -76,8 +79,33 @@ def test_simulated_input_is_known_by_its_source_column():
 
 def test_zoom_follows_the_scene_and_else_surrounds_10():
     scene = Scene.from_tables({"report": {"zoom": {"VE1": [9.89, 10.11]}}})
-    windows = zoom_windows(scene, ["VE1", "VE2", "VE1"])
+    windows = zoom_windows(scene, ["VE1", "VE2"])
     assert windows == {"VE1": [9.89, 10.11], "VE2": pytest.approx([9.8, 10.2])}
+
+
+def test_a_window_outside_the_range_is_cut_or_left_out():
+    scene = Scene.from_tables(
+        {"frequency": {"lower": 10, "upper": 100}, "report": {"zoom": {"A": [1, 5], "B": [90, 120]}}}
+    )
+    assert zoom_windows(scene, ["A", "B", "C"]) == {"B": [90, 100], "C": pytest.approx([10, 10.2])}
+
+
+def test_close_views_and_readings_are_evaluated_anew(classical):
+    device, period, coupling = haptics.Device(1.0, 5.0), 0.001, haptics.Coupling(50e3, 100.0)
+    ve1 = haptics.Environment(10.0, 0.1)
+    (record,) = [
+        row
+        for row in classical["close"]
+        if (row["environment"], row["family"], row["shape"]) == ("VE1", "normal", "corner")
+    ]
+    omega = np.array(record["omega"])
+    assert (omega[0], omega[-1]) == (9.89, 10.11)
+    exact = abs(haptics.perceived_impedance(omega, device, ve1, period, coupling=coupling))
+    # Coupled and plain reference are 1e-5 apart in the paper's Fig. 7b: nothing is interpolated there.
+    assert record["coupled"] == pytest.approx(exact, rel=1e-12)
+    assert {row["kind"] for row in classical["close"]} == {"mean"}
+    assert {tuple(row["omega"]) for row in classical["readings"]} == {(10.0,)}
+    assert {row["environment"] for row in classical["readings"]} == set(classical["data"]["environments"])
 
 
 def test_six_references_of_the_paper_lie_outside_their_own_interval(classical):

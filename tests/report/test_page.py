@@ -137,7 +137,8 @@ def test_the_page_differs_in_its_date_only(both):
 def renamed(document, name):
     """The document with VE1 called otherwise."""
     document = copy.deepcopy(document)
-    for part in (document["intervals"], document["boundaries"], document["data"]["cells"]):
+    parts = [document[part] for part in ("intervals", "boundaries", "close", "readings")]
+    for part in (*parts, document["data"]["cells"]):
         for row in part:
             row["environment"] = name if row["environment"] == "VE1" else row["environment"]
     document["zoom"][name] = document["zoom"].pop("VE1")
@@ -171,6 +172,7 @@ def test_sections_stand_in_reading_order(both):
         "intervals",
         "boundaries",
         "coupling",
+        "design",
         "device",
         "band",
         "comparison",
@@ -201,7 +203,8 @@ def test_a_section_not_needed_is_absent(classical):
 
 def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
     scene = scene_of(method="both", tolerance=0.0001, most_steps=200)
-    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
+    tables = {name: table for name, table in scene.to_dict().items() if name not in ("device", "coupling")}
+    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), type(scene).from_tables(tables))
     document = build_document(study)
     gate = document["diagnostics"]["gate"]
     assert not gate["passed"]

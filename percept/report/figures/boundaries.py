@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from percept.report.figures.canvas import COLOURS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Limits", "draw_magnitude", "draw_ratio", "refined"]
+__all__ = ["Limits", "draw_magnitude", "draw_ratio"]
 
 FloatArray = NDArray[np.float64]
 _REFERENCE = (0, (7, 3))
@@ -31,41 +31,20 @@ class Limits:
         For the legend.
     method : {"classical", "bayesian"}
         Decides colour and form: classical limits are lines, Bayesian ones a filled band.
+    omega : ndarray, shape (n,)
+        rad/s.
     lower, upper : ndarray, shape (n,)
         N·s/m.
+    reference : ndarray, shape (n,)
+        abs(Z_h) of the reference at the same ω, N·s/m.
     """
 
     label: str
     method: str
+    omega: FloatArray
     lower: FloatArray
     upper: FloatArray
-
-
-def refined(
-    omega: FloatArray, curve: FloatArray, window: tuple[float, float], points: int = 121
-) -> FloatArray:
-    """Return a curve on an even grid of a window, by a cubic through its logarithms.
-
-    Parameters
-    ----------
-    omega, curve : ndarray, shape (n,)
-        rad/s, increasing, and values; positive and finite inside the window and beside it.
-    window : tuple of float
-        rad/s, inside the range of `omega`.
-    points : int
-        How many.
-
-    Returns
-    -------
-    ndarray, shape (points,)
-    """
-    from scipy.interpolate import CubicSpline
-
-    # A few points on either side carry the cubic; the rest of the range has nothing to say here.
-    low = max(int(np.searchsorted(omega, window[0])) - 4, 0)
-    kept = slice(low, int(np.searchsorted(omega, window[1])) + 4)
-    spline = CubicSpline(np.log(omega[kept]), np.log(curve[kept]))
-    return np.exp(np.asarray(spline(np.log(np.linspace(*window, points)))))
+    reference: FloatArray
 
 
 def draw_magnitude(
@@ -92,7 +71,7 @@ def draw_magnitude(
     log : bool
         Logarithmic axes.
     """
-    _draw_limits(ax, omega, limits)
+    _draw_limits(ax, limits)
     ax.plot(omega, reference, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Z$_h$|")
     if coupled is not None:
         label = "reference with coupling, |Z$_{h,vc}$|"
@@ -128,8 +107,10 @@ def draw_ratio(
     reference, coupled : ndarray, shape (n,)
         N·s/m.
     """
-    ratios = [Limits(one.label, one.method, one.lower / reference, one.upper / reference) for one in limits]
-    _draw_limits(ax, omega, ratios)
+    ratios = [
+        replace(one, lower=one.lower / one.reference, upper=one.upper / one.reference) for one in limits
+    ]
+    _draw_limits(ax, ratios)
     ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Z$_h$|")
     if coupled is not None:
         label = "reference with coupling, |Z$_{h,vc}$|"
@@ -146,9 +127,9 @@ def draw_ratio(
         ax.yaxis.minorticks_off()
 
 
-def _draw_limits(ax: Axes, omega: FloatArray, limits: Sequence[Limits]) -> None:
+def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:
     for one in limits:
-        colour = COLOURS[one.method]
+        omega, colour = one.omega, COLOURS[one.method]
         if one.method == "classical":
             ax.plot(omega, one.lower, color=colour, label=one.label)
             ax.plot(omega, one.upper, color=colour)

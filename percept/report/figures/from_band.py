@@ -48,7 +48,7 @@ def band_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             f"Band against impedance, kind {kind}",
             "Width of the band of abs(Z_e) against the environment's own impedance at "
             f"{band['omega']:g} rad/s, with the fitted laws. The numbers are in the table.",
-            (120.0, 92.0),
+            (120.0, 100.0),
             partial(_draw, grid, series),
         )
     ]
@@ -78,6 +78,7 @@ def _law(law: Mapping[str, Any], impedance: FloatArray) -> FloatArray:
 
 
 def _draw(grid: FloatArray, series: list[Widths], figure: Figure) -> None:
-    (ax,) = panels(figure, left=16, top=3, bottom=24)
+    entries = sum(1 + len(one.laws) for one in series)
+    (ax,) = panels(figure, left=16, top=3, bottom=13 + 4.2 * -(-entries // 2))
     draw_band(ax, grid, series)
     legend_below(ax)

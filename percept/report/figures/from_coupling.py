@@ -11,7 +11,7 @@ import numpy as np
 from percept.report.figures.canvas import Drawing, grid, legend_below, panels, plain_text
 from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
-from percept.report.select import array
+from percept.report.select import METHOD_NAMES, METHODS, array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,16 +46,20 @@ def coupling_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             )
         )
     if document["design"]:
-        maps = [*document["design"]["environments"], {"name": "all together", **document["design"]["common"]}]
-        rows = -(-len(maps) // _COLUMNS)
+        design = document["design"]
+        (chosen, *_) = sorted(design["maps"], key=lambda one: METHODS.index(one["method"]), reverse=True)
+        rows = -(-len(chosen["environments"]) // _COLUMNS)
         found.append(
             Drawing(
                 "design",
                 "Couplings that qualify, by environment",
-                "Shaded: stable with this device, and inside the next user's boundary over the whole range. "
-                "The line is the edge of what is stable, the cross the coupling in use.",
+                "Shaded: stable with this device, and inside the next user's boundary over the whole range "
+                f"({METHOD_NAMES[chosen['method']]}, {design['family']}, envelope). The line is the edge of "
+                "what is stable, the cross the coupling in use.",
                 (175.0, 16.0 + 52.0 * rows),
-                partial(_draw_design, document, maps),
+                partial(
+                    _draw_design, design["stable"], chosen, document["provenance"]["scene"].get("coupling")
+                ),
             )
         )
     return found
@@ -74,22 +78,20 @@ def _draw_stability(coupling: Mapping[str, Any], figure: Figure) -> None:
     )
 
 
-def _draw_design(document: Mapping[str, Any], maps: list[Mapping[str, Any]], figure: Figure) -> None:
-    design = document["design"]
-    scene = document["provenance"]["scene"]["coupling"]
-    edge = design["stable"]
-    stable = (array(edge["stiffness"]), array(edge["damping"])) if edge else None
-    axes = grid(figure, len(maps), columns=_COLUMNS, bottom=17)
-    for ax, one in zip(axes, maps, strict=True):
-        intervals = [np.array(part, dtype=float).reshape(-1, 2) for part in one["intervals"]]
+def _draw_design(
+    edge: Mapping[str, Any] | None, chosen: Mapping[str, Any], used: Mapping[str, Any] | None, figure: Figure
+) -> None:
+    environments = chosen["environments"]
+    axes = grid(figure, len(environments), columns=_COLUMNS, bottom=17)
+    for ax, one in zip(axes, environments, strict=True):
         draw_design(
             ax,
-            array(design["damping"]),
-            intervals,
-            stable=stable,
-            coupling=(scene["stiffness"], scene["damping"]),
+            array(chosen["damping"]),
+            [np.array(part, dtype=float).reshape(-1, 2) for part in one["intervals"]],
+            stable=(array(edge["stiffness"]), array(edge["damping"])) if edge else None,
+            coupling=(used["stiffness"], used["damping"]) if used else None,
         )
-        ax.set_title(plain_text(one["name"]), loc="left")
+        ax.set_title("all together" if one["name"] is None else plain_text(one["name"]), loc="left")
     for ax in axes[::_COLUMNS]:
         ax.set_ylabel("b$_c$ (N·s/m)")
     richest = max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0]))

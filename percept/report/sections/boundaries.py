@@ -19,7 +19,6 @@ _SHAPES = {
     "pointwise": "quantiles of the posterior draws of |Z_h|, at each ω for itself",
     "simultaneous": "a band whose level holds for the whole curve at once",
 }
-_LOOK_AT = 10.0
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
@@ -55,41 +54,35 @@ def build(document: Mapping[str, Any]) -> Part | None:
 
 
 def _environment(document: Mapping[str, Any], index: int, name: str) -> dict[str, Any]:
-    chosen = [
-        (place, record)
-        for place, record in enumerate(document["boundaries"])
-        if record["environment"] == name and each_by_itself(record)
-    ]
-    at = int(np.abs(np.log(array(chosen[0][1]["omega"]) / _LOOK_AT)).argmin()) if chosen else 0
     rows = [
         {
             **{field: record[field] for field in ("kind", "method", "family", "shape")},
-            "place": f"/boundaries/{place}",
-            "inside": _inside(record, at),
+            "place": f"/readings/{place}",
+            "inside": _inside(record),
         }
-        for place, record in chosen
+        for place, record in enumerate(document["readings"])
+        if record["environment"] == name
     ]
     rows.sort(key=lambda row: (KINDS.index(row["kind"]), METHODS.index(row["method"])))
     return {
         "name": name,
         "figures": [f"boundary_{index}_{view}" for view in ("range", "zoom")],
         "wide": f"boundary_{index}_ratio",
-        "at": at,
         "rows": rows,
     }
 
 
-def _inside(record: Mapping[str, Any], at: int) -> dict[str, bool | None]:
-    """Say whether the reference and the coupled reference lie between the two curves."""
-    ends = sorted(float(record[side][at]) for side in ("lower", "upper"))
+def _inside(record: Mapping[str, Any]) -> dict[str, bool | None]:
+    """Say whether the reference and the coupled reference lie between the two limits."""
+    low, high = sorted(float(record[side][0]) for side in ("lower", "upper"))
     return {
-        name: None if record.get(name) is None else ends[0] <= float(record[name][at]) <= ends[1]
+        name: None if record.get(name) is None else low <= float(record[name][0]) <= high
         for name in ("reference", "coupled")
     }
 
 
 def _curves(document: Mapping[str, Any], names: list[str]) -> list[dict[str, Any]]:
-    """Return the curves the script draws, to seven digits; what an environment shares stands once."""
+    """Return the curves the script draws, to seven digits; a grid or curve that is shared stands once."""
     found = []
     for name in names:
         records = [
@@ -99,16 +92,18 @@ def _curves(document: Mapping[str, Any], names: list[str]) -> list[dict[str, Any
         ]
         if not records:
             continue
-        coupled = records[0].get("coupled")
+        grids = [list(grid) for grid in dict.fromkeys(tuple(record["omega"]) for record in records)]
+        first = records[0]
         found.append(
             {
                 "name": name,
-                "zoom": document["zoom"][name],
-                "omega": _short(records[0]["omega"]),
-                "reference": _short(records[0]["reference"]),
-                "coupled": None if coupled is None else _short(coupled),
+                "zoom": document["zoom"].get(name),
+                "grids": [_short(grid) for grid in grids],
+                "reference": _short(first["reference"]),
+                "coupled": None if first.get("coupled") is None else _short(first["coupled"]),
                 "limits": [
                     {field: record[field] for field in ("kind", "method", "family", "shape")}
+                    | {"grid": grids.index(record["omega"])}
                     | {side: _short(record[side]) for side in ("lower", "upper")}
                     for record in records
                 ],

@@ -10,15 +10,33 @@ from percept.report.select import METHODS, distinct
 
 __all__ = ["build"]
 
-_LABELS = ("environment", "parameter", "kind", "family")
-_MEASURES = {"width_ratio": "width, Bayesian / classical", "shift": "shift of the estimate"}
-# Estimates are in the table of the figure and in report.json; limits and their ratio say it here.
-_PAIRED = tuple(f"{limit}_{method}" for method in METHODS for limit in ("lower", "upper"))
-_LEFT_OUT = tuple(f"estimate_{method}" for method in METHODS)
+_MEASURES = {
+    "width_ratio": ("width ratio", "Bayesian width over classical width"),
+    "shift": ("shift", "how far the Bayesian estimate stands from the classical one"),
+    "overlap": ("overlap", "what both intervals hold, over what they span together"),
+}
+_REASONS = {
+    "spread_ratio": (
+        "spread",
+        "posterior SD between users over the sample's: an environment's spread is drawn towards the others'",
+    ),
+    "certainty_ratio": (
+        "certainty",
+        "half-widths in their own SDs, Bayesian over classical: what is gained by knowing SD and mean "
+        "better; times the spread it is the width ratio, on the family's scale",
+    ),
+    "shift_sds": ("shift in SDs", "of the centre, in sample SDs: pull towards the trend over environments"),
+    "prior_lower": ("priors, lower", "shift of the lower limit by the priors, in half-widths"),
+    "prior_upper": ("priors, upper", "the same for the upper limit"),
+    "scale_ratio": ("scale", "classical width in the other family over the width in this one"),
+    "to_mean_classical": ("covers, classical", "width over that of kind mean: what is covered"),
+    "to_mean_bayesian": ("covers, Bayesian", "the same, Bayesian"),
+}
+_PERCENTAGES = ("shift", "overlap")
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the pairs of intervals, the measures between them, and whatever else a pair carries.
+    """Return the pairs of intervals with measures of how they differ, and of why.
 
     Parameters
     ----------
@@ -31,24 +49,27 @@ def build(document: Mapping[str, Any]) -> Part | None:
     rows = document["comparison"]
     if not rows:
         return None
-    families = distinct(rows, "family")
-    known = {*_LABELS, *_PAIRED, *_LEFT_OUT}
-    further = [name for name in rows[0] if name not in known]
     return Part(
         "comparison",
         "Classical against Bayesian",
         {
-            "labels": [name for name in _LABELS if name != "family" or len(families) > 1],
-            "families": families,
+            "families": distinct(rows, "family"),
             "methods": METHODS,
-            "further": [
-                {
-                    "name": name,
-                    "head": _MEASURES.get(name, name.replace("_", " ")),
-                    "text": any(isinstance(row[name], str) for row in rows),
-                }
-                for name in further
-            ],
+            "measures": _columns(rows, _MEASURES),
+            "reasons": _columns(rows, _REASONS),
             "rows": rows,
         },
     )
+
+
+def _columns(rows: list[dict[str, Any]], known: Mapping[str, tuple[str, str]]) -> list[dict[str, str]]:
+    return [
+        {
+            "name": name,
+            "head": head,
+            "meaning": meaning,
+            "style": "percent" if name in _PERCENTAGES else "plain",
+        }
+        for name, (head, meaning) in known.items()
+        if name in rows[0]
+    ]

@@ -25,17 +25,6 @@ def build(document: Mapping[str, Any]) -> Part | None:
     coupling = document["coupling"]
     if not coupling:
         return None
-    design = document["design"]
-    couplings = []
-    if design:
-        places = [
-            (one["name"], one, f"/design/environments/{index}")
-            for index, one in enumerate(design["environments"])
-        ]
-        places.append(("all together", design["common"], "/design/common"))
-        couplings = [
-            {"name": name, "place": place, "found": one["largest"] is not None} for name, one, place in places
-        ]
     return Part(
         "coupling",
         "The virtual coupling",
@@ -45,23 +34,17 @@ def build(document: Mapping[str, Any]) -> Part | None:
             "realism": _realism(document),
             "passivity": _placed(coupling, "passivity"),
             "effective": list({row["environment"]: row for row in _placed(coupling, "realism")}.values()),
-            "design": design,
-            "couplings": couplings,
+            "probability": _placed(coupling, "probability"),
         },
     )
 
 
 def _realism(document: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return a row per environment and kind, a place per method: exact envelope, the study's family."""
-    rows = _placed(document["coupling"], "realism")
-    # The study gives one row per boundary that has a coupled curve, in their order.
-    coupled = [record for record in document["boundaries"] if record.get("coupled") is not None]
     family = family_of(document)
     found: dict[tuple[str, str], dict[str, str]] = {}
-    for row, record in zip(rows, coupled, strict=False):
-        if any(row[name] != record[name] for name in ("environment", "kind", "method", "shape")):
-            return None
-        if record["shape"] == "envelope" and record["family"] == family and each_by_itself(record):
+    for row in _placed(document["coupling"], "realism"):
+        if row["shape"] == "envelope" and row["family"] == family and each_by_itself(row):
             found.setdefault((row["environment"], row["kind"]), {})[row["method"]] = row["place"]
     if not found:
         return None

@@ -11,6 +11,13 @@ from percept.report.select import KINDS, family_of
 
 __all__ = ["build"]
 
+_CLASSICAL = {
+    "mean": "t-intervals of the mean",
+    "user": "prediction intervals of the next user",
+    "share": "exact two-sided tolerance intervals",
+}
+_LEVEL, _SHARE = (f"/provenance/scene/inference/{name}" for name in ("level", "share"))
+
 
 def build(document: Mapping[str, Any]) -> Part:
     """Return what the methods paragraph depends on.
@@ -32,17 +39,25 @@ def build(document: Mapping[str, Any]) -> Part:
         "Methods, ready to paste",
         {
             "data": document["data"],
-            "scene": scene,
+            "device": scene.get("device"),
+            "coupling": scene.get("coupling"),
             "family": family_of(document),
             "kinds": [kind for kind in KINDS if any(row["kind"] == kind for row in intervals)],
             "classical": "classical" in used,
+            "classical_kinds": _listed(
+                [_CLASSICAL[kind] for kind in KINDS if any(row["kind"] == kind for row in intervals)]
+            ),
+            "share_place": _SHARE if "share" in scene["inference"] else _LEVEL,
             "bayesian": "bayesian" in used,
             "pooled": scene.get("model", {}).get("pooling", "partial") == "partial",
             "subjects": max((row["n"] for row in intervals), default=0),
-            "diagnostics": document["diagnostics"],
             "version": document["provenance"]["versions"]["percept"],
             "references": references,
             "numbers": {reference.key: rank for rank, reference in enumerate(references, start=1)},
             "bibtex": bibtex(document),
         },
     )
+
+
+def _listed(parts: list[str]) -> str:
+    return " and ".join(part for part in (", ".join(parts[:-1]), *parts[-1:]) if part)

@@ -117,7 +117,7 @@
     if (!place || !source) return () => {};
     const data = JSON.parse(source.textContent).map(prepared);
     if (!data.length) return () => {};
-    const range = [data[0].omega[0], data[0].omega.at(-1)];
+    const range = [data[0].grids[0][0], data[0].grids[0].at(-1)];
     const state = { window: [...range], own: false, at: null };
     const options = (name) => [...new Set(data.flatMap((one) => one.limits.map((limit) => limit[name])))];
     const select = (label, name, values, labels = {}) => {
@@ -192,7 +192,7 @@
       let current = null;
 
       function shown(methods) {
-        const window = state.own ? [Math.max(one.zoom[0], range[0]), Math.min(one.zoom[1], range[1])] : state.window;
+        const window = state.own && one.zoom ? one.zoom : state.window;
         const wide = window[1] / window[0] > 3;
         const grid = Array.from({ length: 160 }, (_, i) => wide
           ? window[0] * (window[1] / window[0]) ** (i / 159) : window[0] + (window[1] - window[0]) * i / 159);
@@ -201,7 +201,8 @@
           && limit.shape === shape.value && limit.family === family.value);
         limits.sort((a, b) => a.method.localeCompare(b.method));
         const series = limits.map((limit) => ({ name: METHODS[limit.method], css: limit.method,
-          lower: grid.map((w) => one.value(limit.lower, w)), upper: grid.map((w) => one.value(limit.upper, w)) }));
+          lower: grid.map((w) => one.value(limit.lower, w, limit.grid)),
+          upper: grid.map((w) => one.value(limit.upper, w, limit.grid)) }));
         const lines = [{ name: "reference", css: "ink", values: grid.map((w) => one.value(one.reference, w)) }];
         if (one.coupled) {
           lines.push({ name: "with coupling", css: "coupled", values: grid.map((w) => one.value(one.coupled, w)) });
@@ -363,8 +364,9 @@
 
   // A curve between its points: a cubic through the four nearest, on logarithms where it is positive.
   function prepared(one) {
-    const x = one.omega.map(Math.log);
-    one.value = (curve, w) => {
+    const grids = one.grids.map((grid) => grid.map(Math.log));
+    one.value = (curve, w, grid = 0) => {
+      const x = grids[grid];
       const t = Math.log(w);
       let i = 1;
       while (i < x.length - 3 && x[i + 1] < t) i += 1;

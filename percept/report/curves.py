@@ -1,0 +1,86 @@
+"""The boundaries a document holds beside the whole range: close views, and values at one frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from percept.report.plain import plain
+from percept.report.select import each_by_itself
+
+if TYPE_CHECKING:
+    from percept.scene import Scene
+    from percept.study import Study
+
+__all__ = ["close_views", "readings", "zoom_windows"]
+
+# Where the paper looks closely, and how closely where the scene does not say.
+_LOOK_AT = 10.0
+_LOOK_BY = 0.02
+_POINTS = 61
+
+
+def zoom_windows(scene: Scene, environments: list[str]) -> dict[str, list[float]]:
+    """Return the window of ω that each environment's close view shows.
+
+    Parameters
+    ----------
+    scene : Scene
+        An environment that ``scene.report.zoom`` does not name gets 10 rad/s ± 2 %.
+    environments : list of str
+
+    Returns
+    -------
+    dict
+        Environment to ``[lower, upper]``, rad/s, inside the scene's range; absent where nothing is left.
+    """
+    usual = (_LOOK_AT * (1 - _LOOK_BY), _LOOK_AT * (1 + _LOOK_BY))
+    windows = {}
+    for environment in environments:
+        low, high = scene.report.zoom.get(environment, usual)
+        low, high = max(low, scene.frequency.lower), min(high, scene.frequency.upper)
+        if low < high:
+            windows[environment] = [float(low), float(high)]
+    return windows
+
+
+def close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[str, Any]]:
+    """Evaluate the boundaries of the average user anew in each window.
+
+    Parameters
+    ----------
+    study : Study
+    windows : mapping
+        As `zoom_windows` returns it.
+
+    Returns
+    -------
+    list of dict
+        Boundary records, of kind mean (or the first kind there is) and not widened for joint limits.
+    """
+    found = []
+    for environment, window in windows.items():
+        records = study.boundaries_at(np.linspace(window[0], window[1], _POINTS), (environment,))
+        kept = [record for record in map(plain, records) if each_by_itself(record)]
+        found += [record for record in kept if record["kind"] == study.scene.inference.kinds[0]]
+    return found
+
+
+def readings(study: Study) -> list[dict[str, Any]]:
+    """Evaluate every boundary at one frequency: 10 rad/s, or the middle of a range without it.
+
+    Parameters
+    ----------
+    study : Study
+
+    Returns
+    -------
+    list of dict
+        Boundary records with one ω each, not widened for joint limits.
+    """
+    table = study.scene.frequency
+    inside = table.lower <= _LOOK_AT <= table.upper
+    omega = _LOOK_AT if inside else float(np.sqrt(table.lower * table.upper))
+    return [record for record in map(plain, study.boundaries_at(np.array([omega]))) if each_by_itself(record)]
