@@ -1,0 +1,256 @@
+"""Simulation-based calibration (Talts et al. 2018): the posterior must hold what the prior says.
+
+Studies are drawn from the prior and fitted. Over them, a true value's rank among independent posterior
+draws is uniform, and so is the posterior distribution function at it, if the density, the sampler and
+the conditionals are right. All quantities of a design are judged together, by simultaneous bands.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from pathlib import Path
+
+import numpy as np
+
+from percept.calibration.bands import ecdf_band
+from percept.calibration.sbc_fit import Placed, place_study
+from percept.calibration.sbc_plan import FAULTS, SbcPlan
+from percept.errors import UsageError
+
+__all__ = ["Calibration", "Uniformity", "calibrate", "judge_places", "sbc_markdown"]
+
+#: Probability that a right density is called wrong, per design.
+ERROR = 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class Uniformity:
+    """Verdict on one quantity.
+
+    Attributes
+    ----------
+    quantity : str
+        Such as "sigma[k,VE1]", "mean[b,VE2]" or "rho_w".
+    inside : bool
+        Whether its empirical distribution stays inside the band.
+    least_tail : float
+        Smallest two-sided tail probability of a count, over the edges of the bins.
+    below : tuple of int
+        Values below each edge.
+    """
+
+    quantity: str
+    inside: bool
+    least_tail: float
+    below: tuple[int, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """Verdict on one design.
+
+    Attributes
+    ----------
+    design, fault : str
+        As `SbcPlan`.
+    fits, failed : int
+        Studies fitted, and those of them withheld or refused, which give no ranks.
+    reasons : tuple of str
+        Why, each reason once.
+    error : float
+        Probability of any quantity leaving its band if all is right, at most.
+    tail : float
+        The band's tail probability at one edge.
+    lower, upper : tuple of int
+        The band.
+    quantities : tuple of Uniformity
+        Every scale, correlation, location and distribution function.
+    """
+
+    design: str
+    fault: str
+    fits: int
+    failed: int
+    reasons: tuple[str, ...]
+    error: float
+    tail: float
+    lower: tuple[int, ...]
+    upper: tuple[int, ...]
+    quantities: tuple[Uniformity, ...]
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """Quantities outside the band."""
+        return tuple(one.quantity for one in self.quantities if not one.inside)
+
+
+def calibrate(
+    plan: SbcPlan,
+    fits: int,
+    *,
+    workers: int = 1,
+    checkpoint: str | os.PathLike[str] | None = None,
+    seconds: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Calibration:
+    """Simulate, fit and judge studies of one design.
+
+    Parameters
+    ----------
+    plan : SbcPlan
+        The design and how it is fitted.
+    fits : int
+        How many studies; study i does not depend on this number.
+    workers : int
+        Processes; none beside this one for 1.
+    checkpoint : path, optional
+        File of placed studies, one JSON line each, appended to; lines of this plan are not computed again.
+    seconds : float, optional
+        Start no more studies after this time; those done are judged, in order and without gaps in 1 worker.
+    progress : callable, optional
+        Told how many studies are done, and of how many.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    UsageError
+        A checkpoint that is not one, or fewer than one study.
+    """
+    if fits < 1:
+        raise UsageError("a calibration needs at least one study.", column="fits", value=fits)
+    placed = {} if checkpoint is None else _read(Path(checkpoint), plan)
+    placed = {index: one for index, one in placed.items() if index < fits}
+    wanted = [index for index in range(fits) if index not in placed]
+    stop = None if seconds is None else time.monotonic() + seconds
+    for index, one in _computed(plan, wanted, workers, stop):
+        placed[index] = one
+        if checkpoint is not None:
+            _append(Path(checkpoint), plan, index, one)
+        if progress:
+            progress(len(placed), fits)
+    return judge_places(plan, [placed[index] for index in sorted(placed)])
+
+
+def judge_places(plan: SbcPlan, placed: list[Placed], *, error: float = ERROR) -> Calibration:
+    """Judge all quantities of a design together.
+
+    Parameters
+    ----------
+    plan : SbcPlan
+        What was fitted.
+    placed : list of Placed
+        The studies.
+    error : float
+        Probability, at most, of any quantity leaving its band if all is right; quantities share it equally.
+
+    Returns
+    -------
+    Calibration
+    """
+    passed = [one.values for one in placed if not one.reason]
+    reasons = tuple(dict.fromkeys(one.reason for one in placed if one.reason))
+    names = list(passed[0]) if passed else []
+    band = ecdf_band(len(passed), plan.bins, error / max(len(names), 1))
+    quantities = []
+    for name in names:
+        values = np.array([found[name] for found in passed])
+        below = tuple(band.below(values).tolist())
+        quantities.append(Uniformity(name, band.holds(values), band.least_tail(values), below))
+    return Calibration(
+        design=plan.design,
+        fault=plan.fault,
+        fits=len(placed),
+        failed=len(placed) - len(passed),
+        reasons=reasons,
+        error=error,
+        tail=band.tail,
+        lower=tuple(band.lower.tolist()),
+        upper=tuple(band.upper.tolist()),
+        quantities=tuple(quantities),
+    )
+
+
+def sbc_markdown(found: list[Calibration]) -> str:
+    """Write verdicts as a table in Markdown.
+
+    Parameters
+    ----------
+    found : list of Calibration
+        Of any designs and faults.
+
+    Returns
+    -------
+    str
+        How many fits were made and how many failed, how many quantities left their bands, and which was
+        farthest out.
+    """
+    lines = [
+        "| design | deliberate error | fits | failed | quantities | outside | farthest | tail | band |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for one in found:
+        worst = min(one.quantities, key=lambda q: q.least_tail, default=None)
+        cells = [
+            one.design, FAULTS[one.fault] if one.fault != "none" else "", str(one.fits), str(one.failed),
+            str(len(one.quantities)), str(len(one.outside)), worst.quantity if worst else "",
+            f"{worst.least_tail:.2g}" if worst else "", f"{one.tail:.2g}",
+        ]  # fmt: skip
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _computed(
+    plan: SbcPlan, wanted: list[int], workers: int, stop: float | None
+) -> Iterator[tuple[int, Placed]]:
+    def late() -> bool:
+        return stop is not None and time.monotonic() >= stop
+
+    if workers == 1:
+        for index in wanted:
+            if late():
+                return
+            yield index, place_study(plan, index)
+        return
+    ahead = iter(wanted)
+    with ProcessPoolExecutor(workers) as pool:
+        running = {pool.submit(place_study, plan, i): i for i, _ in zip(ahead, range(workers), strict=False)}
+        while running:
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield running.pop(future), future.result()
+                following = None if late() else next(ahead, None)
+                if following is not None:
+                    running[pool.submit(place_study, plan, following)] = following
+
+
+def _append(path: Path, plan: SbcPlan, index: int, one: Placed) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    line = {"plan": plan.key, "index": index, **dataclasses.asdict(one)}
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line) + "\n")
+
+
+def _read(path: Path, plan: SbcPlan) -> dict[int, Placed]:
+    """Read the placed studies of a plan; a last line cut short by an interruption is dropped."""
+    if not path.exists():
+        return {}
+    placed = {}
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for row, line in enumerate(lines, start=1):
+        try:
+            found = json.loads(line)
+            if found["plan"] == plan.key:
+                placed[int(found["index"])] = Placed(found["reason"], dict(found["values"]))
+        except (ValueError, KeyError, TypeError) as error:
+            if row == len(lines):
+                break
+            raise UsageError("not a line of placed studies.", file=str(path), row=row) from error
+    return placed

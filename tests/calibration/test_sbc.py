@@ -1,0 +1,126 @@
+"""Simulation-based calibration, reduced: right densities stay inside, wrong ones are caught.
+
+The full run is `percept calibrate --sbc`; its results are committed under reports/calibration.
+"""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from percept.calibration.sbc import calibrate, judge_places, sbc_markdown
+from percept.calibration.sbc_fit import Placed, place_study
+from percept.calibration.sbc_plan import FAULTS, SBC_DESIGNS, SbcPlan
+from percept.calibration.sbc_run import calibrate_designs, write_calibrations
+from percept.errors import UsageError
+
+PLAN = SbcPlan(design="one environment")
+
+
+def uniform_places(count, names, seed=0):
+    rng = np.random.default_rng(seed)
+    return [Placed("", dict(zip(names, rng.random(len(names)), strict=True))) for _ in range(count)]
+
+
+def test_right_density_stays_inside():
+    found = calibrate(PLAN, 14)
+    assert found.failed == 0
+    assert found.fits == 14
+    assert found.outside == ()
+    names = {one.quantity.split("[")[0] for one in found.quantities}
+    assert names == {"sigma", "rho_w", "beta", "mean", "user"}
+
+
+def test_wrong_prior_scale_is_caught():
+    found = calibrate(dataclasses.replace(PLAN, fault="prior"), 14)
+    assert any(name.startswith("sigma") for name in found.outside)
+
+
+def test_every_level_of_the_model_is_placed():
+    placed = place_study(SbcPlan(design="three subjects"), 0)
+    assert placed.reason == ""
+    heads = {name.split("[")[0] for name in placed.values}
+    assert heads == {
+        "sigma", "s", "kappa", "omega", "rho_w", "sigma_u", "rho_u", "tau", "beta", "mean", "user",
+    }  # fmt: skip
+    assert all(0 < value < 1 for value in placed.values.values())
+
+
+def test_designs_are_the_six_kinds_of_study():
+    assert SBC_DESIGNS["trials"].repeated
+    assert (SBC_DESIGNS["missing cells"].trials == 0).any()
+    assert SBC_DESIGNS["one parameter"].parameters == ("k",)
+    assert len(SBC_DESIGNS["one environment"].environments) == 1
+    assert len(SBC_DESIGNS["three subjects"].subjects) == 3
+    assert (SBC_DESIGNS["balanced"].trials == 1).all()
+    assert len(SBC_DESIGNS) == 6
+
+
+def test_uniform_values_pass_and_one_bent_quantity_is_named():
+    names = [f"sigma[k,VE{j}]" for j in range(1, 31)]
+    placed = uniform_places(300, names)
+    assert judge_places(PLAN, placed).outside == ()
+    bent = [Placed("", {**one.values, "sigma[k,VE7]": one.values["sigma[k,VE7]"] ** 1.6}) for one in placed]
+    assert judge_places(PLAN, bent).outside == ("sigma[k,VE7]",)
+
+
+def test_failed_fits_are_counted_with_their_reason():
+    placed = [*uniform_places(40, ["tau[k]"]), Placed("the ensembles disagree.", {}), Placed("stuck.", {})]
+    found = judge_places(PLAN, placed)
+    assert (found.fits, found.failed) == (42, 2)
+    assert found.reasons == ("the ensembles disagree.", "stuck.")
+    assert "| one environment |  | 42 | 2 | 1 | 0 | tau[k] |" in sbc_markdown([found])
+    nothing = judge_places(PLAN, [Placed("stuck.", {})])
+    assert (nothing.fits, nothing.failed, nothing.quantities) == (1, 1, ())
+
+
+def test_study_is_the_same_however_it_is_run(tmp_path):
+    path = tmp_path / "placed.jsonl"
+    first = calibrate(PLAN, 2, checkpoint=path)
+    kept = path.read_text()
+    assert [json.loads(line)["index"] for line in kept.splitlines()] == [0, 1]
+    told = []
+    both = calibrate(PLAN, 3, checkpoint=path, progress=lambda done, of: told.append((done, of)))
+    assert told == [(3, 3)]  # the two kept are not computed again
+    assert path.read_text().startswith(kept)
+    assert first.quantities[0].below != both.quantities[0].below or first.fits < both.fits
+    assert place_study(PLAN, 2).values == json.loads(path.read_text().splitlines()[2])["values"]
+
+
+def test_interrupted_line_is_dropped_and_a_strange_one_refused(tmp_path):
+    path = tmp_path / "placed.jsonl"
+    line = json.dumps({"plan": PLAN.key, "index": 0, "reason": "", "values": {"rho_w": 0.5}})
+    path.write_text(line + "\n" + line[:30])
+    assert calibrate(PLAN, 1, checkpoint=path).quantities[0].quantity == "rho_w"
+    path.write_text("strange\n" + line + "\n")
+    with pytest.raises(UsageError, match=r"placed\.jsonl:1: not a line of placed studies"):
+        calibrate(PLAN, 1, checkpoint=path)
+
+
+def test_no_time_no_studies():
+    found = calibrate_designs(5, designs=("balanced",), seconds=0.0)
+    assert (found[0].design, found[0].fits) == ("balanced", 0)
+
+
+def test_report_says_how_many_and_what(tmp_path):
+    found = judge_places(PLAN, uniform_places(50, ["rho_w", "beta[k,VE1]"]))
+    write_calibrations([found], tmp_path)
+    text = (tmp_path / "sbc.md").read_text()
+    assert "50 studies were drawn from the prior" in text
+    assert "at most 1 %" in text
+    (row,) = json.loads((tmp_path / "sbc.json").read_text())
+    assert row["outside"] == []
+    assert row["quantities"][0]["below"] == list(found.quantities[0].below)
+
+
+def test_plans_refuse_nonsense():
+    with pytest.raises(UsageError, match=r"'design', value 'wide': no such design; there are balanced"):
+        SbcPlan(design="wide")
+    with pytest.raises(UsageError, match=r"'fault', value 'typo': no such fault; there are none, jacobian"):
+        SbcPlan(design="balanced", fault="typo")
+    with pytest.raises(UsageError, match=r"'draws', value 100: 100 draws give 101 ranks, .* fill 20 bins"):
+        SbcPlan(design="balanced", draws=100)
+    with pytest.raises(UsageError, match=r"'fits', value 0: a calibration needs at least one study"):
+        calibrate(PLAN, 0)
+    assert len({SbcPlan(design="balanced", fault=fault).key for fault in FAULTS}) == len(FAULTS)
