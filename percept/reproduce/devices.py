@@ -8,18 +8,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.haptics import Coupling, Device, corner_curves, perceived_impedance
+from percept.haptics import Coupling, Device, corner_curves, magnitude_envelope, perceived_impedance
+from percept.inference import prediction_interval
 from percept.reproduce.published import Published, Wall
 
-__all__ = ["DAMPINGS", "MASSES", "Curves", "Panel", "curves", "largest", "over_devices", "panels"]
+__all__ = [
+    "DAMPINGS",
+    "MASSES",
+    "Curves",
+    "Panel",
+    "curves",
+    "environments_inside",
+    "largest",
+    "over_devices",
+    "panels",
+]
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 #: Devices a hand can move, kg and N·s/m; nobody published the mass or the damping of the one used.
 MASSES = np.geomspace(0.01, 30.0, 71)
 DAMPINGS = np.geomspace(0.05, 50.0, 61)
 _POINTS = 9
+_RANGE = 31
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +163,38 @@ def over_devices(
         omega = np.linspace(*panel.window, _POINTS)
     device = Device(mass, damping)
     return panel.true_of(curves(omega, device, panel.wall, published.tuned, published.period))
+
+
+def environments_inside(published: Published, mass: FloatArray, damping: FloatArray) -> IntArray:
+    """Count the environments that feel real through the tuned coupling, by device.
+
+    Parameters
+    ----------
+    published : Published
+    mass, damping : ndarray
+        kg and N·s/m, of shapes that broadcast to (...).
+
+    Returns
+    -------
+    ndarray of int, shape (...)
+        How many references stay inside the next user's boundary (prediction interval of the scene's family,
+        exact envelope) at every ω of the perceivable range.
+    """
+    mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
+    device, omega = Device(mass[..., None], damping[..., None]), published.omega(_RANGE)
+    limits = prediction_interval(
+        published.moments, level=published.limits.level, family=published.scene.inference.family
+    )
+    low, high = np.asarray(limits.lower), np.asarray(limits.upper)
+    count = np.zeros(mass.shape, dtype=np.int64)
+    for row, wall in enumerate(published.walls):
+        k, b = ((low[row, p], high[row, p]) for p in (0, 1))
+        lower, upper = magnitude_envelope(omega, device, k, b, published.period)
+        felt = np.abs(
+            perceived_impedance(omega, device, wall.environment, published.period, coupling=published.tuned)
+        )
+        count += ((lower <= felt) & (felt <= upper)).all(axis=-1)
+    return count
 
 
 def largest(true_at: Callable[[FloatArray], BoolArray], candidates: FloatArray) -> float | None:

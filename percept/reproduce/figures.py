@@ -35,6 +35,8 @@ __all__ = ["drawings"]
 _PAIR = (86.0, 72.0)
 _WIDE = (0.1, 1000.0)  # rad/s; the paper's axes reach past the device's resonances at 300
 _POINTS = 241
+_MAP_MASSES = np.geomspace(MASSES[0], MASSES[-1], 141)
+_MAP_DAMPINGS = np.geomspace(DAMPINGS[0], DAMPINGS[-1], 121)
 _ANY = 5.0  # N/m; what is drawn where every positive stiffness will do
 
 
@@ -120,11 +122,13 @@ def _fig7_wide(published: Published, wall: Wall, letter: str) -> Drawing:
     )
 
 
-def _fig7_close(published: Published, panel: devices.Panel, device: Device, name: str) -> Drawing:
+def _fig7_close(
+    published: Published, panel: devices.Panel, device: Device, name: str, title: str = "enlarged"
+) -> Drawing:
     true = bool(over_devices(published, panel, np.array(device.mass), np.array(device.damping)))
     return Drawing(
         name,
-        f"Fig. {panel.name}: {panel.wall.name} enlarged",
+        f"Fig. {panel.name}: {panel.wall.name}, {title}",
         f"The paper reads: {panel.says}. {'So it is' if true else 'Not so'} with {_device(device)}.",
         _PAIR,
         partial(_draw_panel, published, device, panel.wall, np.linspace(*panel.window, 121), False),
@@ -136,7 +140,13 @@ def _fig7b_light(published: Published) -> Drawing:
     panel = devices.panels(published)[0]
     true = over_devices(published, panel, MASSES, DAMPINGS[:, None])
     row, column = np.argwhere(true)[-1] // 2 if true.any() else (0, 0)
-    return _fig7_close(published, panel, Device(float(MASSES[column]), float(DAMPINGS[row])), "fig-7b-light")
+    return _fig7_close(
+        published,
+        panel,
+        Device(float(MASSES[column]), float(DAMPINGS[row])),
+        "fig-7b-light",
+        "enlarged, a lighter device",
+    )
 
 
 def _device(device: Device) -> str:
@@ -163,14 +173,18 @@ def _draw_four(
     log: bool,
 ) -> None:
     period = published.period
-    limits = Limits(
-        f"boundaries, {published.limits.level:.0%} limits of k and b",
-        "classical",
-        *corner_curves(omega, device, wall.stiffness, wall.damping, period),
-    )
+    at_low, at_high = corner_curves(omega, device, wall.stiffness, wall.damping, period)
     direct, coupled = (
         np.abs(perceived_impedance(omega, device, wall.environment, period, coupling=each))
         for each in (None, coupling)
+    )
+    limits = Limits(
+        label=f"boundaries, {published.limits.level:.0%} limits of k and b",
+        method="classical",
+        omega=omega,
+        lower=at_low,
+        upper=at_high,
+        reference=direct,
     )
     draw_magnitude(ax, omega, [limits], direct, None if coupling is None else coupled, log=log)
 
@@ -179,32 +193,49 @@ def _maps(published: Published) -> Drawing:
     shown = devices.panels(published)
 
     def draw(figure: Figure) -> None:
-        axes = grid(figure, len(shown), columns=len(shown), left=14, gap=9, top=11, bottom=22)
-        for ax, panel in zip(axes, shown, strict=True):
-            true = over_devices(published, panel, MASSES, DAMPINGS[:, None])
-            ax.contourf(
-                MASSES,
-                DAMPINGS,
-                true.astype(float),
-                levels=[0.5, 1.5],
-                colors=[COLOURS["coupled"]],
-                alpha=0.35,
-            )
+        axes = grid(figure, len(shown) + 1, columns=2, left=14, gap=14, top=6, bottom=22, line=18)
+        for ax, panel in zip(axes, shown, strict=False):
+            true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
+            _shade(ax, true, alpha=0.35)
+            ax.set_title(plain_text(f"Fig. {panel.name}: {panel.says}"), loc="left", fontsize=7)
+        count = devices.environments_inside(published, _MAP_MASSES, _MAP_DAMPINGS[:, None])
+        for least in range(1, len(published.walls) + 1):
+            _shade(axes[-1], count >= least, alpha=0.18)
+        few, most = int(count.min()), int(count.max())
+        told = f"{few} to {most}" if few < most else f"{few}, whatever the device,"
+        title = f"feels real through the tuned coupling: {told} of {len(published.walls)}"
+        axes[-1].set_title(plain_text(title), loc="left", fontsize=7)
+        for ax in axes:
             _mark_devices(ax, published)
-            ax.set_title(plain_text(f"Fig. {panel.name}:\n{panel.says}"), loc="left", fontsize=6.5)
             ax.set_xlabel("device mass (kg)")
-        axes[0].set_ylabel("device damping (N·s/m)")
+        for ax in axes[::2]:
+            ax.set_ylabel("device damping (N·s/m)")
         axes[0].fill_between([], [], [], color=COLOURS["coupled"], alpha=0.35, label="true over the window")
         legend_below(axes[0], columns=2)
 
     return Drawing(
-        "devices",
-        "What Fig. 7 says of the device, whose mass and damping were not published",
-        "Shaded: the reading of the paper is true over the whole window. Above a line the coupling named is "
-        "stable; the cross is the scene’s device.",
-        (178.0, 78.0),
+        "device-maps",
+        "How verdicts move with the device, whose mass and damping were not published",
+        "Shaded: the reading of the paper is true over the whole window; in the last map the darker, "
+        "the more "
+        "environments stay inside the next user’s boundary through the tuned coupling. Above a line the "
+        "coupling named is stable; the cross is the scene’s device.",
+        (150.0, 128.0),
         draw,
     )
+
+
+def _shade(ax: Axes, true: devices.BoolArray, *, alpha: float) -> None:
+    """Shade the devices of which something is true; contours need something to go round."""
+    if true.any():
+        ax.contourf(
+            _MAP_MASSES,
+            _MAP_DAMPINGS,
+            true.astype(float),
+            levels=[0.5, 1.5],
+            colors=[COLOURS["coupled"]],
+            alpha=alpha,
+        )
 
 
 def _mark_devices(ax: Axes, published: Published) -> None:

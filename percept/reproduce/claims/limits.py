@@ -81,7 +81,7 @@ def reprinted(published: Published) -> Claim:
     return Claim.judged(
         "table-1",
         place="Table 1, Eq. 15",
-        paper="The limits are t-intervals of the mean of ten subjects at 99 %.",
+        paper=f"The limits are t-intervals of the mean of {limits.n} subjects at {limits.level:.0%}.",
         cases=cases,
         condition=f"{len(cases) - sum(cases)} limits are left out",
         finding=f"{sum(cases)} of {len(cases)} limits come out to the last printed digit from a mean and a "

@@ -1,0 +1,155 @@
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from percept.cli import main
+from percept.errors import UsageError
+from percept.reproduce import Published, load_published
+from percept.reproduce.write import PAGE
+from percept.scene import Scene
+
+COMMITTED = Path(__file__).resolve().parents[2] / "reports" / "hbfd"
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The folder the command writes."""
+    folder = tmp_path_factory.mktemp("reproduction") / "out"
+    assert main(["reproduce", "--out", str(folder), "--quiet"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def document(written):
+    return json.loads((written / "claims.json").read_text(encoding="utf-8"))
+
+
+def same(found, wanted, place=""):
+    """Equal, numbers to nine digits, whatever library versions made them."""
+    if isinstance(wanted, dict):
+        assert found.keys() == wanted.keys(), place
+        for key in wanted:
+            same(found[key], wanted[key], f"{place}/{key}")
+    elif isinstance(wanted, list):
+        assert len(found) == len(wanted), place
+        for index, (one, other) in enumerate(zip(found, wanted, strict=True)):
+            same(one, other, f"{place}/{index}")
+    elif isinstance(wanted, float) and not isinstance(found, str):
+        assert found == pytest.approx(wanted, rel=1e-9, abs=1e-12), place
+    else:
+        assert found == wanted, place
+
+
+def test_the_committed_report_is_what_the_command_writes(document):
+    wanted = json.loads((COMMITTED / "claims.json").read_text(encoding="utf-8"))
+    for one in (document, wanted):
+        del one["provenance"]["versions"]
+    same(document, wanted)
+
+
+def test_counts_are_of_the_claims(document):
+    verdicts = [claim["verdict"] for claim in document["claims"]]
+    assert document["counts"] == {name: verdicts.count(name) for name in document["counts"]}
+    assert sum(document["counts"].values()) == len(verdicts) == 31
+
+
+def test_the_page_shows_every_claim_and_its_numbers(written, document):
+    page = (written / PAGE).read_text(encoding="utf-8")
+    shown = set(re.findall(r'<data value="([^"]*)"', page))
+    for claim in document["claims"]:
+        assert f'id="claim-{claim["name"]}"' in page
+        for one in (claim["margin"], *claim["numbers"]):
+            assert {
+                str(one["value"]),
+                str(int(one["value"])) if one["value"] == int(one["value"]) else "",
+            } & shown
+
+
+def test_the_page_needs_nothing_else(written):
+    page = (written / PAGE).read_text(encoding="utf-8")
+    assert len(page.encode()) < 3_000_000
+    assert not re.search(r'(src|href)="(?!#)', page)
+    assert "<script" not in page
+    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    for target in re.findall(r'href="#([^"]+)"', page):
+        assert target in ids
+
+
+def test_every_figure_is_a_file_and_on_the_page(written):
+    page = (written / PAGE).read_text(encoding="utf-8")
+    names = {path.stem for path in (written / "figures").iterdir()}
+    panels = {f"fig-7{letter}" for letter in "abcdef"}
+    assert names == panels | {"fig-4", "fig-5", "fig-7b-light", "device-maps", "trade-off", "design"}
+    for name in names:
+        assert f'id="figure-{name}"' in page
+
+
+def test_the_table_is_written_digit_for_digit(written):
+    with (written / "table1.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 10
+    for row in rows:
+        assert (row["lower"], row["upper"]) == (row["lower_printed"], row["upper_printed"])
+    free = next(row for row in rows if (row["environment"], row["parameter"]) == ("VE1", "b"))
+    # Mean 0.68455 and SD 0.63147, prediction 3.40846 SDs.
+    assert float(free["user_upper"]) == pytest.approx(0.68455 + 3.40846 * 0.63147, abs=2e-4)
+
+
+def test_claims_as_csv_hold_what_the_json_holds(written, document):
+    with (written / "claims.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == [claim["name"] for claim in document["claims"]]
+    assert [float(row["margin"]) for row in rows] == [
+        claim["margin"]["value"] for claim in document["claims"]
+    ]
+
+
+def test_names_of_the_table_are_text_on_the_page(published, claims):
+    from percept.reproduce.page import _symbols
+
+    assert _symbols("<b>VE</b> Z_h_vc b_d k_cT Z_eff") == (
+        "&lt;b&gt;VE&lt;/b&gt; Z<sub>h,vc</sub> b<sub>d</sub> k<sub>c</sub>T Z<sub>eff</sub>"
+    )
+
+
+def test_a_missing_table_is_named(capsys, tmp_path):
+    assert main(["reproduce", "--table", "nowhere.csv", "--out", str(tmp_path / "out")]) == 2
+    assert "nowhere.csv" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("tables", "says"),
+    [
+        ({"device": None}, "rigid device"),
+        ({"coupling": None}, "coupling"),
+        ({"report": {"zoom": {"VE1": (9.0, 11.0)}}}, "three windows"),
+        ({"report": {"zoom": {"A": (9.0, 11.0), "VE2": (9.0, 11.0), "VE4": (9.0, 11.0)}}}, "three windows"),
+    ],
+    ids=["no device", "no coupling", "too few windows", "windows elsewhere"],
+)
+def test_a_scene_that_lacks_something_is_refused(published, tables, says):
+    kept = {**published.scene.to_dict(), **{name: t for name, t in tables.items() if t}}
+    scene = Scene.from_tables({name: t for name, t in kept.items() if tables.get(name, t) is not None})
+    with pytest.raises(UsageError, match=says):
+        Published(published.limits, scene)
+
+
+def test_a_table_without_damping_is_refused(published):
+    only_k = {
+        name: tuple(row[:1] for row in getattr(published.limits, name))
+        for name in ("reference", "lower", "upper")
+    }
+    with pytest.raises(UsageError, match="k and b"):
+        Published(replace(published.limits, parameters=("k",), **only_k), published.scene)
+
+
+def test_the_paper_is_read_by_default(published):
+    found = load_published()
+    assert [path.name for path in found.files] == ["hbfd_table1.csv", "hbfd.toml"]
+    assert found.limits.environments == ("VE1", "VE2", "VE3", "VE4", "VE5")
