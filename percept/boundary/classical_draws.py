@@ -83,7 +83,8 @@ def confidence_draws(
     widened = np.sqrt(1.0 / n if kind == "mean" else 1.0 + 1.0 / n)
     drawn = centre[:, None] + widened * sd[:, None] * z
     if family == "lognormal":
-        drawn = np.exp(drawn)
+        with np.errstate(over="ignore", under="ignore"):
+            drawn = np.exp(drawn)
     return drawn[0], drawn[1]
 
 

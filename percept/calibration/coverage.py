@@ -185,6 +185,8 @@ def _read(path: Path, plan: CoveragePlan) -> dict[int, list[Judgement]]:
                 judged[int(found["index"])] = [Judgement(**one) for one in found["judged"]]
         except (ValueError, KeyError, TypeError) as error:
             if row == len(lines):
+                kept = "".join(whole + "\n" for whole in lines[:-1])
+                path.write_text(kept, encoding="utf-8")
                 break
             raise UsageError("not a line of judged studies.", file=str(path), row=row) from error
     return judged

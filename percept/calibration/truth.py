@@ -47,7 +47,9 @@ class Population:
 
     def native(self, response: Array) -> Array:
         """Responses (..., P) in N/m and N·s/m."""
-        return self.reference * (np.exp(response) if self.family == "lognormal" else 1.0 + response)
+        with np.errstate(over="ignore", under="ignore"):
+            ratio = np.exp(response) if self.family == "lognormal" else 1.0 + response
+            return self.reference * ratio
 
     def below(self, p: int, value: float) -> float:
         """Return the share of users whose parameter p lies below a value, N/m or N·s/m."""

@@ -209,6 +209,8 @@ def _row(cell: tuple[str, str], method: str, family: str, ends: Array) -> dict[s
 
 def _curves(first: Study, second: Study) -> pd.DataFrame:
     labels = ("environment", "kind", "method", "family", "joint", "shape")
+    if first.bench is None or second.bench is None:
+        return pd.DataFrame()
     known = {tuple(getattr(b, name) for name in labels): b for b in second.boundaries}
     rows = []
     for boundary in first.boundaries:

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept.calibration.coverage import Coverage, coverage, coverage_markdown
+from percept.calibration.judge import judge_study
+from percept.calibration.plan import CoveragePlan, fitted_values
+from percept.calibration.truth import Population
+
+PLAN = CoveragePlan(
+    references=((10.0, 0.1), (1000.0, 1.0), (25_000.0, 25.0)),
+    subjects=5,
+    method="classical",
+    level=0.9,
+    frequencies=(0.1, 100.0, 4),
+)
+
+
+def fixed_values(*, spread: float, environments: int) -> dict[str, object]:
+    """Unbiased users of one spread everywhere, k and b independent."""
+    scales = ("alpha", "gamma", "tau", "sigma_u", "s", "kappa", "omega", "s_e", "kappa_e", "omega_e")
+    hyper: dict[str, object] = {name: [0.0, 0.0] for name in scales}
+    hyper |= {"rho_u": 0.0, "rho_w": 0.0, "rho_e": 0.0}
+    zero = [[0.0, 0.0]] * environments
+    return {
+        "hyper": hyper,
+        **dict.fromkeys(("delta", "beta", "sigma_e"), zero),
+        "sigma": [[spread, spread]] * environments,
+    }
+
+
+def found(rows: list[Coverage], **wanted: str) -> Coverage:
+    (row,) = [r for r in rows if all(getattr(r, name) == value for name, value in wanted.items())]
+    return row
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Coverage]:
+    values = fixed_values(spread=1.5, environments=2)
+    return coverage(dataclasses.replace(PLAN, references=PLAN.references[:2], values=values), 40, workers=1)
+
+
+def test_classical_coverage_is_the_stated_one_in_the_right_family(rows: list[Coverage]) -> None:
+    for kind in ("mean", "user", "share"):
+        row = found(rows, claim="interval", kind=kind, family="lognormal", joint="marginal")
+        assert row.stated == (0.95 if kind == "share" else 0.9)
+        assert abs(row.held - row.stated) < 4 * row.error
+
+
+def test_the_wrong_family_is_caught(rows: list[Coverage]) -> None:
+    """Users with an SD of 1.5 of the logarithm are so skewed that the t-interval of their mean misses it."""
+    row = found(rows, claim="interval", kind="mean", family="normal", joint="marginal")
+    assert row.held < 0.9 - 4 * row.error
+
+
+def test_region_boundaries_hold_whole_curves_at_their_level_and_pointwise_ones_less(
+    rows: list[Coverage],
+) -> None:
+    whole = {"claim": "boundary throughout", "kind": "mean", "family": "lognormal"}
+    for joint in ("bonferroni", "hotelling"):
+        row = found(rows, joint=joint, **whole)
+        assert row.held > 0.9 - 3 * row.error
+    simultaneous = found(rows, shape="simultaneous", **whole)
+    pointwise = found(rows, shape="pointwise", **whole)
+    assert abs(simultaneous.held - 0.9) < 4 * simultaneous.error + 0.02  # close, not exact
+    assert pointwise.held <= simultaneous.held
+
+
+def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Path) -> None:
+    path = tmp_path / "judged.jsonl"
+    plan = dataclasses.replace(PLAN, references=PLAN.references[:2])
+    before = coverage(plan, 2, workers=1, checkpoint=path)
+    with path.open("a") as file:
+        file.write('{"plan": "' + plan.key + '", "index": 2, "jud')  # cut short
+    done: list[tuple[int, int]] = []
+    rows = coverage(plan, 4, workers=2, checkpoint=path, progress=lambda a, b: done.append((a, b)))
+    assert done == [(3, 4), (4, 4)]
+    assert rows == coverage(plan, 4, workers=1)
+    # Another plan does not take these lines for its own.
+    assert coverage(dataclasses.replace(plan, seed=2), 2, workers=1, checkpoint=path) != before
+    assert coverage(plan, 2, workers=1, checkpoint=path) == before
+
+
+def test_a_checkpoint_that_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "judged.jsonl"
+    path.write_text("nonsense\n" + json.dumps({"plan": "x", "index": 0, "judged": []}) + "\n")
+    with pytest.raises(UsageError, match="not a line of judged studies"):
+        coverage(PLAN, 2, workers=1, checkpoint=path)
+
+
+def test_truth_of_a_population() -> None:
+    users = Population("lognormal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.04, 0.25]))
+    rng = np.random.default_rng(1)
+    drawn = users.users(200_000, rng)
+    inside = np.mean((drawn[:, 0] > 90.0) & (drawn[:, 0] < 140.0))
+    assert users.content(0, 90.0, 140.0) == pytest.approx(inside, abs=4 * np.sqrt(0.25 / 200_000))
+    assert users.below(0, -1.0) == 0.0
+    error = drawn.std(axis=0) / np.sqrt(200_000)
+    assert np.all(np.abs(users.average("normal") - drawn.mean(axis=0)) < 4 * error)
+    np.testing.assert_allclose(users.average("lognormal"), [100.0 * np.exp(0.1), 2.0])
+    normal = Population("normal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.01, 0.04]))
+    exact = [
+        stats.norm(m, s).expect(np.log, lb=m - 8 * s if m > 8 * s else 1e-9) for m, s in ((110, 10), (2, 0.4))
+    ]
+    np.testing.assert_allclose(np.log(normal.average("lognormal")), exact, rtol=1e-4)
+
+
+def test_bayesian_claims_and_the_held_out_environment_are_judged() -> None:
+    plan = dataclasses.replace(PLAN, method="both", tolerance=0.2, held_out=(300.0, 3.0), seed=4)
+    judged = judge_study(plan, 0)
+    claims = {(one.claim, one.method) for one in judged}
+    assert {
+        ("interval", "bayesian"),
+        ("prediction", "bayesian"),
+        ("boundary throughout", "bayesian"),
+    } <= claims
+    assert ("predicted boundary throughout", "bayesian") in claims
+    assert all(0.0 <= one.held <= 1.0 for one in judged)
+
+
+def test_normal_users_below_zero_are_refused_by_a_lognormal_model_and_said_so() -> None:
+    values = fixed_values(spread=2.0, environments=3)
+    plan = dataclasses.replace(PLAN, method="both", truth="normal", values=values)
+    judged = judge_study(plan, 0)
+    assert [one.claim for one in judged if one.method == "bayesian"] == ["refused"]
+    table = coverage_markdown(coverage(plan, 2, workers=1))
+    assert "| refused |" in table
+
+
+def test_fitted_values_need_a_fit() -> None:
+    scene = Scene.load("datasets/hbfd.toml").with_inference(method="classical")
+    with pytest.raises(RefusalError, match="needs a passed Bayesian fit"):
+        fitted_values(Study(read_sessions("datasets/hbfd_sessions.csv"), scene))
+
+
+def test_wrong_plans() -> None:
+    with pytest.raises(UsageError, match="at least two environments"):
+        CoveragePlan(references=((1.0, 1.0),))
+    with pytest.raises(UsageError, match="at least two subjects"):
+        dataclasses.replace(PLAN, subjects=1)
+    with pytest.raises(UsageError, match="from the prior only"):
+        dataclasses.replace(PLAN, held_out=(1.0, 1.0), values={})
+    with pytest.raises(UsageError, match="at least two studies"):
+        coverage(PLAN, 1)
+
+
+@pytest.mark.skipif("PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of refits")
+def test_bayesian_coverage_averaged_over_the_prior() -> None:
+    plan = dataclasses.replace(PLAN, method="both", tolerance=0.1, held_out=(300.0, 3.0))
+    rows = coverage(plan, 200)
+    for row in rows:
+        if row.method == "bayesian" and row.joint == "marginal" and row.claim in ("interval", "prediction"):
+            assert row.stated is not None
+            assert row.held > row.stated - 4 * row.error

@@ -1,0 +1,15 @@
+from __future__ import annotations
+
+import pytest
+
+from percept import Scene, Study, read_sessions
+
+
+@pytest.fixture(scope="session")
+def fitted() -> Study:
+    """The study like the published one, fitted once for all tests that only look at it."""
+    scene = Scene.load("datasets/hbfd.toml").with_inference(tolerance=0.03, seed=3)
+    study = Study(read_sessions("datasets/hbfd_sessions.csv"), scene)
+    assert study.fit is not None
+    assert study.fit.run.gate.passed
+    return study

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from percept import RefusalError, Study, UsageError
+from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.sampling.run import Settings, sample
+from percept.study.comparison import compare_curves
+from percept.study.pairs import compare_studies, split_by
+from percept.study.relaxed import _relaxed, _with_priors, prior_pull
+
+
+def test_the_reasons_multiply_to_the_ratio_of_widths(fitted: Study) -> None:
+    table = fitted.comparison
+    assert table is not None
+    assert len(table) == 30
+    logs = {m: np.log(table[f"upper_{m}"] / table[f"lower_{m}"]) for m in ("classical", "bayesian")}
+    np.testing.assert_allclose(
+        table["spread_ratio"] * table["certainty_ratio"], logs["bayesian"] / logs["classical"], rtol=1e-9
+    )
+    assert table["overlap"].between(0.0, 1.0).all()
+    mean = table[table["kind"] == "mean"]
+    assert (mean["to_mean_classical"] == 1.0).all()
+    user = table[table["kind"] == "user"]
+    np.testing.assert_allclose(user["to_mean_classical"], np.sqrt(11.0), rtol=1e-9)
+
+
+def test_prior_pull_by_reweighting_agrees_with_a_refit(fitted: Study) -> None:
+    assert fitted.fit is not None
+    found = prior_pull(fitted.fit, fitted.scene)
+    assert found is not None
+    model = fitted.fit.prepared.model
+    assert isinstance(model, Pooled)
+    wide = Pooled(_with_priors(model.density, _relaxed(model.density.priors)))
+    run = sample(wide, IntervalEstimands(wide), Settings(tolerance=0.05, seed=9))
+    limits = run.estimates.value.reshape(3, 2, -1)
+    for i, kind in enumerate(("mean", "user", "share")):
+        half = 0.5 * (limits[i, 1] - limits[i, 0])
+        for side in (0, 1):
+            # A reweighted endpoint rests on found.effective draws; an endpoint of a mixture needs some
+            # 36000/24 of them for an error of 1 %.
+            error = np.hypot(0.05, 0.01 * np.sqrt(1500.0 / found.effective))
+            assert np.abs((found.limits[kind][side] - limits[i, side]) / half).max() < 4 * error
+
+
+def test_curves_are_compared_in_pairs(fitted: Study) -> None:
+    boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3",))
+    table = compare_curves(boundaries)
+    assert len(table) == 6 * 2 + 2 + 4
+    assert (table["area_lower"] <= table["largest_lower"].abs() + 1e-12).all()
+
+
+def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
+    table = fitted.sessions.table.copy()
+    table["k_adj"] *= 1.25
+    scene = fitted.scene.model_copy(update={"device": None})
+    other = Study(dataclasses.replace(fitted.sessions, table=table), scene)
+    found = compare_studies(fitted, other).differences
+    k = found[(found["parameter"] == "k") & (found["method"] == "classical")]
+    np.testing.assert_allclose(k["value"], 1.25, rtol=1e-9)
+    np.testing.assert_allclose(k["spread_value"], 1.0, rtol=1e-6)
+    b = found[(found["parameter"] == "b") & (found["method"] == "bayesian")]
+    assert (b["lower"] < 1.0).all()
+    assert (b["upper"] > 1.0).all()
+    assert b["probability_above"].between(0.2, 0.8).all()
+    bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")].set_index("environment")
+    assert bayes.loc["VE4", "probability_above"] > 0.999
+
+
+def test_groups_are_split_by_a_column(fitted: Study) -> None:
+    table = fitted.sessions.table.copy()
+    table["group"] = np.where(table["subject"] < "S06", "first", "second")
+    parts = split_by(dataclasses.replace(fitted.sessions, table=table), "group")
+    assert [len(part.subjects) for part in parts.values()] == [5, 5]
+    with pytest.raises(UsageError, match="no such column"):
+        split_by(fitted.sessions, "team")
+    with pytest.raises(UsageError, match="nothing to compare"):
+        split_by(dataclasses.replace(fitted.sessions, table=table.assign(group="one")), "group")
+
+
+def test_studies_that_cannot_be_compared(fitted: Study) -> None:
+    other = Study(fitted.sessions, fitted.scene.with_inference(level=0.9))
+    with pytest.raises(UsageError, match=r"level of 0\.99 and 0\.9"):
+        compare_studies(fitted, other)
+    table = fitted.sessions.table.assign(environment="elsewhere")
+    apart = Study(dataclasses.replace(fitted.sessions, table=table), fitted.scene)
+    with pytest.raises(RefusalError, match="no environment in common"):
+        compare_studies(fitted, apart)
+
+
+def test_only_the_lowest_environment_speaks_for_the_offset(fitted: Study) -> None:
+    band = fitted.band
+    assert band is not None
+    offset = [
+        law for law in band.laws if (law.model, law.kind, law.family) == ("offset", "mean", "lognormal")
+    ]
+    assert {law.method: law.carried_by for law in offset} == {"classical": "VE1", "bayesian": "VE1"}
+    said = {(s.method, s.statement.split("(")[0]): s.probability for s in band.statements if s.kind == "mean"}
+    relative = [p for (_, text), p in said.items() if "relative to" in text]
+    absolute = [
+        p for (_, text), p in said.items() if text.startswith("The band is narrower") and "rel" not in text
+    ]
+    assert max(relative) < 0.01
+    assert min(absolute) > 0.99
+    assert band.kappa is not None
+    assert (band.kappa["below_zero"] > 0.7).all()

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept.inference.hierarchy.pooled import Pooled
+from percept.study.new_environment import new_environment
+from percept.study.posterior import thinned_points
+from percept.study.prediction import predict
+
+
+def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of alpha + gamma x + delta by conditioning one large Gaussian of all responses."""
+    model = study.fit.prepared.model  # type: ignore[union-attr]
+    assert isinstance(model, Pooled)
+    data = study.fit.prepared.trials  # type: ignore[union-attr]
+    assert data is not None
+    named = {name: values[0] for name, (_, values) in model.scales(point[None]).items()}
+    priors = model.density.priors
+    tau, s_u, sigma = named["tau"], named["sigma_u"], named["sigma"]
+
+    def pair(sd: np.ndarray, rho: float) -> np.ndarray:
+        return np.outer(sd, sd) * np.array([[1.0, rho], [rho, 1.0]])
+
+    def trend(x1: np.ndarray, x2: np.ndarray) -> np.ndarray:
+        return np.diag(priors.alpha_sd**2 + priors.gamma_sd**2 * x1 * x2)
+
+    count = len(data.subject)
+    joint = np.zeros((2 * count, 2 * count))
+    cross = np.zeros((2, 2 * count))
+    for a in range(count):
+        j = data.environment[a]
+        cross[:, 2 * a : 2 * a + 2] = trend(x, data.x[:, j])
+        for c in range(count):
+            k = data.environment[c]
+            block = trend(data.x[:, j], data.x[:, k])
+            if j == k:
+                block = block + np.diag(tau**2)
+            if data.subject[a] == data.subject[c]:
+                block = block + pair(s_u, named["rho_u"])
+            if a == c:
+                block = block + pair(sigma[:, j], named["rho_w"])
+            joint[2 * a : 2 * a + 2, 2 * c : 2 * c + 2] = block
+    weights = np.linalg.solve(joint, cross.T).T
+    return weights @ data.response.ravel(), trend(x, x) + np.diag(tau**2) - weights @ cross.T
+
+
+def test_location_equals_dense_conditioning(fitted: Study) -> None:
+    points = thinned_points(fitted.fit)[0][::700]  # type: ignore[arg-type]
+    model = fitted.fit.prepared.model  # type: ignore[union-attr]
+    assert isinstance(model, Pooled)
+    x = np.array([0.7, -1.3])
+    found = new_environment(model.density, points, x, repeats=1, rng=np.random.default_rng(0))
+    for s, point in enumerate(points):
+        mean, covariance = dense_trend(fitted, point, x)
+        np.testing.assert_allclose(found.mean[s], mean, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(found.covariance[s], covariance, rtol=1e-8, atol=1e-12)
+
+
+def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> None:
+    model = fitted.fit.prepared.model  # type: ignore[union-attr]
+    assert isinstance(model, Pooled)
+    points = thinned_points(fitted.fit)[0][:3]  # type: ignore[arg-type]
+    x, repeats = np.array([0.5, 0.5]), 400
+    found = new_environment(model.density, points, x, repeats=repeats, rng=np.random.default_rng(1))
+    named = {name: values for name, (_, values) in model.scales(points).items()}
+    between = (
+        np.diagonal(found.population, axis1=1, axis2=2).reshape(3, repeats, 2)
+        - named["sigma_u"][:, None] ** 2
+    )
+    logs = 0.5 * np.log(between)
+    centre = np.log(named["s"]) + named["kappa"] * x
+    # One draw from each of 400 equal slices: means and SDs are good to a fraction of a per cent of omega.
+    assert np.all(np.abs(logs.mean(axis=1) - centre) < 0.01 * named["omega"] + 1e-9)
+    np.testing.assert_allclose(logs.std(axis=1), named["omega"], rtol=0.03)
+
+
+def test_wider_than_at_a_tested_environment_and_flagged_outside(fitted: Study) -> None:
+    inside = predict(fitted, stiffness=10_000, damping=10, kinds=("mean",))
+    known = fitted.intervals
+    known = known[
+        (known["environment"] == "VE3") & (known["method"] == "bayesian") & (known["kind"] == "mean")
+    ]
+    for row in inside.intervals.itertuples():
+        tested = known[known["parameter"] == row.parameter].iloc[0]
+        assert row.lower < tested["lower"]
+        assert row.upper > tested["upper"]
+    assert not inside.extrapolates
+    assert (inside.nearest, inside.distance) == ("VE3", 0.0)
+    far = predict(fitted, stiffness=5e5, damping=0.01, kinds=("mean",))
+    assert far.beyond == pytest.approx({"k": 1.0, "b": -1.0})
+    assert "1 decades above the tested range" in far.sentence
+    widths = [np.log(p.intervals["upper"] / p.intervals["lower"]) for p in (inside, far)]
+    assert (widths[1] > widths[0]).all()
+
+
+def test_boundaries_hold_draws_of_their_kind(fitted: Study) -> None:
+    found = predict(fitted, stiffness=15_000, damping=12)
+    shapes = {(b.kind, b.joint, b.shape) for b in found.boundaries}
+    assert {("user", "marginal", "envelope"), ("user", "hotelling", "envelope")} <= shapes
+    assert {("mean", "joint", "pointwise"), ("mean", "joint", "simultaneous")} <= shapes
+    known = {(b.kind, b.shape): b for b in found.boundaries if b.joint in ("joint", "marginal")}
+    # At low omega abs(Z_h) is k/omega: the pointwise band is the interval of k, within Monte Carlo error.
+    row = found.intervals[(found.intervals["kind"] == "mean") & (found.intervals["parameter"] == "k")].iloc[0]
+    point = known["mean", "pointwise"]
+    half = 0.5 * np.log(row["upper"] / row["lower"])
+    ends = np.array([point.lower[0], point.upper[0]]) * point.omega[0]
+    assert np.abs(np.log(ends / [row["lower"], row["upper"]])).max() < 0.15 * half
+
+
+def test_refused(fitted: Study) -> None:
+    with pytest.raises(UsageError, match="damping of the new environment must be a positive number"):
+        predict(fitted, stiffness=100.0)
+    classical = Study(fitted.sessions, fitted.scene.with_inference(method="classical"))
+    with pytest.raises(RefusalError, match="classical method has no model"):
+        predict(classical, stiffness=100.0, damping=1.0)
+    scene = Scene.load("datasets/hbfd.toml").with_inference(tolerance=0.2)
+    limits = Study(read_sessions("datasets/hbfd_table1.csv"), scene)
+    with pytest.raises(RefusalError, match="from the sessions of a pooled model"):
+        predict(limits, stiffness=100.0, damping=1.0)
