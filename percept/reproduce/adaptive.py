@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 _POINTS = 31
 _LINES = 17
-_DAMPINGS = np.geomspace(0.5, 60.0, 15)
+_DAMPINGS = np.geomspace(0.5, 60.0, 11)
 _LEAST = 1e-4
 _DIGITS = 1e-3
 

@@ -81,6 +81,9 @@ def _fig4(published: Published) -> Drawing:
             lines[label] = np.asarray(admittance).real
             binding[label] = float(required_damping(coupling, published.period).omega)
         draw_stability(ax, omega, bound, lines, binding=binding)
+        for number, mark in enumerate(ax.get_lines()):
+            # Two couplings have two marks, and on the page an id is one element's.
+            mark.set_gid(f"line-{number}")
 
     return Drawing(
         "fig-4",

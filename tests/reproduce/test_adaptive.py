@@ -69,7 +69,8 @@ def test_below_the_least_damping_nothing_stiff_enough_is_stable(published, trade
         assert (trade.damping[known] >= least).all()
         assert (trade.damping[~known] < least).all()
         stiffest = least / 0.10695e-3
-        assert trade.softest[row][known][0] <= stiffest * 1.001
+        # The softest is searched along 17 lines of b_c, which costs it up to some tenths of a percent.
+        assert trade.softest[row][known][0] <= stiffest * 1.005
 
 
 def test_one_coupling_for_all_needs_what_the_worst_needs(trade):
