@@ -119,7 +119,7 @@ class _WithoutJacobian(Pooled):
 
 def _model(plan: SbcPlan, statistics: Statistics, priors: Priors) -> Pooled:
     if plan.fault == "prior":
-        priors = dataclasses.replace(priors, log_s_sd=0.25 * priors.log_s_sd)
+        priors = dataclasses.replace(priors, log_s_sd=0.1 * priors.log_s_sd)
     density = CollapsedDensity(statistics, priors)
     return _WithoutJacobian(density) if plan.fault == "jacobian" else Pooled(density)
 

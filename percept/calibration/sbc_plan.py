@@ -19,7 +19,7 @@ Fault = Literal["none", "jacobian", "prior", "snooker"]
 FAULTS = {
     "none": "nothing",
     "jacobian": "the prior of log sigma is taken as a density of the variance: no Jacobian",
-    "prior": "the fit's prior of log s is a quarter as wide as the truth's",
+    "prior": "the fit's prior of log s is a tenth as wide as the truth's",
     "snooker": "draws come from emcee's DESnookerMove, which samples another law",
 }
 _REFERENCES = np.array([[10.0, 0.1], [1e3, 1.0], [1e4, 10.0], [2.5e4, 25.0], [5e4, 50.0]])

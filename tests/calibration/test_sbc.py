@@ -6,6 +6,7 @@ The full run is `percept calibrate --sbc`; its results are committed under repor
 import dataclasses
 import json
 
+import emcee
 import numpy as np
 import pytest
 
@@ -14,6 +15,8 @@ from percept.calibration.sbc_fit import Placed, place_study
 from percept.calibration.sbc_plan import FAULTS, SBC_DESIGNS, SbcPlan
 from percept.calibration.sbc_run import calibrate_designs, write_calibrations
 from percept.errors import UsageError
+from percept.inference.sampling.moves import standard_moves
+from percept.inference.sampling.proposal import Proposal
 
 PLAN = SbcPlan(design="one environment")
 
@@ -24,17 +27,45 @@ def uniform_places(count, names, seed=0):
 
 
 def test_right_density_stays_inside():
-    found = calibrate(PLAN, 14)
+    found = calibrate(PLAN, 8)
     assert found.failed == 0
-    assert found.fits == 14
+    assert found.fits == 8
     assert found.outside == ()
     names = {one.quantity.split("[")[0] for one in found.quantities}
     assert names == {"sigma", "rho_w", "beta", "mean", "user"}
 
 
-def test_wrong_prior_scale_is_caught():
-    found = calibrate(dataclasses.replace(PLAN, fault="prior"), 14)
+@pytest.mark.parametrize("fault", ["prior", "jacobian"])
+def test_wrong_density_is_caught(fault):
+    found = calibrate(dataclasses.replace(PLAN, fault=fault), 10)
     assert any(name.startswith("sigma") for name in found.outside)
+
+
+def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
+    """x ~ N(0, 1), y ~ N(x, 1): ranks of x among y/2 + z/sqrt(2), z drawn by emcee from a standard normal."""
+    rng = np.random.default_rng(3)
+    sampler = emcee.EnsembleSampler(
+        walkers, dimension, lambda z: -0.5 * (z**2).sum(axis=1), moves=moves, vectorize=True
+    )
+    sampler.random_state = np.random.RandomState(4).get_state()
+    steps = sampler.sample(rng.normal(size=(walkers, dimension)), iterations=80 + 5 * studies, store=False)
+    placed = []
+    for step, state in enumerate(steps):
+        if step < 80 or step % 5:
+            continue
+        x = rng.normal(size=dimension)
+        y = x + rng.normal(size=dimension)
+        posterior = 0.5 * y + np.sqrt(0.5) * state.coords[: walkers - 1]
+        placed += [Placed("", {"x": u}) for u in ((posterior < x).sum(axis=0) + 0.5) / walkers]
+    return placed
+
+
+def test_snooker_move_is_caught_and_ours_is_not():
+    plan = dataclasses.replace(PLAN, draws=99)
+    assert judge_places(plan, ranks_under(emcee.moves.DESnookerMove())).outside == ("x",)
+    law = Proposal.normal(np.full(20, 0.2), 1.3 * np.eye(20))
+    ours = standard_moves(law, [np.random.RandomState(5)])
+    assert judge_places(plan, ranks_under(ours)).outside == ()
 
 
 def test_every_level_of_the_model_is_placed():
