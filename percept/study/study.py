@@ -420,6 +420,11 @@ class Study:
             found.append(("subject effects and k-b correlation", "published limits do not hold them"))
         if len(self.parameters) == 2:
             found.append(("ellipse of kind share", "there is no exact ellipse of a share of users"))
+            if self.device is not None:
+                found.append(("curves through draws, kind share", "a share of users has no curve of its own"))
+                if self.sessions.form == "summary":
+                    why = "published limits hold no correlation of k and b"
+                    found.append(("ellipses and curves through draws", why))
         if self.scene.inference.method != "bayesian":
             found += [
                 (f"classical {family} intervals of {NAMES[cell.parameter]} in {cell.environment}", cell.why)
