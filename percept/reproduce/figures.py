@@ -205,8 +205,8 @@ def _maps(published: Published) -> Drawing:
         for least in range(1, len(published.walls) + 1):
             _shade(axes[-1], count >= least, alpha=0.18)
         few, most = int(count.min()), int(count.max())
-        told = f"{few} to {most}" if few < most else f"{few}, whatever the device,"
-        title = f"feels real through the tuned coupling: {told} of {len(published.walls)}"
+        told = f"{few} to {most}" if few < most else f"{few}"
+        title = f"real through the tuned coupling: {told} of {len(published.walls)}"
         axes[-1].set_title(plain_text(title), loc="left", fontsize=7)
         for ax in axes:
             _mark_devices(ax, published)
