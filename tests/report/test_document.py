@@ -47,7 +47,7 @@ def test_intervals_and_boundaries_have_the_promised_fields(both):
     curves = ("omega", "lower", "upper", "reference", "coupled")
     for record in both["boundaries"]:
         assert fields <= record.keys()
-        assert {len(record[name]) for name in curves} == {41}
+        assert {len(record[name]) for name in curves} == {31}
 
 
 def test_files_go_by_name_and_folders_stay_out(classical):

@@ -26,7 +26,7 @@ def test_everything_promised_is_there(report, both):
     files = {str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()}
     promised = {"report.html", "report.json", "posterior.nc", "references.bib"}
     promised |= {f"tables/{name}.csv" for name in ("intervals_k", "intervals_b", "boundaries", "band")}
-    promised |= {f"figures/{name}.svg" for name in ("intervals_k", "boundary_5_zoom", "stability", "design")}
+    promised |= {f"figures/{name}.svg" for name in ("intervals_k", "boundary_3_zoom", "stability", "design")}
     assert promised <= files
     assert (report / "report.json").read_text(encoding="utf-8") == dumps(both)
 
