@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help report reproduce test test-page lint bench docs clean
+.PHONY: help report reproduce test test-page lint bench calibrate docs clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -39,6 +39,9 @@ bench: $(STAMP)  ## run time against error, on this machine
 
 reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
 	@$(BIN)/percept reproduce --out build/reproduction
+
+calibrate: $(STAMP)  ## simulation-based calibration, 1000 fits of each design (hours); it can be taken up again
+	@$(BIN)/percept sbc --fits 1000 --workers $(JOBS) --out build/calibration
 
 docs: $(STAMP)  ## the API's pages, from docstrings, in build/docs
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'

@@ -15,8 +15,8 @@ __all__ = ["COMMANDS", "build_parser", "main"]
 
 #: Commands, in the order of an analyst's work.
 COMMANDS = (
-    "new", "validate", "report", "fit", "compare", "predict", "plan", "calibrate", "simulate", "reproduce",
-    "doctor", "completion",
+    "new", "validate", "report", "fit", "compare", "predict", "plan", "calibrate", "sbc", "simulate",
+    "reproduce", "bench", "doctor", "completion",
 )  # fmt: skip
 
 _EXAMPLE = """example:

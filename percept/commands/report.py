@@ -15,6 +15,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_analysis_arguments(parser)
     parser.add_argument("--out", default="report", metavar="DIR", help="folder to write into (report)")
+    parser.add_argument("--pdf", action="store_true", help="also write report.pdf (needs Chromium)")
+    parser.add_argument(
+        "--formats",
+        nargs="+",
+        choices=("svg", "pdf", "png"),
+        default=["svg"],
+        metavar="FORM",
+        help="files of the figures: svg, pdf, png (svg)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -22,6 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     from percept.report import write_report
 
     with SamplerProgress(shown=not arguments.quiet) as progress:
-        page = write_report(open_study(arguments, progress), arguments.out)
+        study = open_study(arguments, progress)
+        page = write_report(study, arguments.out, formats=arguments.formats, pdf=arguments.pdf)
     print(page)
     return 0

@@ -23,6 +23,7 @@ __all__ = [
     "THEORETICAL",
     "Published",
     "Wall",
+    "dataset",
     "load_published",
 ]
 
@@ -173,11 +174,11 @@ def load_published(table: str | Path | None = None, scene: str | Path | None = N
     UsageError
         A file that cannot be read or lacks what the reproduction needs.
     """
-    files = (Path(table or _shipped("hbfd_table1.csv")), Path(scene or _shipped("hbfd.toml")))
+    files = (Path(table or dataset("hbfd_table1.csv")), Path(scene or dataset("hbfd.toml")))
     return Published(read_summary(files[0]), Scene.load(files[1]), files)
 
 
-def _shipped(name: str) -> Path:
+def dataset(name: str) -> Path:
     """Return a data set: inside an installed package, or beside it in a checkout."""
     inside = Path(str(resources.files("percept").joinpath("datasets", name)))
     return inside if inside.is_file() else Path(__file__).resolve().parents[2] / "datasets" / name

@@ -19,7 +19,7 @@ from percept.inference.hierarchy.product import Product
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
 from percept.inference.hierarchy.unpooled import Unpooled
-from percept.inference.sampling.run import Progress, Run, Settings, sample
+from percept.inference.sampling.records import Progress, Run, Settings
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import Cell, cell_moments
@@ -135,6 +135,8 @@ def fit(prepared: Prepared, scene: Scene, *, progress: Callable[[Progress], None
     -------
     Fit
     """
+    from percept.inference.sampling.run import sample
+
     asked = scene.inference
     estimands = IntervalEstimands(
         prepared.model,

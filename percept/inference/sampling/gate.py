@@ -25,6 +25,7 @@ def pass_gate(
     watched: Array,
     times: Array,
     acceptance: Array,
+    moved: NDArray[np.bool_],
     *,
     stride: int,
     last: bool,
@@ -44,7 +45,9 @@ def pass_gate(
     times : ndarray, shape (V,)
         Their autocorrelation times, in kept positions.
     acceptance : ndarray, shape (E, W)
-        Acceptance of every walker.
+        Acceptance of every walker over the whole run.
+    moved : ndarray of bool, shape (E, W)
+        Whether each walker moved in the second half of the kept positions.
     stride : int
         Steps between kept positions.
     last : bool
@@ -65,7 +68,9 @@ def pass_gate(
             f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity; "
             f"{TIMES_NEEDED:g} are needed."
         )
-    if acceptance.min() < _STUCK:
+    if not moved.all():
+        reasons.append(f"{int((~moved).sum())} walkers did not move in the second half of the run.")
+    elif acceptance.min() < _STUCK:
         reasons.append(f"a walker is stuck: it accepted {acceptance.min():.2%} of its proposals.")
     if not relative[worst] <= settings.tolerance:
         reasons.append(

@@ -117,8 +117,9 @@ class _Record:
         times = autocorrelation_time(watched)
         own = times[: influence.shape[3]]
         errors = monte_carlo_error(influence, own)
+        moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         gate = pass_gate(
-            settings, estimates, errors, watched, times, state.accepted / state.steps,
+            settings, estimates, errors, watched, times, state.accepted / state.steps, moved,
             stride=self.stride, last=state.steps >= settings.most_steps,
         )  # fmt: skip
         return Run(

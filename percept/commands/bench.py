@@ -1,0 +1,90 @@
+"""Measure run time against error and the digits kept, on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+HELP = "run time against error, and digits kept"
+EXAMPLE = "percept bench sampling --json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"what to measure: {', '.join(_PARTS)} (sampling, magnitude)"
+    )
+    parser.add_argument("--stability", action="store_true", help="digits kept: moments and haptics")
+    parser.add_argument(
+        "--cases", type=int, default=2000, metavar="N", help="cases of the haptics digits (2000)"
+    )
+    parser.add_argument("--json", action="store_true", help="print as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure the parts asked for and print one table each."""
+    from percept.errors import UsageError
+
+    parts = list(arguments.parts) or ([] if arguments.stability else ["sampling", "magnitude"])
+    if arguments.stability:
+        parts += ["moments", "haptics"]
+    unknown = [part for part in parts if part not in _PARTS]
+    if unknown:
+        raise UsageError(f"there is no such part; they are {', '.join(_PARTS)}.", value=unknown[0])
+    found: dict[str, list[dict[str, Any]]] = {}
+    for part in parts:
+        print(f"measuring {part}", file=sys.stderr)
+        found[part] = [dataclasses.asdict(record) for record in _PARTS[part](arguments)]
+    if arguments.json:
+        print(json.dumps(found, indent=1))
+        return 0
+    import pandas as pd
+
+    for part, rows in found.items():
+        print(f"\n{part}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}")
+    return 0
+
+
+def _sampling(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.sampling import sampling_cost
+    from percept.reproduce.published import dataset
+    from percept.scene import Scene
+
+    return sampling_cost(dataset("hbfd_sessions.csv"), Scene.load(dataset("hbfd.toml")))
+
+
+def _magnitude(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.haptics import magnitude_cost
+
+    return [magnitude_cost()]
+
+
+def _moments(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.classical import digits_kept
+
+    return digits_kept()
+
+
+def _coverage(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.classical import coverage
+
+    return coverage()
+
+
+def _haptics(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.haptics_digits import digits_kept
+
+    return digits_kept(arguments.cases)
+
+
+_PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
+    "sampling": _sampling,
+    "magnitude": _magnitude,
+    "moments": _moments,
+    "coverage": _coverage,
+    "haptics": _haptics,
+}
