@@ -35,7 +35,7 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     seed : int, optional
         The seed that was used, where it is not the scene's.
     curves : bool
-        Whether boundaries, and the coupling judged by them, are wanted; without them they are absent.
+        Whether boundaries, the coupling judged by them and the band law are wanted; else they are absent.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         "close": [],
         "readings": [],
         "coupling": plain(study.coupling) if curves else None,
-        "band": plain(study.band),
+        "band": plain(study.band) if curves else None,
         "design": None,
         "comparison": plain(study.comparison),
         "diagnostics": plain(study.diagnostics),
