@@ -6,26 +6,43 @@ import argparse
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from percept import __version__
 from percept.errors import PerceptError
 
 __all__ = ["COMMANDS", "build_parser", "main"]
 
-#: Commands, in the order of an analyst's work.
-COMMANDS = (
-    "new", "validate", "report", "fit", "compare", "predict", "plan", "calibrate", "sbc", "simulate",
-    "reproduce", "bench", "doctor", "completion",
-)  # fmt: skip
+#: Commands in the order of an analyst's work, with the line each has in the help.
+COMMANDS = {
+    "new": "write a commented scene file",
+    "validate": "check session files",
+    "report": "analyse sessions and write the report",
+    "fit": "fit the model and write its intervals",
+    "compare": "compare methods, or two studies, groups or devices",
+    "predict": "predict an untested environment",
+    "plan": "plan the number of subjects",
+    "calibrate": "simulate, refit and report real coverage",
+    "sbc": "simulation-based calibration of the model and sampler",
+    "simulate": "simulate sessions like a published table",
+    "reproduce": "reproduce the paper, claim by claim",
+    "bench": "run time against error, and digits kept",
+    "doctor": "check the environment",
+    "completion": "print shell completion",
+}
 
 _EXAMPLE = """example:
   percept report sessions/ --scene scene.toml --out results
 """
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Build the parser with all commands; imports nothing but argparse.
+def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser:
+    """Build the parser; imports the command modules, which import no numerics.
+
+    Parameters
+    ----------
+    only : collection of str, optional
+        Commands whose arguments are wanted, all by default; the others are listed without being imported.
 
     Returns
     -------
@@ -40,11 +57,14 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"percept {__version__}")
     parser.add_argument("--debug", action="store_true", help="show a traceback with an error")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS:
+    for name, line in COMMANDS.items():
+        if only is not None and name not in only:
+            commands.add_parser(name, help=line)
+            continue
         module = importlib.import_module(f"percept.commands.{name}")
         command = commands.add_parser(
             name,
-            help=module.HELP,
+            help=line,
             description=module.__doc__,
             epilog=f"example:\n  {module.EXAMPLE}\n",
             formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -71,7 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0 done; 1 the analysis refuses; 2 wrong usage or unreadable input; 130 interrupted.
     """
-    parsed = build_parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    # The first word that names a command is the command: no option before it takes a value.
+    parsed = build_parser([word for word in words if word in COMMANDS][:1]).parse_args(words)
     # The matrices are a few tens wide: a second BLAS thread costs more than it brings.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:

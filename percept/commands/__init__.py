@@ -1,1 +1,1 @@
-"""Commands of the command line: one module each, with HELP, EXAMPLE, add_arguments and run."""
+"""Commands of the command line: one module each, with EXAMPLE, add_arguments and run."""

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-HELP = "run time against error, and digits kept"
 EXAMPLE = "percept bench sampling --json"
 
 

@@ -13,7 +13,6 @@ from percept.commands.progress import SamplerProgress
 if TYPE_CHECKING:
     from percept.calibration.plan import CoveragePlan
 
-HELP = "simulate, refit and report real coverage"
 # What curves are drawn for where the scene has no rigid device: kg, N·s/m and s.
 _DEVICE, _PERIOD = (1.0, 5.0), 0.001
 EXAMPLE = "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage"

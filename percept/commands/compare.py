@@ -11,7 +11,6 @@ from percept.commands.progress import SamplerProgress
 if TYPE_CHECKING:
     from percept.study import Study
 
-HELP = "compare methods, or two studies, groups or devices"
 EXAMPLE = "percept compare study_a.csv study_b.csv --scene scene.toml"
 
 

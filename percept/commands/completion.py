@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "print shell completion"
 EXAMPLE = """eval "$(percept completion bash)"                         # bash, in ~/.bashrc
   eval "$(percept completion zsh)"                          # zsh, in ~/.zshrc after compinit
   percept completion tcsh > ~/.percept.csh                  # tcsh, then source it in ~/.tcshrc"""

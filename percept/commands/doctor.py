@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "check the environment"
 EXAMPLE = "percept doctor --json"
 
 

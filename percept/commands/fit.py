@@ -7,7 +7,6 @@ import argparse
 from percept.commands.analysis import add_analysis_arguments, open_study
 from percept.commands.progress import SamplerProgress
 
-HELP = "fit the model and write its intervals"
 EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "write a commented scene file"
 EXAMPLE = "percept new scene.toml"
 
 

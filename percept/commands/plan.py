@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "plan the number of subjects"
 EXAMPLE = "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal"
 
 

@@ -7,7 +7,6 @@ import argparse
 from percept.commands.analysis import add_analysis_arguments, open_study
 from percept.commands.progress import SamplerProgress
 
-HELP = "predict an untested environment"
 EXAMPLE = "percept predict sessions.csv --k 15000 --b 12 --scene scene.toml"
 
 

@@ -7,7 +7,6 @@ import argparse
 from percept.commands.analysis import add_analysis_arguments, open_study
 from percept.commands.progress import SamplerProgress
 
-HELP = "analyse sessions and write the report"
 EXAMPLE = "percept report sessions/ --scene scene.toml --out results"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "reproduce the paper, claim by claim"
 EXAMPLE = "percept reproduce --out results"
 
 

@@ -6,7 +6,6 @@ import argparse
 import sys
 from pathlib import Path
 
-HELP = "simulation-based calibration of the model and sampler"
 EXAMPLE = "percept sbc --fits 1000 --out reports/calibration"
 
 

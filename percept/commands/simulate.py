@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "simulate sessions like a published table"
 EXAMPLE = "percept simulate --like datasets/hbfd_table1.csv --seed 1 --out sessions.csv"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "check session files"
 EXAMPLE = "percept validate sessions/ --scene scene.toml"
 
 
