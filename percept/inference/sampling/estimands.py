@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -57,13 +58,13 @@ class Means:
         Points (W, d) to values (W, C).
     """
 
-    def __init__(self, names: tuple[str, ...], function: object) -> None:
+    def __init__(self, names: tuple[str, ...], function: Callable[[Array], Array]) -> None:
         self._names = names
         self._function = function
 
     def components(self, points: Array) -> Array:
         """Values of the functions, shape (W, C)."""
-        return np.asarray(self._function(points))  # type: ignore[operator]
+        return np.asarray(self._function(points))
 
     def estimate(self, components: Array) -> Estimates:
         """Means, with deviations as influence."""
