@@ -16,7 +16,7 @@ from percept.calibration.sbc_plan import FAULTS, SBC_DESIGNS, SbcPlan
 from percept.calibration.sbc_run import calibrate_designs, write_calibrations
 from percept.errors import UsageError
 from percept.inference.sampling.moves import standard_moves
-from percept.inference.sampling.proposal import Proposal
+from percept.inference.sampling.reference import Reference
 
 PLAN = SbcPlan(design="one environment")
 
@@ -63,8 +63,7 @@ def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
 def test_snooker_move_is_caught_and_ours_is_not():
     plan = dataclasses.replace(PLAN, draws=99)
     assert judge_places(plan, ranks_under(emcee.moves.DESnookerMove())).outside == ("x",)
-    law = Proposal.normal(np.full(20, 0.2), 1.3 * np.eye(20))
-    ours = standard_moves(law, [np.random.RandomState(5)])
+    ours = standard_moves(Reference(20), [np.random.default_rng(5)])
     assert judge_places(plan, ranks_under(ours)).outside == ()
 
 

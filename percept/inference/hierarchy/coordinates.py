@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-__all__ = ["LIMIT", "correlation", "half_normal", "log_sigma"]
+__all__ = ["LIMIT", "correlation", "half_normal"]
 
 Array = NDArray[np.float64]
 
@@ -75,33 +75,3 @@ def _beta_quantile(shape: float, lower: Array) -> Array:
     log_first = (np.log(lower) + np.log(shape) + special.betaln(shape, shape)) / shape
     first = np.exp(log_first)
     return np.where(np.isnan(quantile), first * (1.0 + (shape - 1.0) / (shape + 1.0) * first), quantile)
-
-
-def log_sigma(
-    u: Array, prior_mean: Array, omega: Array, rough_mean: Array, rough_weight: Array
-) -> tuple[Array, Array]:
-    """Map a coordinate to log sigma by its mean and SD given omega and a rough likelihood.
-
-    With prior N(m, omega²) and rough likelihood N(l, 1/w) the conditional law of log sigma is
-    N((m + w omega² l)/(1 + w omega²), omega²/(1 + w omega²)); its centre and SD make the coordinate.
-    Neither a centred nor a non-centred form is good for all data; this one follows the data.
-
-    Parameters
-    ----------
-    u : ndarray
-        Coordinate, zero at the conditional mean, one per conditional SD.
-    prior_mean, omega : ndarray
-        Mean and SD of log sigma in the model.
-    rough_mean, rough_weight : ndarray
-        Centre and precision of the rough likelihood; weight zero leaves it out.
-
-    Returns
-    -------
-    value : ndarray
-        log sigma.
-    log_density : ndarray
-        log N(value; m, omega²) plus the log Jacobian of the map, without the constant -log(2 pi)/2.
-    """
-    swell = 1.0 + rough_weight * omega * omega
-    pull = rough_weight * omega * (rough_mean - prior_mean) / swell + u / np.sqrt(swell)
-    return prior_mean + omega * pull, -0.5 * (pull * pull + np.log(swell))

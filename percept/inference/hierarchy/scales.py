@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy import coordinates
 from percept.inference.hierarchy.blocks import Block, Vector, block
 from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.spreads import SpreadMap
 from percept.inference.hierarchy.statistics import Statistics
 
 __all__ = ["Layout", "Options", "Scales"]
@@ -103,7 +104,11 @@ class Layout:
             self.levels.append(
                 _Level("_e", priors.log_s_e_mean, priors.log_s_e_sd, priors.kappa_e_sd, priors.omega_e_scale)
             )
-        self._rough = [self._rough_between(), self._rough_trial()][: len(self.levels)]
+        rough = [self._rough_between(), self._rough_trial()][: len(self.levels)]
+        self._spreads = [
+            SpreadMap(level.log_s_mean, self._loadings(level), *likelihood)
+            for level, likelihood in zip(self.levels, rough, strict=True)
+        ]
         self._slots: dict[str, slice] = {}
         self.names: list[str] = []
         for level in self.levels:
@@ -185,8 +190,8 @@ class Layout:
             "dw,dw->w", coords[self._standard], coords[self._standard]
         )
         blocks: dict[str, Block] = {}
-        for level, rough in zip(self.levels, self._rough, strict=True):
-            sd, log_density = self._level_sd(level, rough, coords, named)
+        for level, spread in zip(self.levels, self._spreads, strict=True):
+            sd, log_density = self._level_sd(level, spread, coords, named)
             log_prior = log_prior + log_density
             rho_name = "rho_e" if level.suffix else "rho_w"
             blocks[level.suffix] = block(tuple(sd), named.get(rho_name), rest.get(rho_name))
@@ -218,28 +223,37 @@ class Layout:
         return list(zip(self._correlations, rho, one_minus_size, strict=True))
 
     def _level_sd(
-        self, level: _Level, rough: tuple[Array, Array], coords: Array, named: dict[str, Array]
+        self, level: _Level, spread: SpreadMap, coords: Array, named: dict[str, Array]
     ) -> tuple[Array, Array]:
         """SDs of one level, shape (P, J, W), and the log density of their coordinates."""
         suffix = level.suffix
-        shape = (self.parameters, self.environments, coords.shape[1])
+        width = coords.shape[1]
+        shape = (self.parameters, self.environments, width)
+        trend = np.zeros((self.parameters, 2, width))
         if self.trend:
-            log_s = level.log_s_mean + level.log_s_sd * coords[self._slots["log_s" + suffix]]
-            named["s" + suffix] = np.exp(log_s)
-            centre = np.broadcast_to(log_s[:, None, :], shape)
+            trend[:, 0] = coords[self._slots["log_s" + suffix]]
             if not self.weber:
-                kappa = level.kappa_sd * coords[self._slots["kappa" + suffix]]
-                named["kappa" + suffix] = kappa
-                centre = centre + kappa[:, None, :] * self.statistics.x[..., None]
-        else:
-            centre = np.full(shape, level.log_s_mean)
+                trend[:, 1] = coords[self._slots["kappa" + suffix]]
         if self.common_spread:
-            named["sigma" + suffix] = np.exp(centre)
-            return named["sigma" + suffix], np.zeros(coords.shape[1])
-        spread = named["omega" + suffix][:, None, :] if self.trend else np.full((1, 1, 1), level.log_s_sd)
-        u = coords[self._slots["sigma" + suffix]].reshape(shape)
-        value, log_density = coordinates.log_sigma(
-            u, centre, spread, rough[0][..., None], rough[1][..., None]
-        )
+            value = level.log_s_mean + np.swapaxes(self._loadings(level), 1, 2) @ trend
+            log_density = np.zeros(width)
+        else:
+            omega = (
+                named["omega" + suffix] if self.trend else np.full((self.parameters, width), level.log_s_sd)
+            )
+            found = spread(coords[self._slots["sigma" + suffix]].reshape(shape), omega, trend)
+            value, trend, log_density = found.log_sigma, found.trend, found.log_density
+        if self.trend:
+            named["s" + suffix] = np.exp(level.log_s_mean + level.log_s_sd * trend[:, 0])
+            if not self.weber:
+                named["kappa" + suffix] = level.kappa_sd * trend[:, 1]
         named["sigma" + suffix] = np.exp(value)
-        return named["sigma" + suffix], log_density.sum(axis=(0, 1))
+        return named["sigma" + suffix], log_density
+
+    def _loadings(self, level: _Level) -> Array:
+        """Return what a prior SD of log s and of kappa adds to log sigma, shape (P, 2, J)."""
+        loadings = np.zeros((self.parameters, 2, self.environments))
+        if self.trend:
+            loadings[:, 0] = level.log_s_sd
+            loadings[:, 1] = 0.0 if self.weber else level.kappa_sd * self.statistics.x
+        return loadings

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.checked import Checked, Target, refuse_impossible
 from percept.inference.sampling.moves import standard_moves
-from percept.inference.sampling.proposal import Proposal
+from percept.inference.sampling.reference import Reference
 
 __all__ = ["Ensembles", "advance", "start"]
 
@@ -30,7 +30,7 @@ class Ensembles:
         Their log densities.
     schedule : tuple
         State of the generator that chooses the kind of step (legacy Mersenne Twister tuple).
-    generators : tuple of tuple
+    generators : tuple of dict
         State of each ensemble's own generator.
     accepted : ndarray of int, shape (E, W)
         Accepted steps per walker so far.
@@ -41,7 +41,7 @@ class Ensembles:
     coords: Array
     log_density: Array
     schedule: tuple[Any, ...]
-    generators: tuple[tuple[Any, ...], ...]
+    generators: tuple[dict[str, Any], ...]
     accepted: NDArray[np.int64]
     steps: int
 
@@ -71,33 +71,25 @@ def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensemb
     flat = points.reshape(-1, dimension)
     log_density = Checked(target)(flat)
     refuse_impossible(target, flat, log_density)
-    schedule, *generators = (_legacy(child) for child in seed.spawn(1 + ensembles))
+    schedule, *generators = seed.spawn(1 + ensembles)
     return Ensembles(
         points.copy(),
         log_density.reshape(ensembles, walkers),
-        schedule,
-        tuple(generators),
+        # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in silence.
+        tuple(np.random.RandomState(np.random.MT19937(schedule)).get_state(legacy=True)),
+        tuple(dict(np.random.PCG64(child).state) for child in generators),
         np.zeros((ensembles, walkers), dtype=np.int64),
         0,
     )
 
 
-def _legacy(seed: np.random.SeedSequence) -> tuple[Any, ...]:
-    # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in silence.
-    return tuple(np.random.RandomState(np.random.MT19937(seed)).get_state(legacy=True))
-
-
-def advance(
-    target: Target, law: Proposal, state: Ensembles, *, steps: int, stride: int
-) -> tuple[Ensembles, Array]:
+def advance(target: Target, state: Ensembles, *, steps: int, stride: int) -> tuple[Ensembles, Array]:
     """Run all ensembles for some steps and keep every `stride`-th position.
 
     Parameters
     ----------
     target : Target
         The density.
-    law : Proposal
-        Fitted law of the moves, frozen.
     state : Ensembles
         Where to go on from.
     steps : int
@@ -113,12 +105,11 @@ def advance(
         Positions kept.
     """
     ensembles, walkers, dimension = state.coords.shape
-    generators = [np.random.RandomState() for _ in range(ensembles)]
+    generators = [np.random.Generator(np.random.PCG64()) for _ in range(ensembles)]
     for generator, stored in zip(generators, state.generators, strict=True):
-        generator.set_state(stored)
-    sampler = emcee.EnsembleSampler(
-        ensembles * walkers, dimension, target, moves=standard_moves(law, generators), vectorize=True
-    )
+        generator.bit_generator.state = stored
+    moves = standard_moves(Reference(dimension), generators)
+    sampler = emcee.EnsembleSampler(ensembles * walkers, dimension, target, moves=moves, vectorize=True)
     current = emcee.State(
         state.coords.reshape(-1, dimension),
         log_prob=state.log_density.ravel(),
@@ -137,7 +128,7 @@ def advance(
         np.array(current.coords).reshape(state.coords.shape),
         np.array(current.log_prob).reshape(state.log_density.shape),
         tuple(sampler.random_state) if steps else state.schedule,
-        tuple(tuple(generator.get_state(legacy=True)) for generator in generators),
+        tuple(dict(generator.bit_generator.state) for generator in generators),
         accepted.reshape(state.accepted.shape),
         state.steps + steps,
     )

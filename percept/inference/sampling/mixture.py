@@ -18,6 +18,8 @@ __all__ = ["mixture_influence", "mixture_quantile", "share_content", "share_half
 Array = NDArray[np.float64]
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
 _ITERATIONS = 60
+#: Newton's error is squared by the next step: after one so short the root is exact.
+_LAST_STEP = 1e-8
 #: Roots over more draws than `_MANY` start from the root over one draw in `_SPARSE`.
 _MANY, _SPARSE = 4096, 8
 
@@ -60,7 +62,7 @@ def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> Arr
             newton = x + beyond / density * np.log(beyond / tail)
         inside = (newton >= low) & (newton <= high)
         after = np.where(inside, newton, 0.5 * (low + high))
-        done = np.abs(after - x) <= 4.0 * np.finfo(float).eps * np.maximum(np.abs(x), spread)
+        done = inside & (np.abs(after - x) <= _LAST_STEP * spread)
         x = after
         if done.all():
             break
@@ -216,7 +218,7 @@ def share_half_width(
             newton = h + (confidence - held) / rate
         inside = (newton >= low) & (newton <= high)
         after = np.where(inside, newton, 0.5 * (low + high))
-        done = np.abs(after - h) <= 1e-13 * np.abs(h)
+        done = inside & (np.abs(after - h) <= _LAST_STEP * h)
         h = after
         if done.all():
             break

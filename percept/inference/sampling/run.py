@@ -13,16 +13,16 @@ from percept.inference.sampling.diagnostics import autocorrelation_time, monte_c
 from percept.inference.sampling.ensembles import Ensembles, advance, start
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
-from percept.inference.sampling.proposal import Proposal
 from percept.inference.sampling.records import Gate, Progress, Run, Settings
+from percept.inference.sampling.transported import Transported
 from percept.inference.sampling.warmup import warm_up
 
 __all__ = ["Gate", "Progress", "Run", "Settings", "sample"]
 
 Array = NDArray[np.float64]
-_BURN_IN = 40
-_FIRST_ROUND = 240
-_STRIDE = 6  # steps between kept positions, a fraction of an autocorrelation time
+_BURN_IN = 24
+_FIRST_ROUND = 96
+_STRIDE = 3  # steps between kept positions, a fraction of an autocorrelation time
 _KEPT_LIMIT = 1 << 18  # kept draws over all ensembles; beyond it every second one goes
 
 
@@ -59,12 +59,12 @@ def sample(
     dimension = len(target.names)
     walkers = settings.walkers or max(64, 2 * (dimension + 1))
     warm_seed, run_seed = np.random.SeedSequence(settings.seed).spawn(2)
-    law, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
-    state, _ = advance(target, law, start(target, points, run_seed), steps=_BURN_IN, stride=_BURN_IN)
+    here, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
+    state, _ = advance(here, start(here, points, run_seed), steps=_BURN_IN, stride=_BURN_IN)
     record = _Record(estimands)
     wanted = _FIRST_ROUND
     while True:
-        state = record.extend(target, law, state, wanted)
+        state = record.extend(here, state, wanted)
         judged = record.judge(state, settings)
         needed = record.steps_needed(judged, settings)
         if progress:
@@ -89,11 +89,12 @@ class _Record:
         """Steps the kept positions span."""
         return 0 if self._points is None else self._points.shape[1] * self.stride
 
-    def extend(self, target: Target, law: Proposal, state: Ensembles, steps: int) -> Ensembles:
+    def extend(self, here: Transported, state: Ensembles, steps: int) -> Ensembles:
         """Run every ensemble for at least `steps` and keep what is needed."""
         steps = max(self.stride, math.ceil(steps / self.stride) * self.stride)
-        state, points = advance(target, law, state, steps=steps, stride=self.stride)
-        flat = points.reshape(-1, points.shape[-1])
+        state, points = advance(here, state, steps=steps, stride=self.stride)
+        flat = here.map(points.reshape(-1, points.shape[-1]))
+        points = flat.reshape(points.shape)
         components = self._estimands.components(flat).reshape(*points.shape[:3], -1)
         if self._points is not None and self._components is not None:
             points = np.concatenate([self._points, points], axis=1)

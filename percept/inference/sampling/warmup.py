@@ -1,4 +1,4 @@
-"""Warm-up: from a density to a frozen proposal and starting points."""
+"""Warm-up: from a density to a frozen transport and starting points."""
 
 from __future__ import annotations
 
@@ -8,21 +8,25 @@ from numpy.typing import NDArray
 from percept.inference.sampling.checked import Target, refuse_impossible
 from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.mode import find_mode
-from percept.inference.sampling.proposal import Proposal
+from percept.inference.sampling.reference import Reference
+from percept.inference.sampling.transport import Transport
+from percept.inference.sampling.transported import Affine, Transported
 
 __all__ = ["warm_up"]
 
 Array = NDArray[np.float64]
-_ROUNDS = 4
-_STEPS = 48
-_STRIDE = 12
+_ROUNDS = 3
+#: Steps of each adaptive run, how many of them are left out at its start, and the stride of those kept.
+_RUNS = ((48, 16, 4), (80, 16, 2))
 
 
-def warm_up(target: Target, shape: tuple[int, int], seed: np.random.SeedSequence) -> tuple[Proposal, Array]:
-    """Fit a proposal to a density and find starting points.
+def warm_up(
+    target: Target, shape: tuple[int, int], seed: np.random.SeedSequence
+) -> tuple[Transported, Array]:
+    """Fit a transport to a density and find starting points.
 
-    Mode and curvature give the first law; importance weights refine it; a short run gives
-     the sample to which the final, skewed law is fitted.
+    Mode and curvature give the first map; importance weights refine it; short runs give the samples to which
+    the transport is fitted.
 
     Parameters
     ----------
@@ -35,39 +39,42 @@ def warm_up(target: Target, shape: tuple[int, int], seed: np.random.SeedSequence
 
     Returns
     -------
-    proposal : Proposal
-        Frozen from here on.
+    transported : Transported
+        The target in the transport's coordinates, frozen from here on.
     points : ndarray, shape (ensembles, walkers, d)
-        Last positions of the warm-up's own ensembles.
+        Starting points in those coordinates.
     """
-    adapt_seed, run_seed = seed.spawn(2)
+    adapt_seed, *run_seeds = seed.spawn(1 + len(_RUNS))
+    rng = np.random.default_rng(adapt_seed)
     mode, covariance = find_mode(target, np.zeros(len(target.names)))
-    count = shape[0] * shape[1]
-    law, points = _importance_rounds(
-        target, Proposal.normal(mode, covariance), np.random.default_rng(adapt_seed), count
-    )
-    state = start(target, points[:count].reshape(*shape, -1), run_seed)
-    state, kept = advance(target, law, state, steps=_STEPS, stride=_STRIDE)
-    return Proposal.fit(kept[:, 1:].reshape(-1, mode.size)), state.coords
-
-
-def _importance_rounds(
-    target: Target, law: Proposal, rng: np.random.Generator, walkers: int
-) -> tuple[Proposal, Array]:
-    """Draw, weigh by density over law, fit the weighted sample; and resample the last round."""
-    size = law.centre.size
-    draws = max(2048, 40 * size, walkers)
-    for last in [False] * (_ROUNDS - 1) + [True]:
-        points = law.draw(draws, rng)
-        values = target(points)
-        refuse_impossible(target, points, values)
-        log_weights = values - law.log_density(points)
+    here = Transported(target, Affine.normal(mode, covariance))
+    for _ in range(_ROUNDS):
+        z, log_weights = _weigh(here, rng, shape)
         # Tempered, or a few lucky draws would decide the covariance.
-        weights = _weights(log_weights, at_least=min(0.5 * draws, 10.0 * size))
-        if last:
-            chosen = rng.choice(draws, size=draws, p=_weights(log_weights, at_least=0.05 * draws))
-        law = Proposal.fit(points, weights, skewed=False)
-    return law, points[chosen]
+        weights = _weights(log_weights, at_least=min(0.5 * len(z), 10.0 * mode.size))
+        here = Transported(target, Affine.fit(here.map(z), weights))
+    for (steps, skipped, stride), run_seed in zip(_RUNS, run_seeds, strict=True):
+        state = start(here, _resample(here, rng, shape), run_seed)
+        kept = advance(here, state, steps=steps, stride=stride)[1][:, skipped // stride :]
+        here = Transported(target, Transport.fit(here.map(kept.reshape(-1, mode.size))))
+    return here, _resample(here, rng, shape)
+
+
+def _weigh(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Array, Array]:
+    """Draws from the reference law, and the log of the density over that law."""
+    size = len(here.names)
+    law = Reference(size)
+    z = law.draw(max(2048, 40 * size, 2 * shape[0] * shape[1]), rng)
+    values = here(z)
+    refuse_impossible(here, z, values)
+    return z, values - law.log_density(z)
+
+
+def _resample(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+    """Choose starting points: draws taken by their weights, evened out so that many are chosen."""
+    z, log_weights = _weigh(here, rng, shape)
+    chosen = rng.choice(len(z), size=shape[0] * shape[1], p=_weights(log_weights, at_least=0.05 * len(z)))
+    return z[chosen].reshape(*shape, -1)
 
 
 def _weights(log_weights: Array, *, at_least: float) -> Array:

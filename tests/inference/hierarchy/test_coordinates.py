@@ -80,21 +80,3 @@ def test_correlation_is_odd_and_stays_inside():
         np.testing.assert_array_equal(up, -down)
         np.testing.assert_array_equal(rest_up, rest_down)
         assert np.all(rest_up > 0)
-
-
-@pytest.mark.parametrize("weight", [0.0, 2.0, 38.0])
-@pytest.mark.parametrize("omega", [1e-8, 0.3, 50.0])
-def test_log_sigma_is_prior_density_and_jacobian(weight, omega):
-    u = np.array([-30.0, -2.0, 0.0, 0.7, 30.0])
-    centre, rough = -1.6, -0.9
-    value, log_density = coordinates.log_sigma(
-        u, np.array(centre), np.array(omega), np.array(rough), np.array(weight)
-    )
-    with mp.workdps(40):
-        m, w, o, r = (mp.mpf(v) for v in (centre, weight, omega, rough))
-        variance = o**2 / (1 + w * o**2)
-        for i in range(u.size):
-            exact = (m + w * o**2 * r) / (1 + w * o**2) + mp.sqrt(variance) * mp.mpf(float(u[i]))
-            assert abs(float(mp.mpf(float(value[i])) - exact)) < 4e-15 * max(1.0, abs(float(exact)))
-            density = -((exact - m) ** 2) / (2 * o**2) - mp.log(o) + mp.log(variance) / 2
-            assert abs(float(mp.mpf(float(log_density[i])) - density)) < 1e-15 + 1e-13 * abs(float(density))

@@ -90,10 +90,6 @@ def test_coordinates_drawn_normal_give_the_priors():
         "sigma_u": stats.halfnorm(scale=0.9),
         "omega": stats.halfnorm(scale=0.7),
         "omega_e": stats.halfnorm(scale=0.4),
-        "kappa": stats.norm(0, 0.3),
-        "kappa_e": stats.norm(0, 0.2),
-        "s": stats.lognorm(0.6, scale=np.exp(-1.0)),
-        "s_e": stats.lognorm(0.8, scale=np.exp(-3.0)),
         **{name: stats.beta(3.5, 3.5, loc=-1, scale=2) for name in ("rho_w", "rho_e", "rho_u")},
     }
     values = [(name, row) for name in laws for row in np.atleast_2d(named[name])]
@@ -113,9 +109,11 @@ def test_names_say_which_coordinate_is_which():
         }
         key = label.split("[")[0].replace("log_s", "s")
         assert key in changed
-        # Only what is derived from a hyperparameter may move with it.
+        # Spreads move with omega, and their trend with both; decades off their centre tie s to kappa.
         suffix = "_e" if key.endswith("_e") else ""
-        follows = {"sigma" + suffix} if key.removesuffix("_e") in ("s", "kappa", "omega") else set()
+        trend = {"s" + suffix, "kappa" + suffix}
+        follows = {"omega": {"sigma" + suffix} | trend, "sigma": trend, "s": trend, "kappa": trend}
+        follows = follows.get(key.removesuffix("_e"), set())
         assert changed <= {key} | follows
 
 

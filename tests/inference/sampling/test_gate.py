@@ -6,7 +6,6 @@ import pytest
 from percept.errors import RefusalError
 from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.estimands import Means
-from percept.inference.sampling.proposal import Proposal
 from percept.inference.sampling.run import Settings, sample
 from tests.inference.sampling.targets import Normal
 
@@ -74,7 +73,6 @@ def test_stuck_walkers_are_withheld():
     run = sample(Glitch(3), MEAN, Settings(tolerance=0.01, seed=3, most_steps=1500))
     assert not run.gate.passed
     assert any("did not move in the second half of the run" in reason for reason in run.gate.reasons)
-    assert run.gate.lowest_acceptance < 0.005
 
 
 def test_the_cap_is_an_answer_with_its_reason():
@@ -123,12 +121,11 @@ def test_ensembles_have_streams_of_their_own():
 
 def test_two_pieces_are_one():
     target = Normal(4)
-    law = Proposal.normal(np.full(4, 0.1), 1.5 * np.eye(4))
     points = np.random.default_rng(1).normal(size=(4, 64, 4))
     begun = start(target, points, np.random.SeedSequence(3))
-    whole, kept = advance(target, law, begun, steps=60, stride=3)
-    half, first_half = advance(target, law, begun, steps=24, stride=3)
-    rest, second_half = advance(target, law, half, steps=36, stride=3)
+    whole, kept = advance(target, begun, steps=60, stride=3)
+    half, first_half = advance(target, begun, steps=24, stride=3)
+    rest, second_half = advance(target, half, steps=36, stride=3)
     np.testing.assert_array_equal(np.concatenate([first_half, second_half], axis=1), kept)
     np.testing.assert_array_equal(rest.coords, whole.coords)
     np.testing.assert_array_equal(rest.log_density, whole.log_density)

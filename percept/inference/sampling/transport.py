@@ -1,0 +1,145 @@
+"""A fitted change of coordinates that makes a sample look standard normal.
+
+Three layers, from standard coordinates z to the target's x. The drivers, the few coordinates whose
+value widens others or bends their mean, follow one another by y_i = m_i(y_<i) + exp(s_i(y_<i)) z_i. All
+others follow the drivers in the same way, with correlated remainders. A monotone spline then takes
+every y to its x. Nothing is assumed of the target but a sample, and only this direction is ever
+needed: walkers live at z.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.inference.sampling.spline import Spline
+
+__all__ = ["Transport"]
+
+Array = NDArray[np.float64]
+_DRIVERS = 6  # most drivers
+_SIGNIFICANT = 4.0  # standard errors a bend or a widening must have to be believed
+_CLIP = 3.0  # beyond so many SDs a driver's effect stays what it is
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Transport:
+    """Map from standard coordinates to those of a target.
+
+    Attributes
+    ----------
+    drivers, others : ndarray of int
+        Coordinates of either kind, drivers in their order; K drivers.
+    mean : ndarray, shape (d, 2 K + 1)
+        Coefficients of each coordinate's mean on 1, then on driver and square less one of each driver.
+    log_scale : ndarray, shape (d, 2 K + 1)
+        Coefficients of the log of each coordinate's spread on the same; those of squares are zero.
+    factor : ndarray, shape (d - K, d - K)
+        Lower factor of the covariance of the others' remainders.
+    spline : Spline
+        Layer of the single coordinates.
+    """
+
+    drivers: NDArray[np.intp]
+    others: NDArray[np.intp]
+    mean: Array
+    log_scale: Array
+    factor: Array
+    spline: Spline
+
+    @classmethod
+    def fit(cls, points: Array) -> Self:
+        """Fit to a sample of shape (N, d), N well above d."""
+        count, size = points.shape
+        ranks = np.argsort(np.argsort(points, axis=0), axis=0)
+        y = special.ndtri((ranks + 0.5) / count)
+        drivers = _drivers(y)
+        others = np.setdiff1d(np.arange(size), drivers)
+        features = _features(y[:, drivers])
+        mean, log_scale = np.zeros((2, size, features.shape[1]))
+        remainder = np.empty_like(y)
+        for k in range(len(drivers) + 1):
+            for i in drivers[k : k + 1] if k < len(drivers) else others:
+                own = features[:, : 2 * k + 1]
+                mean[i, : 2 * k + 1], log_scale[i, : 2 * k + 1], remainder[:, i] = _regress(own, y[:, i])
+        covariance = remainder[:, others].T @ remainder[:, others] / count
+        return cls(drivers, others, mean, log_scale, np.linalg.cholesky(covariance), Spline.fit(points))
+
+    def __call__(self, z: Array) -> tuple[Array, Array]:
+        """Map points (N, d) and return them with log abs det of the Jacobian, shape (N,)."""
+        z = np.ascontiguousarray(z.T)
+        y = np.empty_like(z)
+        features = np.ones((self.mean.shape[1], z.shape[1]))
+        log_jacobian = np.full(z.shape[1], np.log(np.diag(self.factor)).sum())
+        for k, i in enumerate(self.drivers):
+            known = slice(0, 2 * k + 1)
+            s = self.log_scale[i, known] @ features[known]
+            y[i] = self.mean[i, known] @ features[known] + np.exp(s) * z[i]
+            log_jacobian += s
+            driving = np.minimum(np.maximum(y[i], -_CLIP), _CLIP)
+            features[2 * k + 1] = driving
+            features[2 * k + 2] = driving * driving - 1.0
+        others = self.others
+        s = self.log_scale[others] @ features
+        y[others] = self.mean[others] @ features + np.exp(s) * (self.factor @ z[others])
+        x, log_slope = self.spline(y)
+        return x.T, log_jacobian + s.sum(axis=0) + log_slope
+
+
+def _features(driving: Array) -> Array:
+    """Return 1, then each driver and its square less one: shape (N, 2 K + 1) from drivers (N, K)."""
+    driving = np.clip(driving, -_CLIP, _CLIP)
+    pairs = np.stack([driving, driving**2 - 1.0], axis=2).reshape(len(driving), -1)
+    return np.concatenate([np.ones((len(driving), 1)), pairs], axis=1)
+
+
+def _drivers(y: Array) -> NDArray[np.intp]:
+    """Order coordinates by how much they bend or widen others, strongest first."""
+    count, size = y.shape
+    y = np.clip(y, -_CLIP, _CLIP)
+    square = y * y - 1.0
+    correlation = y.T @ y / count
+    # Entry (i, j): third moments of y_i, less what its correlation with y_j explains, and y_j.
+    odd = (y * square).mean(axis=0)
+    bend = y.T @ square / count - correlation * odd
+    widen = square.T @ y / count - correlation**2 * odd
+    effect = bend**2 + widen**2
+    effect[(effect * count < 2.0 * _SIGNIFICANT**2) | np.eye(size, dtype=bool)] = 0.0
+    chosen: list[int] = []
+    while len(chosen) < _DRIVERS and (best := int(np.argmax(effect.sum(axis=0)))) not in chosen:
+        if not effect[:, best].any():
+            break
+        chosen.append(best)
+        effect[:, best] = effect[best, :] = 0.0
+    return np.array(chosen, dtype=np.intp)
+
+
+def _regress(features: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Mean and log spread of y (N,) on features (N, 2 k + 1), what is significant; and the remainder."""
+    count, size = features.shape
+    linear = np.r_[0, 1:size:2]
+    gram, right = features.T @ features, features.T @ y
+    mean = np.linalg.solve(gram, right)
+    error = (y - features @ mean).std() * np.sqrt(np.diag(np.linalg.inv(gram)))
+    keep = np.abs(mean) > _SIGNIFICANT * error
+    keep[linear] = True
+    mean = np.zeros(size)
+    mean[keep] = np.linalg.solve(gram[np.ix_(keep, keep)], right[keep])
+    residual = y - features @ mean
+    log_scale = np.zeros(size)
+    log_scale[0] = np.log(residual.std())
+    square = (residual * np.exp(-log_scale[0])) ** 2
+    score = features[:, linear].T @ (square - 1.0)
+    noise = np.sqrt(count * square.var() * (features[:, linear] ** 2).mean(axis=0))
+    keep = linear[(np.abs(score) > _SIGNIFICANT * noise) | (linear == 0)]
+    if len(keep) > 1:
+        used = features[:, keep]
+        information = 2.0 * used.T @ used
+        for _ in range(5):
+            square = (residual * np.exp(-used @ log_scale[keep])) ** 2
+            log_scale[keep] += np.linalg.solve(information, used.T @ (square - 1.0))
+    return mean, log_scale, residual * np.exp(-features @ log_scale)
