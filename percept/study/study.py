@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from percept.boundary.realism import Realism
     from percept.boundary.records import Boundary
     from percept.inference.sampling.run import Progress
-    from percept.study.bayesian import Fit
+    from percept.study.bayesian import Fit, RunStore
     from percept.study.boundaries import Bench, Range
     from percept.study.coupling import CouplingStudy
     from percept.study.regions import Draws, Region
@@ -57,6 +57,8 @@ class Study:
         What to analyse; defaults throughout.
     progress : callable, optional
         Told the state of the sampler after every round.
+    store : RunStore, optional
+        Where finished runs of the sampler are kept, such as `percept.cache.PosteriorCache`; none by default.
 
     Raises
     ------
@@ -70,10 +72,12 @@ class Study:
         scene: Scene | None = None,
         *,
         progress: Callable[[Progress], None] | None = None,
+        store: RunStore | None = None,
     ) -> None:
         self.sessions = sessions
         self.scene = scene or Scene()
         self._progress = progress
+        self._store = store
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -163,7 +167,8 @@ class Study:
             return None
         from percept.study.bayesian import fit, prepare
 
-        return fit(prepare(self.sessions, self.scene, self.parameters), self.scene, progress=self._progress)
+        prepared = prepare(self.sessions, self.scene, self.parameters)
+        return fit(prepared, self.scene, progress=self._progress, store=self._store)
 
     @cached_property
     def posterior(self) -> Any:
