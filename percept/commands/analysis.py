@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from percept.commands.progress import SamplerProgress
+    from percept.scene import Scene
     from percept.study import Study
+    from percept.study.bayesian import RunStore
 
 __all__ = ["add_analysis_arguments", "open_study"]
 
@@ -26,6 +28,9 @@ def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--family", choices=("lognormal", "normal"), help="scale of the hierarchical model")
     parser.add_argument("--method", choices=("both", "classical", "bayesian"), help="which method to run")
     parser.add_argument("--quiet", action="store_true", help="no progress")
+    parser.add_argument(
+        "--no-cache", action="store_true", help="sample anew, and keep no posterior (see percept cache)"
+    )
 
 
 def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None = None) -> Study:
@@ -63,4 +68,13 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
         {"columns": scene.columns, "sessions": scene.sessions, "environments": scene.environments}
     )
     sessions = read_sessions(*arguments.sessions, options=options)
-    return Study(sessions, scene, progress=progress)
+    return Study(sessions, scene, progress=progress, store=_store(arguments, scene))
+
+
+def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
+    if arguments.no_cache or scene.inference.method == "classical":
+        return None
+    from percept.cache import PosteriorCache, cache_folder
+
+    folder = cache_folder()
+    return None if folder is None else PosteriorCache(folder)
