@@ -63,11 +63,25 @@ class Conditional:
         self.mean: Vector = tuple(
             c + np.einsum("qjw,qw->jw", rows, latents) for c, rows in zip(constant, on_latents, strict=True)
         )
-        spread = [self._solved.solve_transposed(rows) for rows in on_latents]
-        self.covariance = _gram(spread) if self._own is None else _gram(spread) + self._own
+        self._spread = [self._solved.solve_transposed(rows) for rows in on_latents]
+        own = self._own
+        self.covariance = _gram(self._spread) if own is None else _gram(self._spread) + own
         self.population = scales.between
         if scales.shared is not None:
             self.population = _broadcast(scales.shared, shape) + scales.between
+
+    def joint_covariance(self) -> Array:
+        """Return the covariance of beta over all cells, parameter-major: shape (W, P J, P J)."""
+        spread = np.concatenate(self._spread, axis=1)
+        joint = np.einsum("qaw,qbw->wab", spread, spread, optimize=True)
+        if self._own is not None:
+            environments = self._spread[0].shape[1]
+            at = np.arange(environments)
+            for column in self._own.factor_columns():
+                for p, first in enumerate(column):
+                    for q, second in enumerate(column):
+                        joint[:, p * environments + at, q * environments + at] += (first * second).T
+        return joint
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Draw beta of all environments jointly, once per set of scales.
