@@ -68,11 +68,11 @@ class CouplingTable(_Table):
 
 
 class FrequencyTable(_Table):
-    """The perceivable range, rad/s, and how many frequencies a curve has."""
+    """The perceivable range, rad/s, and how many frequencies a curve has: by default as many as it needs."""
 
     lower: Positive = 0.1
     upper: Positive = 100.0
-    points: Annotated[int, Field(ge=2, le=100_000)] = 241
+    points: Annotated[int, Field(ge=2, le=100_000)] | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

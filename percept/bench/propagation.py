@@ -88,20 +88,20 @@ def propagation_cost(
         out = 3.0 * bands.sd
         return np.stack([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
 
-    omega, values = adaptive_grid(curves, lower, upper, followed=np.array([False, False, True, True]))
+    grid = adaptive_grid(curves, lower, upper, followed=np.array([False, False, True, True]))
     seconds = time.process_time() - started
     started = time.process_time()
     fine = np.geomspace(lower, upper, points)
     every = perceived_magnitude(fine[:, None], device, stiffness, damping, period)
     naive = np.log(np.quantile(every, tails, axis=1))
     naive_seconds = time.process_time() - started
-    ours = np.stack([np.interp(np.log(fine), np.log(omega), np.log(row)) for row in values[:2]])
+    ours = np.stack([np.interp(np.log(fine), np.log(grid.omega), np.log(row)) for row in grid.values[:2]])
     error = np.abs(ours - naive) / (0.5 * (naive[1] - naive[0]))
     return PropagationCost(
         seconds=seconds,
         naive_seconds=naive_seconds,
         ratio=seconds / naive_seconds,
-        points=omega.size,
+        points=grid.omega.size,
         naive_points=points,
         draws=kept,
         naive_draws=stiffness.size,

@@ -12,7 +12,6 @@ from percept.report.design import design_of
 from percept.report.findings import findings
 from percept.report.plain import plain
 from percept.report.select import distinct
-from percept.report.sensitivity import device_sensitivity
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -42,9 +41,9 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``boundaries`` with their ``zoom`` windows,
         ``close`` views and ``readings`` at one frequency, ``coupling``, ``band``, ``design``, ``comparison``,
-        ``diagnostics``, ``skipped``, and what is worked out from them: ``sensitivity``, ``summary``. JSON
-        values only (see `percept.report.plain`), in the
-        units of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
+        ``sensitivity``, ``diagnostics``, ``skipped``, and what is worked out from them: ``summary``. JSON
+        values only (see `percept.report.plain`), in the units of the tables: N/m, N·s/m, rad/s, kg, s. No
+        durations, no folders.
     """
     document = {
         "schema": SCHEMA,
@@ -58,6 +57,7 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         "coupling": plain(study.coupling) if curves else None,
         "band": plain(study.band) if curves else None,
         "design": None,
+        "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
         "diagnostics": plain(study.diagnostics),
         "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
@@ -67,7 +67,6 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         document["close"] = close_views(study, document["zoom"])
         document["readings"] = readings(study)
         document["design"] = design_of(study)
-    document["sensitivity"] = device_sensitivity(document)
     document["summary"] = findings(document)
     return document
 

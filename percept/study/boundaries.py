@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from percept import haptics
 from percept.boundary.draws import DrawBands, DrawCurves
-from percept.boundary.grid import TOLERANCE, adaptive_grid
+from percept.boundary.grid import TOLERANCE, Grid, adaptive_grid
 from percept.boundary.records import Boundary, Shape
 from percept.haptics import AnyDevice, Coupling, Environment
 from percept.study.regions import Draws, Region
@@ -180,10 +180,9 @@ class _Place:
 
         wanted = self.frequencies
         if wanted.omega is not None:
-            omega = wanted.omega
-            values = stacked(omega)
+            grid = Grid(wanted.omega, stacked(wanted.omega), np.nan)
         else:
-            omega, values = adaptive_grid(
+            grid = adaptive_grid(
                 stacked,
                 wanted.lower,
                 wanted.upper,
@@ -191,14 +190,15 @@ class _Place:
                 including=bench.resonances(self.environment),
                 followed=np.array((True, True, *smooth)),
             )
-        reference, coupled = values[:2]
+        reference, coupled = grid.values[:2]
         shared = {
             "environment": self.environment,
-            "omega": omega,
+            "omega": grid.omega,
             "reference": reference,
             "coupled": coupled if bench.coupling is not None else None,
+            "departure": grid.departure if wanted.omega is None else None,
         }
-        return shared, values[2:]
+        return shared, grid.values[2:]
 
 
 def _around(place: _Place, region: Region, shape: Shape) -> Boundary:

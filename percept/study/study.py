@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from percept import haptics
 from percept.errors import RefusalError
-from percept.inference.intervals import Interval
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.classical import FAMILIES, cell_interval, cell_moments
 from percept.study.responses import references
-from percept.study.units import NAMES, UNITS
+from percept.study.units import NAMES
 
 if TYPE_CHECKING:
     from percept.boundary.band import BandStudy
@@ -29,16 +27,13 @@ if TYPE_CHECKING:
     from percept.study.boundaries import Bench, Range
     from percept.study.coupling import CouplingStudy
     from percept.study.regions import Draws, Region
+    from percept.study.sensitivity import DeviceSensitivity
 
 __all__ = ["Study"]
 
 Array = NDArray[np.float64]
-_COLUMNS = (
-    "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
-    "lower", "upper", "estimate", "n", "unit", "reference", "covers",
-)  # fmt: skip
 _BAND_OMEGA = 10.0
-#: Frequencies of a grid where the scene leaves their number open.
+#: Frequencies of an even grid where the scene leaves their number open.
 DEFAULT_POINTS = 241
 _REALISM_POINTS = 80
 
@@ -111,54 +106,9 @@ class Study:
     @cached_property
     def intervals(self) -> pd.DataFrame:
         """Intervals of every method, kind and family, one row each, in N/m and N·s/m."""
-        rows = []
-        if self.scene.inference.method != "bayesian":
-            rows += list(self._classical_rows())
-        if self.fit is not None and self.fit.run.gate.passed:
-            rows += list(self._bayesian_rows(self.fit))
-        return pd.DataFrame(rows, columns=list(_COLUMNS))
+        from percept.study.interval_table import interval_table
 
-    def _classical_rows(self) -> Iterator[dict[str, Any]]:
-        joints = ("marginal", "bonferroni") if len(self.parameters) == 2 else ("marginal",)
-        for family in FAMILIES:
-            for cell in cell_moments(self.sessions, self.parameters, family):
-                if cell.moments is None:
-                    continue
-                for kind in self.scene.inference.kinds:
-                    for joint in joints:
-                        interval = cell_interval(
-                            cell.moments, kind, family, self.scene, cell.parameter, joint
-                        )
-                        yield self._row(interval, cell.parameter, cell.environment)
-
-    def _bayesian_rows(self, fit: Fit) -> Iterator[dict[str, Any]]:
-        asked = self.scene.inference
-        for kind, (lower, upper) in fit.limits.items():
-            for c, (parameter, environment) in enumerate(fit.prepared.model.cells):
-                interval = Interval(
-                    kind=kind,  # type: ignore[arg-type]
-                    method="bayesian",
-                    family=asked.family,
-                    level=asked.level,
-                    lower=float(lower[c]),
-                    upper=float(upper[c]),
-                    estimate=float(fit.estimate[c]),
-                    n=int(fit.prepared.counts[c]),
-                    share=asked.held_share if kind == "share" else None,
-                    confidence=asked.confidence if kind == "share" else None,
-                    repeats=fit.prepared.repeats,
-                    approximate=self.sessions.form == "summary" and asked.family == "lognormal",
-                    unit=UNITS[parameter],
-                )
-                yield self._row(interval, parameter, environment)
-
-    def _row(self, interval: Interval, parameter: str, environment: str) -> dict[str, Any]:
-        return {
-            "environment": environment,
-            "parameter": parameter,
-            "reference": self.reference[parameter, environment],
-            **interval.as_dict(),
-        }
+        return interval_table(self)
 
     @cached_property
     def fit(self) -> Fit | None:
@@ -218,7 +168,7 @@ class Study:
 
     @cached_property
     def omega(self) -> Array:
-        """A grid of the scene's frequencies, rad/s: as many as it says, or as `DEFAULT_POINTS`."""
+        """Even grid of the scene's frequencies, rad/s: as many as it says, or `DEFAULT_POINTS`."""
         table = self.scene.frequency
         return np.geomspace(table.lower, table.upper, table.points or DEFAULT_POINTS)
 
@@ -387,6 +337,13 @@ class Study:
         return design_by_method(self.bench, self.regions, self.scene.inference.family, self.omega)
 
     @cached_property
+    def sensitivity(self) -> DeviceSensitivity | None:
+        """How the verdicts move with the device's mass and damping; None without a device that has them."""
+        from percept.study.sensitivity import device_sensitivity
+
+        return device_sensitivity(self)
+
+    @cached_property
     def comparison(self) -> pd.DataFrame | None:
         """Intervals of both methods in equal family and kind, with the reasons; None with one method."""
         if self.fit is None or self.scene.inference.method != "both" or not self.fit.run.gate.passed:
@@ -406,38 +363,9 @@ class Study:
     @cached_property
     def skipped(self) -> tuple[tuple[str, str], ...]:
         """What was not computed, and why."""
-        found = []
-        if self.scene.inference.method == "classical":
-            found.append(("hierarchical model", "only the classical method was asked for"))
-        elif self.fit is not None and not self.fit.run.gate.passed:
-            found.append(("Bayesian intervals", " ".join(self.fit.run.gate.reasons)))
-        if len(self.parameters) == 1:
-            found.append(("boundaries and band", f"only {NAMES[self.parameters[0]]} was adjusted"))
-        elif self.device is None:
-            found.append(("boundaries of Z_h", "the scene has no [device]"))
-        if self.scene.coupling is None:
-            found.append(("coupling: Z_h_vc and stability", "the scene has no [coupling]"))
-        elif self.device is None:
-            found.append(("coupling: Z_h_vc and stability", "the scene has no [device]"))
-        if len(self.environments) == 1:
-            found.append(("trend over environments and band law", "there is one environment"))
-        if self.sessions.form == "summary":
-            found.append(("subject effects and k-b correlation", "published limits do not hold them"))
-        if len(self.parameters) == 2:
-            found.append(("ellipse of kind share", "there is no exact ellipse of a share of users"))
-            if self.device is not None:
-                found.append(("curves through draws, kind share", "a share of users has no curve of its own"))
-                if self.sessions.form == "summary":
-                    why = "published limits hold no correlation of k and b"
-                    found.append(("ellipses and curves through draws", why))
-        if self.scene.inference.method != "bayesian":
-            found += [
-                (f"classical {family} intervals of {NAMES[cell.parameter]} in {cell.environment}", cell.why)
-                for family in FAMILIES
-                for cell in cell_moments(self.sessions, self.parameters, family)
-                if cell.moments is None
-            ]
-        return tuple(found)
+        from percept.study.skipped import skipped
+
+        return tuple(skipped(self))
 
     def _repr_html_(self) -> str:
         shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True)
