@@ -10,37 +10,40 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["exclusive", "remove_abandoned", "shared", "write_whole"]
+__all__ = ["exclusive", "remove_abandoned", "shared", "whole_file", "write_whole"]
 
 _SUFFIX = ".part"
 # What a file system says that has no locks; those of NFS before version 4 among them.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that it is never seen in part, whatever stops the process or the machine.
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
 
-    The bytes go to a hidden file beside it, to the disk, and only then to their name.
+    `path` is never seen in part, whatever stops the process or the machine: the bytes go to the disk first.
 
     Parameters
     ----------
     path : Path
         File to make or to replace; its folder exists.
-    data : bytes
-        All of it.
+
+    Yields
+    ------
+    Path
+        An empty file to fill.
 
     Raises
     ------
     OSError
-        Where it cannot be written; what stood there before stays.
+        Where it cannot be written; what stood there before stays, as it does after any error inside.
     """
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", suffix=_SUFFIX, dir=path.parent)
+    os.close(handle)
     aside = Path(name)
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+        yield aside
+        _sync(aside, os.O_RDWR)
         aside.replace(path)
     except BaseException:
         with suppress(OSError):
@@ -49,8 +52,22 @@ def write_whole(path: Path, data: bytes) -> None:
     _sync_folder(path.parent)
 
 
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file by `whole_file`.
+
+    Parameters
+    ----------
+    path : Path
+        File to make or to replace; its folder exists.
+    data : bytes
+        All of it.
+    """
+    with whole_file(path) as aside:
+        aside.write_bytes(data)
+
+
 def remove_abandoned(folder: Path) -> None:
-    """Remove what `write_whole` left in a folder when its process was killed.
+    """Remove what `whole_file` left in a folder when its process was killed.
 
     To be called by the one who holds the folder by `exclusive`: nobody is writing then.
     """
@@ -94,6 +111,14 @@ def shared(folder: Path) -> Iterator[bool]:
         yield held
 
 
+def _sync(path: Path, mode: int) -> None:
+    handle = os.open(path, mode)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
 if sys.platform == "win32":
 
     @contextmanager
@@ -125,9 +150,5 @@ else:
             os.close(handle)
 
     def _sync_folder(folder: Path) -> None:
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            with suppress(OSError):  # some network file systems refuse it
-                os.fsync(handle)
-        finally:
-            os.close(handle)
+        with suppress(OSError):  # some network file systems refuse it
+            _sync(folder, os.O_RDONLY)

@@ -11,7 +11,7 @@ from percept.errors import UsageError
 __all__ = ["DEFAULT_LIMIT", "cache_folder", "cache_limit"]
 
 #: Bytes the cache may take where PERCEPT_CACHE_LIMIT does not say otherwise.
-DEFAULT_LIMIT = 1 << 30
+DEFAULT_LIMIT = 1_000_000_000
 
 
 def cache_folder() -> Path | None:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 import percept
-from percept import inference
 
 __all__ = ["numbers_version", "run_key"]
 
@@ -45,15 +44,26 @@ def run_key(*asked: object) -> str:
 
 
 @functools.cache
-def numbers_version() -> str:
-    """Return what else decides a run's digits: versions, and a digest of the inference code itself."""
+def numbers_version(*parts: str) -> str:
+    """Return what else decides the digits of a result: versions, and a digest of the code itself.
+
+    Parameters
+    ----------
+    *parts : str
+        Packages of percept whose code counts; "inference" where none is named.
+
+    Returns
+    -------
+    str
+    """
     # emcee's version is read without importing it, which would cost what the cache saves.
     packages = {name: metadata.version(name) for name in ("numpy", "scipy", "emcee")}
+    root = Path(percept.__file__).parent
     code = hashlib.sha256()
-    root = Path(inference.__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        code.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return f"percept {percept.__version__} {packages} inference {code.hexdigest()}"
+    for part in parts or ("inference",):
+        for path in sorted((root / part).rglob("*.py")):
+            code.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return f"percept {percept.__version__} {packages} code {code.hexdigest()}"
 
 
 class _Walk:

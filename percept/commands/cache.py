@@ -1,7 +1,7 @@
 """Show what posteriors are kept for next time, or clear them.
 
-PERCEPT_CACHE names another folder, or turns the cache off with the word "off"; PERCEPT_CACHE_LIMIT is how many
-megabytes it may take (1074), the posteriors not used for longest going first. Damaged ones are computed again.
+PERCEPT_CACHE names another folder, or turns the cache off with the word "off". PERCEPT_CACHE_LIMIT is how
+many megabytes it may take (1000); the posteriors not used for longest go first.
 """
 
 from __future__ import annotations
