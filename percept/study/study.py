@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from percept.study.boundaries import Bench, Range
     from percept.study.coupling import CouplingStudy
     from percept.study.regions import Draws, Region
-    from percept.study.sensitivity import DeviceSensitivity
+    from percept.study.device_sensitivity import DeviceSensitivity
 
 __all__ = ["Study"]
 
@@ -339,7 +339,7 @@ class Study:
     @cached_property
     def sensitivity(self) -> DeviceSensitivity | None:
         """How the verdicts move with the device's mass and damping; None without a device that has them."""
-        from percept.study.sensitivity import device_sensitivity
+        from percept.study.device_sensitivity import device_sensitivity
 
         return device_sensitivity(self)
 
