@@ -1,141 +1,73 @@
-"""How the verdicts move with the device's mass and damping, which are seldom known well."""
+"""Power-scaling sensitivity: how far reported quantities move when priors or data count slightly more."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
-from percept.haptics import Device, absolute_stability, required_damping
-from percept.study.boundaries import Bench, region_curves
-from percept.study.regions import Region
+from percept.inference.checks.prior import GROUPS
 
-if TYPE_CHECKING:
-    from percept.study.study import Study
+__all__ = ["THRESHOLD", "power_scaling"]
 
-__all__ = ["DeviceSensitivity", "device_sensitivity"]
-
-Array = NDArray[np.float64]
-_TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-_POINTS = 61
+#: Sensitivity (a distance of distributions per doubling of the power) from which it is worth a look.
+THRESHOLD = 0.05
+_QUANTITIES = {"mean": "population_mean", "user": "new_user", "spread": "population_sd"}
 
 
-@dataclasses.dataclass(frozen=True)
-class DeviceSensitivity:
-    """Verdicts for lighter, heavier, less and better damped devices.
+def power_scaling(tree: Any) -> pd.DataFrame:
+    """Sensitivity of every environment's mean, new user and spread to the priors and to the data.
 
-    Attributes
-    ----------
-    mass, damping : tuple of float
-        Seven of each about the device's own (or about 1 where that is zero), kg and N·s/m.
-    verdict : tuple of tuple of (str or None)
-        By damping and mass: "stable", "marginal" or "unstable"; None without a coupling.
-    inside : dict of str to tuple of tuple of int
-        By kind, then likewise: in how many environments the reference, through the coupling if there is one,
-        stays inside the exact envelope of that kind's classical limits at every omega looked at.
-    environments : int
-        How many were judged.
-    required_damping : float or None
-        Damping that the coupling asks of a rigid device, N·s/m.
-    method, family : str
-        Whose limits.
-    """
-
-    mass: tuple[float, ...]
-    damping: tuple[float, ...]
-    verdict: tuple[tuple[str | None, ...], ...]
-    inside: Mapping[str, tuple[tuple[int, ...], ...]]
-    environments: int
-    required_damping: float | None
-    method: str
-    family: str
-
-
-def device_sensitivity(study: Study) -> DeviceSensitivity | None:
-    """Judge stability and realism again for 49 devices about the scene's.
+    Priors (all together, and by what they speak of) and likelihood are raised to powers just off one by
+    Pareto-smoothed reweighting (Kallioinen et al. 2024, doi:10.1007/s11222-023-10366-5).
 
     Parameters
     ----------
-    study : Study
-        With both parameters.
+    tree : DataTree
+        As `percept.study.posterior.full_tree` gives it.
 
     Returns
     -------
-    DeviceSensitivity or None
-        None without a device, with a measured one, which has neither mass nor damping to vary, or without
-        classical intervals.
+    DataFrame
+        environment, parameter, quantity ("mean", "user", "spread"); prior, likelihood and prior_bias,
+        prior_spread and so on, for the groups of priors the model has; diagnosis ("", or what is worth a
+        look).
     """
-    bench = study.bench
-    if bench is None or not isinstance(bench.device, Device):
-        return None
-    limits = {kind: found for kind in study.scene.inference.kinds if (found := _limits(study, kind))}
-    if not limits:
-        return None
-    own = bench.device
-    masses = tuple(float(own.mass or 1.0) * times for times in _TIMES)
-    dampings = tuple(float(own.damping or 1.0) * times for times in _TIMES)
-    benches = [
-        [
-            dataclasses.replace(bench, device=dataclasses.replace(own, mass=mass, damping=damping))
-            for mass in masses
-        ]
-        for damping in dampings
-    ]
-    omega = _thinned(study.omega)
-    inside = {
-        str(kind): tuple(
-            tuple(sum(_stays_inside(one, region, omega) for region in found) for one in row)
-            for row in benches
-        )
-        for kind, found in limits.items()
-    }
-    needed = None
-    if bench.coupling is not None:
-        needed = float(required_damping(bench.coupling, bench.period, hold=bench.hold).damping)
-    some = next(iter(limits.values()))
-    return DeviceSensitivity(
-        mass=masses,
-        damping=dampings,
-        verdict=tuple(tuple(_verdict(one) for one in row) for row in benches),
-        inside=inside,
-        environments=len(some),
-        required_damping=needed,
-        method="classical",
-        family=some[0].family,
-    )
+    import xarray
+
+    posterior = tree["posterior"].to_dataset().merge(tree["posterior_predictive"].to_dataset())
+    quantities = posterior[list(_QUANTITIES.values())].rename({old: new for new, old in _QUANTITIES.items()})
+    groups = {name: tree[name].to_dataset() for name in ("log_prior", "log_likelihood")}
+    wanted = xarray.DataTree.from_dict({"posterior": quantities, **groups})
+    present = list(groups["log_prior"].data_vars)
+    asked: dict[str, dict[str, Any]] = {"prior": {"group": "prior"}, "likelihood": {"group": "likelihood"}}
+    for name, variables in GROUPS.items():
+        known = [variable for variable in variables if variable in present]
+        if known:
+            asked[f"prior_{name}"] = {"group": "prior", "group_var_names": known}
+    found = {name: _sensitivity(wanted, how) for name, how in asked.items()}
+    rows = []
+    for environment in posterior["environment"].to_numpy().tolist():
+        for parameter in posterior["parameter"].to_numpy().tolist():
+            at = {"environment": environment, "parameter": parameter}
+            for quantity in _QUANTITIES:
+                values = {name: float(table[quantity].sel(at)) for name, table in found.items()}
+                rows.append({**at, "quantity": quantity, **values, "diagnosis": _diagnosis(values)})
+    return pd.DataFrame(rows)
 
 
-def _limits(study: Study, kind: str) -> list[Region]:
-    """Classical rectangles of a kind, one per environment: in the scene's family where it has one."""
-    families = (study.scene.inference.family, "lognormal", "normal")
-    known = {
-        (region.environment, region.family): region
-        for region in study.regions
-        if (region.method, region.kind, region.joint) == ("classical", kind, "marginal")
-    }
-    found = (
-        next((known[name, family] for family in families if (name, family) in known), None)
-        for name in study.environments
-    )
-    return [region for region in found if region is not None]
+def _sensitivity(tree: Any, how: dict[str, Any]) -> Any:
+    import arviz_stats
+
+    return arviz_stats.psense(tree, **how)  # type: ignore[attr-defined, no-untyped-call]
 
 
-def _verdict(bench: Bench) -> str | None:
-    if bench.coupling is None:
-        return None
-    return str(absolute_stability(bench.device, bench.coupling, bench.period, hold=bench.hold).verdict)
-
-
-def _stays_inside(bench: Bench, region: Region, omega: Array) -> bool:
-    lower, upper = region_curves(region, "envelope", omega, bench.device, bench.period, hold=bench.hold)
-    felt = bench.curve(region.environment, omega, coupled=bench.coupling is not None)
-    return bool(((lower <= felt) & (felt <= upper)).all())
-
-
-def _thinned(omega: Array) -> Array:
-    """Return at most `_POINTS` of the frequencies, both ends among them."""
-    kept = np.unique(np.linspace(0, omega.size - 1, min(_POINTS, omega.size)).round().astype(int))
-    return omega[kept]
+def _diagnosis(values: dict[str, float]) -> str:
+    if not np.isfinite(values["prior"]) or values["prior"] < THRESHOLD:
+        return ""
+    groups = {name: value for name, value in values.items() if name.startswith("prior_")}
+    most = max(groups, key=lambda name: groups[name]).removeprefix("prior_")
+    if values["likelihood"] < THRESHOLD:
+        return f"the priors (of {most} most) decide, the data hardly count"
+    return f"the priors (of {most} most) count beside the data"
