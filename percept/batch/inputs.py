@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,8 @@ class StudyFiles:
     ----------
     name : str
         The path it was given by.
+    root : str
+        What stands before the relative paths where the files were read.
     files : tuple of (str, bytes)
         Relative path and content of every file.
     scene : dict
@@ -42,6 +45,7 @@ class StudyFiles:
     """
 
     name: str
+    root: str
     files: tuple[tuple[str, bytes], ...]
     scene: dict[str, Any]
     version: str
@@ -50,7 +54,7 @@ class StudyFiles:
     def key(self) -> str:
         """Digest of all of it, 64 hexadecimal digits: equal keys give equal rows."""
         digest = hashlib.sha256()
-        for part in (self.version, self.name, json.dumps(self.scene, sort_keys=True)):
+        for part in (self.version, self.name, self.root, json.dumps(self.scene, sort_keys=True)):
             digest.update(hashlib.sha256(part.encode()).digest())
         for name, data in self.files:
             digest.update(hashlib.sha256(name.encode()).digest() + hashlib.sha256(data).digest())
@@ -96,11 +100,15 @@ class StudySource:
         own = folder / SCENE_NAME
         scene = Scene.load(own) if own.is_file() else self.scene
         names, _ = expand([self.path])
+        root = os.path.commonpath([Path(name).parent for name in names])
         try:
-            files = tuple((_relative(name, folder), Path(name).read_bytes()) for name in names)
+            files = tuple(
+                (Path(name).relative_to(root).as_posix(), Path(name).read_bytes()) for name in names
+            )
         except OSError as error:
             raise UsageError(f"cannot be read: {error.strerror}.", file=str(error.filename)) from error
-        return StudyFiles(self.path, files, scene.with_inference(**self.changes).to_dict(), batch_version())
+        tables = scene.with_inference(**self.changes).to_dict()
+        return StudyFiles(self.path, f"{root}/" if root else "", files, tables, batch_version())
 
 
 def sources(
@@ -132,10 +140,3 @@ def sources(
     if "-" in named:
         raise UsageError("a batch does not read standard input.", value="-", hint="Name files or folders.")
     return [StudySource(path, scene or Scene(), changes or {}) for path in named]
-
-
-def _relative(name: str, folder: Path) -> str:
-    path = Path(name)
-    return (
-        path.relative_to(folder).as_posix() if path.is_relative_to(folder) and path != folder else path.name
-    )

@@ -90,7 +90,7 @@ def _study(files: StudyFiles) -> Study:
             # While the folder is there: files too large for memory are read when asked for.
             _ = study.intervals
         except PerceptError as error:
-            raise RefusalError(str(error).replace(f"{folder}/", f"{files.name}: ")) from error
+            raise RefusalError(str(error).replace(f"{folder}/", files.root)) from error
     return study
 
 

@@ -72,7 +72,7 @@ def _named(arguments: argparse.Namespace) -> list[str]:
 def _print(summary: Summary) -> None:
     analysed = sum(summary.counts.values())
     for name, message in summary.failures:
-        print(f"{name}: {message}", file=sys.stderr)
+        print(message if message.startswith(name) else f"{name}: {message}", file=sys.stderr)
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
     print(f"{summary.studies} studies: {summary.skipped} finished before, {analysed} now ({words or 'none'})")
     if analysed:
