@@ -14,7 +14,6 @@ from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.intervals import Interval
 from percept.scene import Scene
 from percept.study.bayesian import Fit
@@ -55,7 +54,8 @@ class Prediction:
         environment, parameter, reference, what `Interval.as_dict` holds, and monte_carlo: standard error of
         the limits over the half-width, on the model's scale.
     boundaries : tuple of Boundary
-        Of abs(Z_h); empty without a device or with one parameter.
+        Of abs(Z_h); empty without a device or with one parameter. Around rectangles only where published
+        limits hold no correlation of stiffness and damping.
     """
 
     environment: str
@@ -119,8 +119,7 @@ def predict(
     UsageError
         A reference that is missing or not positive.
     RefusalError
-        Without a passed fit, with one environment, with published limits, without pooling, or where a tested
-        reference is zero.
+        Without a passed fit, with one environment, without pooling, or where a tested reference is zero.
     """
     fit = _fit(study)
     scene = study.scene
@@ -156,11 +155,6 @@ def _fit(study: Study) -> Fit:
         )
     if not study.fit.run.gate.passed:
         raise RefusalError("the posterior is withheld: " + " ".join(study.fit.run.gate.reasons))
-    if not isinstance(study.fit.prepared.model, Pooled):
-        raise RefusalError(
-            "an untested environment is predicted from the sessions of a pooled model.",
-            hint='Give sessions rather than published limits, and pooling = "partial".',
-        )
     return study.fit
 
 
@@ -178,12 +172,10 @@ def _unit(scene: Scene, reference: Array) -> Array:
 
 
 def _expected(fit: Fit, x: Array, scene: Scene) -> NewEnvironment:
-    model = fit.prepared.model
-    assert isinstance(model, Pooled)
     points, _ = thinned_points(fit)
     rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(105,)))
     repeats = max(4, round(_DRAWS / len(points)))
-    return new_environment(model.density, points, x, repeats=repeats, rng=rng)
+    return new_environment(fit.prepared.model, points, x, repeats=repeats, rng=rng)
 
 
 def _intervals(
@@ -222,6 +214,7 @@ def _intervals(
                 share=asked.held_share if kind == "share" else None,
                 confidence=asked.confidence if kind == "share" else None,
                 repeats=fit.prepared.repeats,
+                approximate=study.sessions.form == "summary" and asked.family == "lognormal",
                 unit=UNITS[parameter],
             )
             rows.append(
@@ -267,7 +260,7 @@ def _boundaries(
             pairs={name: (native[:, 0], native[:, 1])},
         )
         for kind, responses in drawn.items()
-        if kind in asked.kinds
+        if kind in asked.kinds and study.sessions.form == "trials"
         for native in [displayable(_native(scale, responses))]
     ]
     regions: list[Region] = list(rectangles(intervals))
