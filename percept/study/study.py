@@ -74,6 +74,10 @@ class Study:
         self._progress = progress
         self._store = store
 
+    def over(self, sessions: Sessions) -> Study:
+        """Analyse other sessions under the same scene, with the same progress and store."""
+        return Study(sessions, self.scene, progress=self._progress, store=self._store)
+
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
