@@ -166,7 +166,10 @@ def fit(
     def sampled() -> Run:
         from percept.inference.sampling.run import sample
 
-        return sample(prepared.model, estimands, settings, progress=progress)
+        run = sample(prepared.model, estimands, settings, progress=progress)
+        # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
+        points, components = np.ascontiguousarray(run.points), np.ascontiguousarray(run.components)
+        return dataclasses.replace(run, points=points, components=components)
 
     run = store.run((prepared.model, estimands, settings), sampled) if store is not None else sampled()
     laws = Laws.unpack(run.components.reshape(-1, run.components.shape[-1]))
