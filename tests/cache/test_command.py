@@ -26,13 +26,19 @@ tolerance = 0.2
 kinds = ["user"]
 """
 # Whether the sampler was imported is asked of the process that did the work.
-TOLD = "import sys\nfrom percept.cli import main\ncode = main(sys.argv[1:])\nprint('emcee' in sys.modules)\nsys.exit(code)"
+TOLD = """
+import sys
+from percept.cli import main
+code = main(sys.argv[1:])
+print("emcee" in sys.modules)
+sys.exit(code)
+"""
 
 
 def report(folder, out, *extra):
     ran = subprocess.run(
-        [sys.executable, "-c", TOLD, "report", str(folder / "study.csv"), "--scene", str(folder / "scene.toml"),
-         "--out", str(out), "--formats", "svg", "--quiet", *extra],
+        [sys.executable, "-c", TOLD, "report", str(folder / "study.csv"),
+         "--scene", str(folder / "scene.toml"), "--out", str(out), "--quiet", *extra],
         capture_output=True, text=True, check=True, env={**os.environ, "PERCEPT_CACHE": str(folder / "kept")},
     )  # fmt: skip
     assert ran.stderr == ""
