@@ -119,7 +119,7 @@ def full_tree(fit: Fit, *, seed: int) -> Any:
 
 
 def _draws(fit: Fit, points: Array, seed: int) -> tuple[Array, Array]:
-    """Locations and one new user each per draw, on the response scale."""
+    """Draw locations and one new user each, on the response scale."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(101,)))
     return fit.prepared.model.draw(points, rng)
 
@@ -127,7 +127,7 @@ def _draws(fit: Fit, points: Array, seed: int) -> tuple[Array, Array]:
 def _posterior(
     fit: Fit, points: Array, per_chain: int, means: Array, users: Array
 ) -> tuple[dict[str, dict[str, Array]], dict[str, list[str]]]:
-    """Groups that every model has, with the dimensions of their variables."""
+    """Collect the groups that every model has, with the dimensions of their variables."""
     model, scale = fit.prepared.model, fit.prepared.scale
     parameters, environments = _labels(fit)
 

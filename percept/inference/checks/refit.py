@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.hierarchy import coordinates
 from percept.inference.sampling.estimands import Estimates
-from percept.inference.sampling.records import Run, Settings
+from percept.inference.sampling.records import Progress, Run, Settings
 
 __all__ = ["Without", "sample_without"]
 
@@ -74,7 +75,14 @@ class _LogPredictive:
         return Estimates((self.name,), largest + np.log(mean), np.ones(1), relative / mean - 1.0)
 
 
-def sample_without(subjects: SubjectDensity, member: int, name: str, settings: Settings) -> Run:
+def sample_without(
+    subjects: SubjectDensity,
+    member: int,
+    name: str,
+    settings: Settings,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+) -> Run:
     """Sample the posterior without one subject.
 
     Parameters
@@ -87,6 +95,8 @@ def sample_without(subjects: SubjectDensity, member: int, name: str, settings: S
         Its name, for messages.
     settings : Settings
         Accuracy (the tolerance is the error of the log predictive density, in nats), seed and caps.
+    progress : callable, optional
+        Told the state after every round.
 
     Returns
     -------
@@ -96,4 +106,6 @@ def sample_without(subjects: SubjectDensity, member: int, name: str, settings: S
     from percept.inference.sampling.run import sample
 
     target = Without(subjects, member)
-    return sample(target, _LogPredictive(target, f"log predictive density of {name}"), settings)
+    return sample(
+        target, _LogPredictive(target, f"log predictive density of {name}"), settings, progress=progress
+    )
