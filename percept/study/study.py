@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from percept.study.bayesian import Fit, RunStore
     from percept.study.boundaries import Bench, Range
     from percept.study.coupling import CouplingStudy
+    from percept.study.model_checks import ModelChecks
+    from percept.study.model_choice import ModelChoice
     from percept.study.regions import Draws, Region
     from percept.study.device_sensitivity import DeviceSensitivity
 
@@ -129,9 +131,28 @@ class Study:
         """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
         if self.fit is None or not self.fit.run.gate.passed:
             return None
-        from percept.study.posterior import posterior_tree
+        from percept.study.posterior import full_tree, posterior_tree, subject_density
 
-        return posterior_tree(self.fit, seed=self.scene.inference.seed)
+        full = self.scene.checks is not None and subject_density(self.fit) is not None
+        return (full_tree if full else posterior_tree)(self.fit, seed=self.scene.inference.seed)
+
+    @cached_property
+    def checks(self) -> ModelChecks | None:
+        """Checks of the hierarchical model; None without a passed fit that pools sessions."""
+        if self.fit is None or not self.fit.run.gate.passed:
+            return None
+        from percept.study.model_checks import model_checks
+
+        return model_checks(self.fit, self.scene, progress=self._progress)
+
+    @cached_property
+    def model_choice(self) -> ModelChoice:
+        """Smaller models against the full one, by leave-one-subject-out; samples each of them."""
+        from percept.study.model_choice import compare_models
+
+        return compare_models(
+            self.sessions, self.scene, self.parameters, progress=self._progress, store=self._store
+        )
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:
