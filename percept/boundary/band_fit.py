@@ -127,11 +127,18 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
     step = (high - low) / (_GRID - 1)
     centre = np.where(np.isfinite(grid[best]), grid[best], low)
     left, right = centre - step, centre + step
+    width = _GOLDEN * (right - left)
+    first, second = right - width, left + width
+    at_first, at_second = _cost(first, impedance, y), _cost(second, impedance, y)
     for _ in range(_STEPS):
-        width = _GOLDEN * (right - left)
-        first, second = right - width, left + width
-        lower = _cost(first, impedance, y) <= _cost(second, impedance, y)
+        lower = at_first <= at_second
         left, right = np.where(lower, left, first), np.where(lower, second, right)
+        # One of the two inner places is kept; only the other is new.
+        width = _GOLDEN * (right - left)
+        new = np.where(lower, right - width, left + width)
+        at_new = _cost(new, impedance, y)
+        first, second = np.where(lower, new, second), np.where(lower, first, new)
+        at_first, at_second = np.where(lower, at_new, at_second), np.where(lower, at_first, at_new)
     found = 0.5 * (left + right)
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
     none = _cost(np.full(len(y), -np.inf), impedance, y) <= _cost(found, impedance, y)
@@ -142,4 +149,5 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
 
 def _cost(log_ratio: Array, impedance: Array, y: Array) -> Array:
     off = y - np.log(np.exp(log_ratio)[:, None] + impedance)
-    return off.var(axis=1)
+    off -= (off.sum(axis=1) / off.shape[1])[:, None]
+    return np.einsum("sj,sj->s", off, off) / off.shape[1]

@@ -167,6 +167,20 @@ class _Place:
 
     def __init__(self, bench: Bench, environment: str, frequencies: Range) -> None:
         self.bench, self.environment, self.frequencies = bench, environment, frequencies
+        self._known: dict[float, tuple[float, float]] = {}
+
+    def own(self, omega: Array) -> Array:
+        """abs(Z_h) of the reference, without and through the coupling, shape (2, M).
+
+        Grids halve the same intervals for one boundary after another: what was evaluated is kept.
+        """
+        places = omega.tolist()
+        new = np.array([place for place in places if place not in self._known])
+        if new.size:
+            pair = (self.bench.curve(self.environment, new, coupled=coupled) for coupled in (False, True))
+            values = zip(*(curve.tolist() for curve in pair), strict=True)
+            self._known.update(zip(new.tolist(), values, strict=True))
+        return np.array([self._known[place] for place in places]).T
 
     def sampled(
         self, curves: Callable[[Array], Array], smooth: tuple[bool, ...]
@@ -175,8 +189,7 @@ class _Place:
         bench = self.bench
 
         def stacked(omega: Array) -> Array:
-            own = [bench.curve(self.environment, omega, coupled=coupled) for coupled in (False, True)]
-            return np.concatenate([own, curves(omega)])
+            return np.concatenate([self.own(omega), curves(omega)])
 
         wanted = self.frequencies
         if wanted.omega is not None:

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from percept.study.coupling import CouplingStudy
     from percept.study.model_checks import ModelChecks
     from percept.study.model_choice import ModelChoice
-    from percept.study.regions import Draws, Region
     from percept.study.device_sensitivity import DeviceSensitivity
+    from percept.study.regions import Draws, Region
 
 __all__ = ["Study"]
 
@@ -211,7 +211,12 @@ class Study:
         return self._boundaries(self.frequencies, self.environments)
 
     def boundaries_at(
-        self, omega: Array, environments: tuple[str, ...] | None = None
+        self,
+        omega: Array,
+        environments: tuple[str, ...] | None = None,
+        *,
+        kinds: tuple[str, ...] | None = None,
+        joints: tuple[str, ...] | None = None,
     ) -> tuple[Boundary, ...]:
         """Boundaries at frequencies of one's own.
 
@@ -221,6 +226,9 @@ class Study:
             rad/s, up to Nyquist.
         environments : tuple of str, optional
             Which environments; all by default.
+        kinds, joints : tuple of str, optional
+            Of which kinds, and with which treatment of k and b together ("joint" for curves through draws);
+            all by default.
 
         Returns
         -------
@@ -229,19 +237,29 @@ class Study:
         from percept.study.boundaries import Range
 
         chosen = self.environments if environments is None else environments
-        return self._boundaries(Range(float(omega[0]), float(omega[-1]), omega), chosen)
+        return self._boundaries(Range(float(omega[0]), float(omega[-1]), omega), chosen, kinds, joints)
 
-    def _boundaries(self, frequencies: Range, environments: tuple[str, ...]) -> tuple[Boundary, ...]:
+    def _boundaries(
+        self,
+        frequencies: Range,
+        environments: tuple[str, ...],
+        kinds: tuple[str, ...] | None = None,
+        joints: tuple[str, ...] | None = None,
+    ) -> tuple[Boundary, ...]:
         if self.bench is None:
             return ()
         from percept.study.boundaries import environment_boundaries
+        from percept.study.regions import Region
 
+        def wanted(one: Region | Draws) -> bool:
+            joint = one.joint if isinstance(one, Region) else "joint"
+            return (kinds is None or one.kind in kinds) and (joints is None or joint in joints)
+
+        drawn = [draws for draws in self.curve_draws if wanted(draws)]
         found = []
         for environment in environments:
-            regions = [region for region in self.regions if region.environment == environment]
-            found += environment_boundaries(
-                self.bench, environment, regions, list(self.curve_draws), frequencies
-            )
+            regions = [one for one in self.regions if one.environment == environment and wanted(one)]
+            found += environment_boundaries(self.bench, environment, regions, drawn, frequencies)
         return tuple(found)
 
     @cached_property
