@@ -11,6 +11,9 @@ from percept.haptics._arrays import FloatArray
 _GOLDEN = (np.sqrt(5) - 1) / 2
 # A minimum is flat: a relative 1e-9 in its place is 1e-18 in its value.
 _NARROWINGS = 48
+# With sixteen places at once a bracket shrinks to 2/17: ten rounds are worth as many narrowings.
+_PLACES = 16
+_ROUNDS = 10
 
 
 def local_minima(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
@@ -49,4 +52,17 @@ def golden_section(
         at_new = function(new)
         left, right = np.where(falls, new, right), np.where(falls, left, new)
         at_left, at_right = np.where(falls, at_new, at_right), np.where(falls, at_left, at_new)
+    return (low + high) / 2
+
+
+def wide_section(function: Callable[[FloatArray], FloatArray], low: float, high: float) -> float:
+    """Return a minimum of `function` inside (low, high): for one that costs little more at many places.
+
+    As near as `golden_section`, in a fifth of the calls; where several places are equally low, the first
+    decides.
+    """
+    for _ in range(_ROUNDS):
+        places = np.linspace(low, high, _PLACES + 2)
+        best = int(np.argmin(function(places[1:-1]))) + 1
+        low, high = float(places[best - 1]), float(places[best + 1])
     return (low + high) / 2
