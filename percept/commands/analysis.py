@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from percept.commands.checks import with_checks
+
 if TYPE_CHECKING:
     from percept.commands.progress import SamplerProgress
     from percept.scene import Scene
@@ -67,7 +69,7 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
     from percept.study import Study
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
-    scene = scene.with_inference(**settings(arguments))
+    scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
     options = ReadOptions.from_mapping(
         {"columns": scene.columns, "sessions": scene.sessions, "environments": scene.environments}
     )
