@@ -67,7 +67,6 @@ def model_checks(
     fit: Fit,
     scene: Scene,
     *,
-    refit: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> ModelChecks | None:
     """Check a fit against its data, its priors and its own assumptions.
@@ -77,9 +76,7 @@ def model_checks(
     fit : Fit
         A sampled posterior.
     scene : Scene
-        Level, seed and caps.
-    refit : bool
-        Whether to sample anew without each subject that reweighting cannot leave out.
+        Level, seed, caps, and whether to sample anew without influential subjects.
     progress : callable, optional
         Told the state of that sampling.
 
@@ -94,7 +91,7 @@ def model_checks(
         return None
     level, seed = scene.inference.level, scene.inference.seed
     return ModelChecks(
-        loo=check_subjects(fit, subjects, scene, refit=refit, progress=progress),
+        loo=check_subjects(fit, subjects, scene, progress=progress),
         statistics=check_statistics(fit, subjects, scene),
         prior=prior_quantiles(fit, subjects, seed=seed),
         sensitivity=power_scaling(full_tree(fit, seed=seed)),

@@ -59,7 +59,6 @@ def compare_models(
     parameters: tuple[str, ...],
     *,
     models: tuple[str, ...] = tuple(MODELS),
-    refit: bool = False,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
 ) -> ModelChoice:
@@ -70,13 +69,12 @@ def compare_models(
     sessions : Sessions
         The study.
     scene : Scene
-        Everything but the model's options, which are set in turn.
+        Everything but the model's options, which are set in turn; whether to sample anew without influential
+        subjects.
     parameters : tuple of str
         "k", "b" or both.
     models : tuple of str, optional
         Which models, of the names in `MODELS`; all by default.
-    refit : bool
-        Whether to sample anew without each subject that reweighting cannot leave out.
     progress : callable, optional
         Told the state of every sampling.
     store : RunStore, optional
@@ -109,7 +107,7 @@ def compare_models(
         asked = Scene.from_tables(tables)
         sampled = fit(prepare(sessions, asked, parameters), asked, progress=progress, store=store)
         if sampled.run.gate.passed:
-            found[name] = _checked(sampled, asked, refit=refit, progress=progress)
+            found[name] = _checked(sampled, asked, progress)
         else:
             failed.append(f"{name}: {' '.join(sampled.run.gate.reasons)}")
     if not found:
@@ -119,7 +117,7 @@ def compare_models(
 
 
 def _checked(
-    sampled: Fit, scene: Scene, *, refit: bool, progress: Callable[[Progress], None] | None
+    sampled: Fit, scene: Scene, progress: Callable[[Progress], None] | None
 ) -> SubjectChecks:
     subjects = subject_density(sampled)
     if subjects is None:
@@ -127,7 +125,7 @@ def _checked(
             "models are compared on the sessions of subjects, pooled over environments.",
             hint='Give sessions instead of published limits, and pooling = "partial".',
         )
-    return check_subjects(sampled, subjects, scene, refit=refit, progress=progress)
+    return check_subjects(sampled, subjects, scene, progress=progress)
 
 
 def _table(found: dict[str, SubjectChecks]) -> pd.DataFrame:

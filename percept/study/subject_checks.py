@@ -70,7 +70,6 @@ def check_subjects(
     subjects: SubjectDensity,
     scene: Scene,
     *,
-    refit: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> SubjectChecks:
     """Leave every subject out.
@@ -82,9 +81,8 @@ def check_subjects(
     subjects : SubjectDensity
         Its subjects.
     scene : Scene
-        Seed and caps, for what is sampled anew.
-    refit : bool
-        Whether to sample the posterior anew without each subject whose Pareto index is too high.
+        Whether to sample the posterior anew without each subject whose Pareto index is too high; seed and
+        caps of that.
     progress : callable, optional
         Told the state of that sampling.
 
@@ -96,7 +94,7 @@ def check_subjects(
     loo = leave_one_out(subjects, points, chains=len(fit.run.points))
     predicted = predict_left_out(subjects, loo.points, loo.weights)
     refitted = np.zeros(subjects.subjects, dtype=bool)
-    if refit:
+    if scene.checks is not None and scene.checks.refit:
         loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress)
     return _tables(fit, subjects, loo, predicted, refitted)
 
