@@ -7,6 +7,7 @@ from importlib import metadata
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from percept.report.checks import checks_of
 from percept.report.curves import close_views, readings, zoom_windows
 from percept.report.design import design_of
 from percept.report.findings import findings
@@ -41,7 +42,7 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``boundaries`` with their ``zoom`` windows,
         ``close`` views and ``readings`` at one frequency, ``coupling``, ``band``, ``design``, ``comparison``,
-        ``sensitivity``, ``diagnostics``, ``skipped``, and what is worked out from them: ``summary``. JSON
+        ``sensitivity``, ``diagnostics``, ``checks``, ``skipped``, and what is worked out from them: ``summary``. JSON
         values only (see `percept.report.plain`), in the units of the tables: N/m, N·s/m, rad/s, kg, s. No
         durations, no folders.
     """
@@ -60,6 +61,7 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
         "diagnostics": plain(study.diagnostics),
+        "checks": checks_of(study),
         "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
     }
     if document["boundaries"]:
