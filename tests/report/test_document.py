@@ -30,6 +30,7 @@ def test_it_has_every_part_and_only_json_values(both):
         "design",
         "comparison",
         "diagnostics",
+        "checks",
         "skipped",
         "sensitivity",
         "summary",
