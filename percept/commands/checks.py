@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from percept.scene import Scene
+    from percept.study import Study
 
-__all__ = ["add_check_arguments", "with_checks"]
+__all__ = ["add_check_arguments", "print_checks", "with_checks"]
 
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,3 +49,26 @@ def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
         "compare": flags["models"] or asked.get("compare", False),
     }
     return type(scene).from_tables(tables)
+
+
+def print_checks(study: Study) -> None:
+    """Print what the checks say in words, where they were asked for.
+
+    Parameters
+    ----------
+    study : Study
+        What it has not computed yet is computed now.
+    """
+    asked = study.scene.checks
+    if asked is None or study.checks is None:
+        return
+    loo = study.checks.loo
+    print(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats.")
+    for message in loo.messages or ("No subject is influential or an outlier.",):
+        print(message)
+    looked_at = study.checks.sensitivity
+    for row in looked_at[looked_at["diagnosis"] != ""].itertuples():
+        print(f"{row.environment} {row.parameter}, {row.quantity}: {row.diagnosis} ({row.prior:.2f}).")
+    if asked.compare and len(study.environments) > 1:
+        print(study.model_choice.table.to_string(index=False, float_format="{:.1f}".format))
+        print(study.model_choice.sentence)

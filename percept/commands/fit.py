@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from percept.commands.analysis import add_analysis_arguments, open_study
-from percept.commands.checks import add_check_arguments
+from percept.commands.checks import add_check_arguments, print_checks
 from percept.commands.progress import SamplerProgress
 
 EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"

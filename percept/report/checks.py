@@ -23,9 +23,9 @@ def checks_of(study: Study) -> dict[str, Any] | None:
     Returns
     -------
     dict or None
-        The fields of `percept.study.model_checks.ModelChecks`, of the subjects' cells only the outliers, and
-        ``models`` (None where no comparison is asked for); None without ``[checks]``, without a passed fit, or
-        for published limits and cells fitted apart.
+        The fields of `percept.study.model_checks.ModelChecks`, of cells only the outliers, and
+        ``models`` (None where no comparison is asked for); None without ``[checks]``, without a passed fit,
+        and for published limits and cells fitted apart.
     """
     asked = study.scene.checks
     if asked is None or study.checks is None:
