@@ -100,8 +100,7 @@ class PosteriorCache:
                 path.unlink()
             return None
         _log.info("posterior %s found in %s", key[:12], self.folder)
-        with suppress(OSError):
-            self._stamp(path)
+        self._stamp(path)
         return run
 
     def store(self, key: str, run: Run) -> None:
@@ -161,7 +160,8 @@ class PosteriorCache:
         """Mark as last used: later than every other entry even where the clock has gone back."""
         latest = max((entry.used for entry in self.entries()), default=0)
         now = max(time.time_ns(), latest + 1)
-        os.utime(path, ns=(now, now))
+        with suppress(OSError):  # gone by another process, or not ours to touch: its turn comes sooner
+            os.utime(path, ns=(now, now))
 
     def _evict(self, *, keep: str) -> None:
         entries = self.entries()

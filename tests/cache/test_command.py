@@ -1,72 +1,53 @@
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from percept import Scene, Study, read_sessions
+from percept.cache import PosteriorCache
 from percept.cli import main
+from percept.report.document import build_document
+from percept.report.plain import dumps
 from tests.cache.test_key import sessions_file
 
-SCENE = """
-[device]
-mass = 1.0
-damping = 5.0
-period = 0.001
-[coupling]
-stiffness = 5e4
-damping = 100.0
-[frequency]
-lower = 1.0
-upper = 50.0
-points = 7
-[inference]
-tolerance = 0.2
-kinds = ["user"]
-"""
-# Whether the sampler was imported is asked of the process that did the work.
-TOLD = """
+SCENE = {
+    "device": {"mass": 1.0, "damping": 5.0, "period": 0.001},
+    "frequency": {"lower": 1.0, "upper": 50.0, "points": 3},
+    "inference": {"tolerance": 0.2, "kinds": ["user"], "method": "bayesian"},
+}
+# Whether the sampler was imported is asked of a process that did nothing else.
+FOUND = """
 import sys
-from percept.cli import main
-code = main(sys.argv[1:])
-print("emcee" in sys.modules)
-sys.exit(code)
+from pathlib import Path
+from tests.cache.test_command import document
+from percept.cache import PosteriorCache
+text = document(Path(sys.argv[1]), PosteriorCache(Path(sys.argv[2])))
+assert "emcee" not in sys.modules, "the sampler was imported"
+sys.stdout.buffer.write(text)
 """
 
 
-def report(folder, out, *extra):
-    ran = subprocess.run(
-        [sys.executable, "-c", TOLD, "report", str(folder / "study.csv"),
-         "--scene", str(folder / "scene.toml"), "--out", str(out), "--quiet", *extra],
-        capture_output=True, text=True, check=True, env={**os.environ, "PERCEPT_CACHE": str(folder / "kept")},
-    )  # fmt: skip
-    assert ran.stderr == ""
-    return ran.stdout.splitlines()[-1] == "True"
+def document(path, store):
+    """Give the bytes of report.json."""
+    study = Study(read_sessions(path), Scene.from_tables(SCENE), store=store)
+    return dumps(build_document(study)).encode()
 
 
-def files(folder):
-    skip = {"report.html"}  # has the day it was made on
-    return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*.*") if p.name not in skip
-    }
-
-
-def test_a_report_from_the_cache_is_the_same_in_every_byte_and_imports_no_sampler(tmp_path):
-    sessions_file(tmp_path)
-    (tmp_path / "scene.toml").write_text(SCENE)
-    assert report(tmp_path, tmp_path / "without", "--no-cache")
-    assert not (tmp_path / "kept").exists()
-    assert report(tmp_path, tmp_path / "first")
-    assert not report(tmp_path, tmp_path / "second")
-    wanted = files(tmp_path / "without")
-    assert "report.json" in wanted
-    assert "posterior.nc" in wanted
-    for name in ("first", "second"):
-        found = files(tmp_path / name)
-        assert found.keys() == wanted.keys()
-        different = [file for file in wanted if found[file] != wanted[file]]
-        assert set(different) <= {"report.sha256"}  # which lists the page too
+def test_report_json_is_the_same_in_every_byte_from_the_cache_which_imports_no_sampler(tmp_path):
+    path = sessions_file(tmp_path)
+    kept = PosteriorCache(tmp_path / "kept")
+    computed = document(path, None)
+    assert document(path, kept) == computed
+    assert len(kept.entries()) == 1
+    root = Path(__file__).resolve().parents[2]
+    found = subprocess.run(
+        [sys.executable, "-c", FOUND, str(path), str(kept.folder)], cwd=root, capture_output=True, check=False
+    )
+    assert found.stderr == b""
+    assert found.stdout == computed
+    assert b'"passed": true' in computed
 
 
 def test_show_and_clear(tmp_path, monkeypatch, capsys):
