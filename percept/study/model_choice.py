@@ -40,8 +40,8 @@ class ModelChoice:
     ----------
     table : DataFrame
         model; elpd, se (expected log predictive density of subjects left out, response scale); difference
-        (to the first model, at most 0), difference_se (of the paired difference); influential (subjects
-        whose share is rough). Models whose sampling failed its gate are absent.
+        (to the first model, at most 0), difference_se (of the paired difference); rough (subjects
+        whose share is). Models whose sampling failed its gate are absent.
     failed : tuple of str
         Those, with the reason.
     sentence : str
@@ -116,9 +116,7 @@ def compare_models(
     return ModelChoice(table, tuple(failed), _sentence(table))
 
 
-def _checked(
-    sampled: Fit, scene: Scene, progress: Callable[[Progress], None] | None
-) -> SubjectChecks:
+def _checked(sampled: Fit, scene: Scene, progress: Callable[[Progress], None] | None) -> SubjectChecks:
     subjects = subject_density(sampled)
     if subjects is None:
         raise RefusalError(
@@ -134,6 +132,7 @@ def _table(found: dict[str, SubjectChecks]) -> pd.DataFrame:
     rows = []
     for name in order:
         checks = found[name]
+        rough = checks.subjects["influential"] & ~checks.subjects["refitted"]
         apart = checks.subjects["elpd"].to_numpy() - best
         rows.append(
             {
@@ -142,7 +141,7 @@ def _table(found: dict[str, SubjectChecks]) -> pd.DataFrame:
                 "se": checks.se,
                 "difference": float(apart.sum()),
                 "difference_se": float(np.sqrt(apart.size * apart.var(ddof=1))),
-                "influential": int(checks.subjects["influential"].sum()),
+                "rough": int(rough.sum()),
             }
         )
     return pd.DataFrame(rows)
@@ -157,7 +156,7 @@ def _sentence(table: pd.DataFrame) -> str:
         told += f", not distinguishable from {', '.join(close)}"
     if len(clear):
         told += f"; {', '.join(clear['model'])} clearly worse"
-    rough = int(table["influential"].sum())
+    rough = int(table["rough"].sum())
     if rough:
         told += (
             f". {rough} of the left-out densities are rough (Pareto index too high): use --refit to be sure"

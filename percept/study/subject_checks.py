@@ -47,8 +47,8 @@ class SubjectChecks:
     good_k : float
         Pareto index up to which reweighting is trusted, with this many draws.
     subjects : DataFrame
-        subject; elpd (its share); pareto_k; influential (index above `good_k`, and not sampled anew);
-        refitted (sampled anew without it); farther (predictive probability of lying as far off or farther
+        subject; elpd (its share); pareto_k; influential (index above `good_k`: its share is rough
+        unless refitted); refitted (sampled anew without it); farther (predictive probability of lying as far off or farther
         in all cells together); outlier.
     cells : DataFrame
         subject, environment, parameter, value (mean adjusted value, N/m or N·s/m; geometric in the lognormal
@@ -139,13 +139,12 @@ def _tables(
     fit: Fit, subjects: SubjectDensity, loo: Loo, predicted: Predicted, refitted: NDArray[np.bool_]
 ) -> SubjectChecks:
     statistics = subjects.density.statistics
-    influential = loo.influential & ~refitted
     table = pd.DataFrame(
         {
             "subject": list(statistics.subjects),
             "elpd": loo.pointwise,
             "pareto_k": loo.pareto_k,
-            "influential": influential,
+            "influential": loo.influential,
             "refitted": refitted,
             "farther": predicted.farther,
             "outlier": predicted.farther < FALSE_ALARM / subjects.subjects,
@@ -181,11 +180,16 @@ def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float) -> list[s
     influential = table[table["influential"]]
     if len(influential):
         named = ", ".join(f"{row.subject} ({row.pareto_k:.2f})" for row in influential.itertuples())
+        rough = ", ".join(influential.loc[~influential["refitted"], "subject"])
         found.append(
-            f"Influential, with a Pareto index above {good_k:.2f}: {named}. What is said of leaving them out "
-            "is rough, and the intervals rest on them more than on others: look at their sessions, have the "
-            "posterior sampled without them (--refit), and report intervals with and without them."
+            f"Influential, with a Pareto index above {good_k:.2f}: {named}. The intervals rest on them more than "
+            "on others: look at their sessions, and report the intervals with and without them."
         )
+        if rough:
+            found.append(
+                f"What is said of leaving out {rough} is rough: have the posterior sampled without them "
+                "(--refit)."
+            )
     found += [
         f"{row.subject} lies far from what the others predict, all cells together: as far or farther with "
         f"probability {row.farther:.1e}. See whether the session went wrong before believing the spread."
