@@ -48,8 +48,8 @@ class SubjectChecks:
         Pareto index up to which reweighting is trusted, with this many draws.
     subjects : DataFrame
         subject; elpd (its share); pareto_k; influential (index above `good_k`: its share is rough
-        unless refitted); refitted (sampled anew without it); farther (predictive probability of lying as far off or farther
-        in all cells together); outlier.
+        unless refitted); refitted (sampled anew without it); farther (predictive probability of lying as far
+        off or farther, all cells together); outlier.
     cells : DataFrame
         subject, environment, parameter, value (mean adjusted value, N/m or N·s/m; geometric in the lognormal
         family), below (predictive probability of a smaller one, given the other subjects), outlier.
@@ -182,8 +182,8 @@ def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float) -> list[s
         named = ", ".join(f"{row.subject} ({row.pareto_k:.2f})" for row in influential.itertuples())
         rough = ", ".join(influential.loc[~influential["refitted"], "subject"])
         found.append(
-            f"Influential, with a Pareto index above {good_k:.2f}: {named}. The intervals rest on them more than "
-            "on others: look at their sessions, and report the intervals with and without them."
+            f"Influential, with a Pareto index above {good_k:.2f}: {named}. The intervals rest on them more "
+            "than on others: look at their sessions, and report the intervals with and without them."
         )
         if rough:
             found.append(
