@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 from percept.haptics._arrays import LARGEST, BoolArray, FloatArray, ratio, real_array, times
-from percept.haptics._search import golden_section
+from percept.haptics._search import wide_section
 from percept.haptics._warp import warp
 from percept.haptics.ellipse import checked_centre, checked_factor
 from percept.haptics.parameters import AnyDevice
@@ -111,7 +111,7 @@ def _refined(distance: Callable[[IntArray | slice, FloatArray], FloatArray], *, 
     # All local extremes are refined: on the grid the wrong one may look better.
     dips = (seen <= np.roll(seen, 1, axis=1)) & (seen <= np.roll(seen, -1, axis=1)) & np.isfinite(seen)
     point, index = np.nonzero(dips)
-    angle = golden_section(
+    angle = wide_section(
         lambda angle: sign * distance(point, angle), angles[index] - width, angles[index] + width
     )
     np.minimum.at(best, point, sign * distance(point, angle))

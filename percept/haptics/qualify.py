@@ -330,8 +330,9 @@ def _extreme(judge: _Judge, lines: FloatArray, cost: FloatArray, *, last: bool) 
         sets = judge.intervals(damping)
         return np.array([-part.max(initial=-np.inf) if last else part.min(initial=np.inf) for part in sets])
 
-    low, high = float(lines[max(best - 1, 0)]), float(lines[min(best + 1, lines.size - 1)])
-    candidates = np.append(wide_section(between, low, high), lines[best])
+    low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
+    found = wide_section(lambda places: between(places[:, 0])[:, None], low, high)
+    candidates = np.append(found, lines[best])
     damping = candidates[int(np.argmin(between(candidates)))]
     intervals = judge.intervals(np.array([damping]))[0]
     low_k, high_k = intervals[-1] if last else intervals[0]
