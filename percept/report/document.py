@@ -17,7 +17,7 @@ from percept.report.select import distinct
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["SCHEMA", "build_document"]
+__all__ = ["SCHEMA", "build_document", "provenance"]
 
 SCHEMA = "percept-report/1"
 
@@ -48,7 +48,7 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     """
     document = {
         "schema": SCHEMA,
-        "provenance": _provenance(study, seed),
+        "provenance": provenance(study, seed),
         "data": _data(study),
         "intervals": plain(study.intervals),
         "boundaries": plain(study.boundaries) if curves else [],
@@ -73,7 +73,20 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     return document
 
 
-def _provenance(study: Study, seed: int | None) -> dict[str, Any]:
+def provenance(study: Study, seed: int | None = None) -> dict[str, Any]:
+    """Say what a result was made from: versions, seed, files and scene.
+
+    Parameters
+    ----------
+    study : Study
+    seed : int, optional
+        The seed that was used, where it is not the scene's.
+
+    Returns
+    -------
+    dict
+        ``versions``, ``seed``, ``files`` (name, sha256, rows), ``scene``.
+    """
     import percept
 
     scene = plain(study.scene.to_dict())

@@ -156,8 +156,10 @@ def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(publi
 
 
 def test_refused(fitted: Study) -> None:
-    with pytest.raises(UsageError, match="damping of the new environment must be a positive number"):
+    with pytest.raises(UsageError, match="damping of the new environment is missing"):
         predict(fitted, stiffness=100.0)
+    with pytest.raises(UsageError, match="stiffness of the new environment must be a positive number"):
+        predict(fitted, stiffness=-100.0, damping=1.0)
     classical = Study(fitted.sessions, fitted.scene.with_inference(method="classical"))
     with pytest.raises(RefusalError, match="classical method has no model"):
         predict(classical, stiffness=100.0, damping=1.0)
