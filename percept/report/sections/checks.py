@@ -9,8 +9,8 @@ from percept.report.sections.part import Part
 
 __all__ = ["build"]
 
-#: Per table: where it stands under /checks, caption, columns of words, and columns of numbers with their heads,
-#: digits and style.
+#: Per table: where it stands under /checks, caption, columns of words with their heads, and columns of
+#: numbers with heads, digits and style.
 _TABLES: tuple[tuple[str, str, dict[str, str], dict[str, tuple[str, int, str]]], ...] = (
     (
         "loo/subjects",
@@ -49,8 +49,8 @@ _TABLES: tuple[tuple[str, str, dict[str, str], dict[str, tuple[str, int, str]]],
     ),
     (
         "shrinkage",
-        "Centres before and after pooling, in N/m (k) and N·s/m (b), and the share of the way from the raw mean "
-        "to the trend over environments that they moved.",
+        "Centres before and after pooling, in N/m (k) and N·s/m (b), and the share of the way from the raw "
+        "mean to the trend over environments that they moved.",
         {"environment": "Environment", "parameter": "Parameter"},
         {
             "raw": ("raw mean", 4, "plain"),
@@ -61,8 +61,8 @@ _TABLES: tuple[tuple[str, str, dict[str, str], dict[str, tuple[str, int, str]]],
     ),
     (
         "correlation",
-        "Correlation of k and b between users: of the deviations within an environment, of the effect shared by "
-        "all, and of the population of each environment.",
+        "Correlation of k and b between users: of the deviations within an environment, of the effect "
+        "shared by all, and of the population of each environment.",
         {"of": "Of", "environment": "Environment"},
         {
             "lower": ("lower", 2, "plain"),
