@@ -1,0 +1,202 @@
+"""Batches on real workers: threads here, processes here, and a scheduler and workers started by command."""
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pyarrow.parquet as pq
+import pytest
+
+distributed = pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+
+from percept.batch import connected, run_batch, sources  # noqa: E402 - only where distributed is installed
+from percept.cli import main  # noqa: E402
+from percept.errors import RefusalError, UsageError  # noqa: E402
+
+CHANGES = {"tolerance": 0.3, "seed": 3}
+# What dask leaves open or says of itself while it starts and ends.
+pytestmark = [
+    pytest.mark.filterwarnings("default::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+@contextlib.contextmanager
+def in_process():
+    """A cluster of dask in this process: two workers of one thread."""
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@pytest.fixture(scope="module")
+def remote():
+    """The address of a scheduler on loopback, with two workers, each a process of its own."""
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    dask = [sys.executable, "-m", "dask"]
+    running = []
+
+    def start(*arguments):
+        process = subprocess.Popen(
+            [*dask, *arguments], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=environment
+        )
+        running.append(process)
+        return process
+
+    scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    address = next(
+        found[0] for line in scheduler.stderr if (found := re.search(r"tcp://127\.0\.0\.1:\d+", line))
+    )
+    for _ in range(2):
+        start("worker", address, "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard")
+    for process in running:
+        threading.Thread(target=process.stderr.read, daemon=True).start()
+    with distributed.Client(address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+    yield address
+    for process in reversed(running):
+        process.send_signal(signal.SIGINT)
+    for process in running:
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def batch(studies, out, client, **options):
+    return run_batch(sources(studies, changes=CHANGES), out, client, **options)
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """Bytes that every batch of the same studies must give, made without a cluster."""
+    from percept.batch.work import analyse
+
+    return lambda path: analyse(sources([path], changes=CHANGES)[0].read()).table
+
+
+def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path, expected):
+    told = []
+    with in_process() as client:
+        summary = batch(studies, tmp_path / "out", client, progress=lambda *state: told.append(state))
+    assert summary.counts == {"done": 4, "refused": 2, "failed": 1}
+    assert (summary.studies, summary.skipped) == (7, 0)
+    table = pq.read_table(summary.table).to_pandas()
+    assert list(dict.fromkeys(table["study"])) == studies
+    message = table.set_index("study")["message"]
+    assert "text.csv:2, column 'k_adj', value 'much'" in message[studies[2]]
+    assert "at least two subjects" in message[studies[4]]
+    assert "there is no such file" in message[studies[6]]
+    assert [state[:2] for state in told] == [(i, 7) for i in range(1, 8)]
+    assert told[-1] == (7, 7, 3)
+    (row,) = set(table.loc[table["study"] == studies[0], "key"])
+    assert (tmp_path / "out/studies" / row[:2] / f"{row}.parquet").read_bytes() == expected(studies[0])
+
+
+def test_workers_in_processes_or_far_away_give_the_same_bytes(studies, tmp_path, remote):
+    with in_process() as client:
+        first = batch(studies, tmp_path / "threads", client).table.read_bytes()
+    with connected(workers=1) as client:
+        assert batch(studies, tmp_path / "one", client).table.read_bytes() == first
+    with connected(scheduler=remote) as client:
+        assert batch(studies, tmp_path / "remote", client).table.read_bytes() == first
+
+
+def test_a_second_run_analyses_only_what_is_new_or_failed(studies, tmp_path):
+    from pathlib import Path
+
+    with in_process() as client:
+        batch(studies[:3], tmp_path / "out", client)
+        Path(studies[6]).write_text(Path(studies[0]).read_text())
+        again = batch(studies, tmp_path / "out", client)
+        fresh = batch(studies, tmp_path / "fresh", client)
+    assert again.skipped == 3
+    assert sum(again.counts.values()) == 4
+    assert again.table.read_bytes() == fresh.table.read_bytes()
+
+
+def test_a_worker_that_dies_costs_no_study(studies, tmp_path):
+    with in_process() as client:
+        wanted = batch(studies, tmp_path / "whole", client).table.read_bytes()
+    killed = []
+
+    def kill(done, total, failed):
+        if done == 2 and not killed:
+            pids = client.run(os.getpid)
+            killed.append(next(iter(pids.values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    with connected(workers=2) as client:
+        summary = batch(studies, tmp_path / "out", client, progress=kill)
+    assert killed
+    assert summary.counts == {"done": 4, "refused": 2, "failed": 1}
+    assert summary.table.read_bytes() == wanted
+
+
+def test_a_lost_scheduler_is_said_and_a_later_run_goes_on(studies, tmp_path):
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    scheduler = subprocess.Popen(
+        [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
+        stderr=subprocess.PIPE, text=True, env=environment,
+    )  # fmt: skip
+    try:
+        address = next(m[0] for line in scheduler.stderr if (m := re.search(r"tcp://127\.0\.0\.1:\d+", line)))
+        threading.Thread(target=scheduler.stderr.read, daemon=True).start()
+        stop = threading.Timer(4.0, scheduler.kill)  # no worker is there: the batch waits
+        stop.start()
+        started = time.monotonic()
+        with pytest.raises(RefusalError, match="the scheduler was lost.*What is finished is kept"):
+            with connected(scheduler=address) as client:
+                batch(studies[:2], tmp_path / "out", client)
+        assert time.monotonic() - started < 60
+    finally:
+        scheduler.kill()
+        scheduler.wait()
+    with in_process() as client:
+        assert batch(studies[:2], tmp_path / "out", client).counts == {"done": 2}
+
+
+def test_the_command(studies, tmp_path, capsys, remote):
+    listed = tmp_path / "list.txt"
+    listed.write_text("\n".join(studies[1:]) + "\n\n")
+    arguments = ["batch", studies[0], "--from", str(listed), "--tolerance", "0.3", "--seed", "3"]
+    arguments += ["--scheduler", remote, "--out", str(tmp_path / "out")]
+    assert main(arguments) == 1
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
+    assert lines[0] == "7 studies: 0 finished before, 7 now (4 done, 1 failed, 2 refused)"
+    assert lines[-1] == str(tmp_path / "out" / "batch.parquet")
+    assert "text.csv:2" in printed.err
+    assert main([*arguments[:2], *arguments[4:], "--json"]) == 0
+    assert '"skipped": 1' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--workers", "0"], "--workers.*at least 1"),
+        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "Give --workers or --scheduler"),
+        (["--level", "2"], "inference.level"),
+    ],
+)
+def test_wrong_usage_starts_nothing(studies, tmp_path, capsys, arguments, message):
+    assert main(["batch", studies[0], *arguments, "--out", str(tmp_path / "out")]) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_scheduler_at_the_address_is_said(monkeypatch):
+    monkeypatch.setattr("percept.batch.cluster._SECONDS", 1.0)
+    with pytest.raises(UsageError, match=r"tcp://127.0.0.1:1.*no scheduler answers.*dask worker ADDRESS"):
+        connected(scheduler="tcp://127.0.0.1:1").__enter__()
