@@ -48,9 +48,12 @@ def test_what_killed_batches_left_is_removed(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
 def test_a_second_batch_is_told_to_wait(tmp_path):
-    with BatchFolder.opened(tmp_path):
-        with pytest.raises(UsageError, match="another batch is writing into this folder"):
-            BatchFolder.opened(tmp_path).__enter__()
+    with (
+        BatchFolder.opened(tmp_path),
+        pytest.raises(UsageError, match="another batch is writing into this folder"),
+        BatchFolder.opened(tmp_path),
+    ):
+        raise AssertionError("both hold the folder")
     with BatchFolder.opened(tmp_path) as folder:
         saved(folder, KEYS[0])
 
@@ -64,6 +67,8 @@ def test_a_file_in_the_way_is_said(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
 def test_a_read_only_folder_is_said(tmp_path):
     (tmp_path / "out").mkdir(mode=0o500)
-    with BatchFolder.opened(tmp_path / "out") as folder:
-        with pytest.raises(UsageError, match="cannot be written: Permission denied"):
-            saved(folder, KEYS[0])
+    with (
+        BatchFolder.opened(tmp_path / "out") as folder,
+        pytest.raises(UsageError, match="cannot be written: Permission denied"),
+    ):
+        saved(folder, KEYS[0])

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -15,6 +16,7 @@ import pytest
 distributed = pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
 
 from percept.batch import connected, run_batch, sources  # noqa: E402 - only where distributed is installed
+from percept.batch.work import analyse  # noqa: E402
 from percept.cli import main  # noqa: E402
 from percept.errors import RefusalError, UsageError  # noqa: E402
 
@@ -32,7 +34,7 @@ def in_process():
     """A cluster of dask in this process: two workers of one thread."""
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+            n_workers=2, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0"
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
@@ -53,7 +55,7 @@ def remote():
         running.append(process)
         return process
 
-    scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0")
     address = next(
         found[0] for line in scheduler.stderr if (found := re.search(r"tcp://127\.0\.0\.1:\d+", line))
     )
@@ -78,15 +80,7 @@ def batch(studies, out, client, **options):
     return run_batch(sources(studies, changes=CHANGES), out, client, **options)
 
 
-@pytest.fixture(scope="module")
-def expected(tmp_path_factory):
-    """Bytes that every batch of the same studies must give, made without a cluster."""
-    from percept.batch.work import analyse
-
-    return lambda path: analyse(sources([path], changes=CHANGES)[0].read()).table
-
-
-def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path, expected):
+def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     told = []
     with in_process() as client:
         summary = batch(studies, tmp_path / "out", client, progress=lambda *state: told.append(state))
@@ -100,8 +94,9 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path, expe
     assert "there is no such file" in message[studies[6]]
     assert [state[:2] for state in told] == [(i, 7) for i in range(1, 8)]
     assert told[-1] == (7, 7, 3)
+    alone = analyse(sources(studies[:1], changes=CHANGES)[0].read())
     (row,) = set(table.loc[table["study"] == studies[0], "key"])
-    assert (tmp_path / "out/studies" / row[:2] / f"{row}.parquet").read_bytes() == expected(studies[0])
+    assert (tmp_path / "out/studies" / row[:2] / f"{row}.parquet").read_bytes() == alone.table
 
 
 def test_workers_in_processes_or_far_away_give_the_same_bytes(studies, tmp_path, remote):
@@ -114,8 +109,6 @@ def test_workers_in_processes_or_far_away_give_the_same_bytes(studies, tmp_path,
 
 
 def test_a_second_run_analyses_only_what_is_new_or_failed(studies, tmp_path):
-    from pathlib import Path
-
     with in_process() as client:
         batch(studies[:3], tmp_path / "out", client)
         Path(studies[6]).write_text(Path(studies[0]).read_text())
@@ -147,7 +140,7 @@ def test_a_worker_that_dies_costs_no_study(studies, tmp_path):
 def test_a_lost_scheduler_is_said_and_a_later_run_goes_on(studies, tmp_path):
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     scheduler = subprocess.Popen(
-        [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
+        [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0"],
         stderr=subprocess.PIPE, text=True, env=environment,
     )  # fmt: skip
     try:
@@ -156,9 +149,11 @@ def test_a_lost_scheduler_is_said_and_a_later_run_goes_on(studies, tmp_path):
         stop = threading.Timer(4.0, scheduler.kill)  # no worker is there: the batch waits
         stop.start()
         started = time.monotonic()
-        with pytest.raises(RefusalError, match="the scheduler was lost.*What is finished is kept"):
-            with connected(scheduler=address) as client:
-                batch(studies[:2], tmp_path / "out", client)
+        with (
+            pytest.raises(RefusalError, match=r"the scheduler was lost.*What is finished is kept"),
+            connected(scheduler=address) as client,
+        ):
+            batch(studies[:2], tmp_path / "out", client)
         assert time.monotonic() - started < 60
     finally:
         scheduler.kill()
