@@ -19,7 +19,7 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.sampling.records import Progress, Run, Settings
+from percept.inference.sampling.records import Progress, Settings
 from percept.scene import Scene
 from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
@@ -30,8 +30,10 @@ __all__ = ["SubjectChecks", "check_statistics", "check_subjects"]
 Array = NDArray[np.float64]
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is looked at.
 FALSE_ALARM = 0.05
-#: Error, in nats, of a log predictive density that is sampled anew.
-_REFIT_ERROR = 0.05
+#: Accuracy of sampling anew, in SDs of the log density; and the error, in nats, above which the log of its
+#: mean stays rough.
+_ACCURACY = 0.05
+_ROUGH = 0.2
 _REPLICATES = 4000
 
 
@@ -48,8 +50,8 @@ class SubjectChecks:
         Pareto index up to which reweighting is trusted, with this many draws.
     subjects : DataFrame
         subject; elpd (its share); pareto_k; influential (index above `good_k`: its share is rough
-        unless refitted); refitted (sampled anew without it); farther (predictive probability of lying as far
-        off or farther, all cells together); outlier.
+        unless refitted); refitted (sampled anew without it, to within 0.2 nats); farther (predictive
+        probability of lying as far off or farther, all cells together); outlier.
     cells : DataFrame
         subject, environment, parameter, value (mean adjusted value, N/m or N·s/m; geometric in the lognormal
         family), below (predictive probability of a smaller one, given the other subjects), outlier.
@@ -111,28 +113,21 @@ def _refit(
 
     asked = scene.inference
     settings = Settings(
-        tolerance=_REFIT_ERROR, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
+        tolerance=_ACCURACY, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )
     pointwise, below, farther = loo.pointwise.copy(), predicted.below.copy(), predicted.farther.copy()
     done = np.zeros(subjects.subjects, dtype=bool)
     names = subjects.density.statistics.subjects
     for i in np.flatnonzero(loo.influential):
-        run = sample_without(subjects, int(i), names[i], settings, progress=progress)
-        if not run.gate.passed:
+        anew = sample_without(subjects, int(i), names[i], settings, progress=progress)
+        if anew is None:
             continue
-        done[i] = True
-        pointwise[i] = run.estimates.value[0]
-        drawn = _independent(run)
-        even = np.full((len(drawn), 1), 1.0 / len(drawn))
-        anew = predict_left_out(subjects, drawn, even, np.array([i]))
-        below[i], farther[i] = anew.below[0], anew.farther[0]
+        done[i] = anew.error <= _ROUGH
+        pointwise[i] = anew.log_density
+        even = np.full((len(anew.points), 1), 1.0 / len(anew.points))
+        own = predict_left_out(subjects, anew.points, even, np.array([i]))
+        below[i], farther[i] = own.below[0], own.farther[0]
     return dataclasses.replace(loo, pointwise=pointwise), Predicted(below, farther), done
-
-
-def _independent(run: Run) -> Array:
-    """Positions of a run thinned to its effective size, (S, d)."""
-    flat = run.points.reshape(len(run.points), -1, run.points.shape[-1])
-    return np.concatenate([kept[at] for kept, at in zip(flat, run.thinned(), strict=True)])
 
 
 def _tables(

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.hierarchy import coordinates
-from percept.inference.sampling.estimands import Estimates
-from percept.inference.sampling.records import Progress, Run, Settings
+from percept.inference.sampling.estimands import Means
+from percept.inference.sampling.records import Progress, Settings
 
-__all__ = ["Without", "sample_without"]
+__all__ = ["Anew", "Without", "sample_without"]
 
 Array = NDArray[np.float64]
 
@@ -56,23 +56,24 @@ class Without:
         return value
 
 
-@dataclasses.dataclass(frozen=True)
-class _LogPredictive:
-    """The log of the mean predictive density, to an absolute error."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class Anew:
+    """A subject left out by sampling.
 
-    target: Without
-    name: str
+    Attributes
+    ----------
+    log_density : float
+        Log predictive density of the subject's trials given the others.
+    error : float
+        Its Monte Carlo standard error, in nats. Of a subject far beyond what the others predict it stays
+        large: the density then rests on a few draws with a spread that is large enough.
+    points : ndarray, shape (S, d)
+        Draws of the posterior without the subject, thinned to their effective size.
+    """
 
-    def components(self, points: Array) -> Array:
-        """Log density per draw, shape (W, 1)."""
-        return self.target.left_out(points)[:, None]
-
-    def estimate(self, components: Array) -> Estimates:
-        """Its log mean exponential; one nat is the unit of its error."""
-        largest = components.max()
-        relative = np.exp(components - largest)
-        mean = relative.mean(axis=0)
-        return Estimates((self.name,), largest + np.log(mean), np.ones(1), relative / mean - 1.0)
+    log_density: float
+    error: float
+    points: Array
 
 
 def sample_without(
@@ -82,7 +83,7 @@ def sample_without(
     settings: Settings,
     *,
     progress: Callable[[Progress], None] | None = None,
-) -> Run:
+) -> Anew | None:
     """Sample the posterior without one subject.
 
     Parameters
@@ -94,18 +95,27 @@ def sample_without(
     name : str
         Its name, for messages.
     settings : Settings
-        Accuracy (the tolerance is the error of the log predictive density, in nats), seed and caps.
+        Seed, caps and accuracy: of the mean log density of the subject's trials, in its posterior SDs. (The
+        log of the mean density may have no finite error to stop at.)
     progress : callable, optional
         Told the state after every round.
 
     Returns
     -------
-    Run
-        Its only estimate is the subject's log predictive density.
+    Anew or None
+        None where the run does not pass its gate.
     """
     from percept.inference.sampling.run import sample
 
     target = Without(subjects, member)
-    return sample(
-        target, _LogPredictive(target, f"log predictive density of {name}"), settings, progress=progress
-    )
+    watched = Means((f"log density of {name} left out",), lambda points: target.left_out(points)[:, None])
+    run = sample(target, watched, settings, progress=progress)
+    if not run.gate.passed:
+        return None
+    flat = run.points.reshape(len(run.points), -1, run.points.shape[-1])
+    points = np.concatenate([kept[at] for kept, at in zip(flat, run.thinned(), strict=True)])
+    log_density = target.left_out(points)
+    largest = log_density.max()
+    relative = np.exp(log_density - largest)
+    error = relative.std(ddof=1) / relative.mean() / np.sqrt(relative.size)
+    return Anew(float(largest + np.log(relative.mean())), float(error), points)

@@ -12,7 +12,7 @@ from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import dense_twin, designs
 
 
-def prepared(name, rng, options=None, draws=4):
+def prepared(name, rng, options=None, draws=2):
     study = designs.study(name, rng)
     density = CollapsedDensity(study.statistics, options=options)
     coords = 0.7 * rng.normal(size=(density.dimension, draws))
@@ -35,19 +35,19 @@ def test_given_locations_equals_a_dense_normal_of_the_trials(name):
     study, density, scales, subjects = prepared(name, rng)
     beta = Conditional(density, scales).draw(rng)
     found = subjects.given_locations(scales, beta)
-    for w in range(2):
-        # Without the location prior and without tau only the subject's own effects are left.
-        named = {key: value for key, value in scales.named.items() if key != "tau"}
-        own = type("Own", (), {"named": named})
-        covariance = of_trials(study, own, w, alpha_sd=0.0, gamma_sd=0.0)
-        for i in range(subjects.subjects):
-            who = study.subject == i
-            rows = flat(study, who)
-            mean = beta[:, study.environment[who], w].T.ravel()
-            expected = stats.multivariate_normal(mean, covariance[np.ix_(rows, rows)]).logpdf(
-                study.response[who].ravel()
-            )
-            assert found[w, i] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    w = 0
+    # Without the location prior and without tau only the subject's own effects are left.
+    named = {key: value for key, value in scales.named.items() if key != "tau"}
+    own = type("Own", (), {"named": named})
+    covariance = of_trials(study, own, w, alpha_sd=0.0, gamma_sd=0.0)
+    for i in range(subjects.subjects):
+        who = study.subject == i
+        rows = flat(study, who)
+        mean = beta[:, study.environment[who], w].T.ravel()
+        expected = stats.multivariate_normal(mean, covariance[np.ix_(rows, rows)]).logpdf(
+            study.response[who].ravel()
+        )
+        assert found[w, i] == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 SMALLER = [Options(), Options(subject_effect=False), Options(weber=True, common_spread=True)]
@@ -59,20 +59,18 @@ def test_left_out_equals_conditioning_on_the_other_trials(name, options):
     rng = np.random.default_rng(22)
     study, _, scales, subjects = prepared(name, rng, options)
     found = subjects.left_out(scales)
-    for w in range(2):
-        covariance = of_trials(study, scales, w, alpha_sd=1.0, gamma_sd=0.25)
-        response = study.response.ravel()
-        for i in range(subjects.subjects):
-            inside, outside = flat(study, study.subject == i), flat(study, study.subject != i)
-            gain = np.linalg.solve(
-                covariance[np.ix_(outside, outside)], covariance[np.ix_(outside, inside)]
-            ).T
-            law = stats.multivariate_normal(
-                gain @ response[outside],
-                covariance[np.ix_(inside, inside)] - gain @ covariance[np.ix_(outside, inside)],
-            )
-            assert found.log_density[w, i] == pytest.approx(law.logpdf(response[inside]), rel=1e-7, abs=1e-7)
-            check_means(study, i, law, found, w)
+    w = 0
+    covariance = of_trials(study, scales, w, alpha_sd=1.0, gamma_sd=0.25)
+    response = study.response.ravel()
+    for i in range(subjects.subjects):
+        inside, outside = flat(study, study.subject == i), flat(study, study.subject != i)
+        gain = np.linalg.solve(covariance[np.ix_(outside, outside)], covariance[np.ix_(outside, inside)]).T
+        law = stats.multivariate_normal(
+            gain @ response[outside],
+            covariance[np.ix_(inside, inside)] - gain @ covariance[np.ix_(outside, inside)],
+        )
+        assert found.log_density[w, i] == pytest.approx(law.logpdf(response[inside]), rel=1e-7, abs=1e-7)
+        check_means(study, i, law, found, w)
 
 
 def check_means(study, i, law, found, w):
