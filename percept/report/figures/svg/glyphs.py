@@ -18,7 +18,16 @@ __all__ = ["CHARACTERS", "EM", "Glyph", "glyphs", "trace", "width"]
 EM = 2048
 #: Basic and accented Latin, Greek, and the signs that labels use.
 CHARACTERS = "".join(
-    map(chr, (*range(0x20, 0x7F), *range(0xA1, 0x180), *range(0x391, 0x3CA), *map(ord, "−–—‘’“”…·×≤≥√∞")))
+    map(
+        chr,
+        (
+            *range(0x20, 0x7F),
+            *range(0xA1, 0x180),
+            *range(0x391, 0x3A2),
+            *range(0x3A3, 0x3CA),
+            *map(ord, "−–—‘’“”…·×≤≥√∞"),
+        ),
+    )
 )
 _FILE = "glyphs.json"
 # What a letter outside the table takes: its outline is the reader's business, its room has to be guessed.

@@ -38,11 +38,12 @@ def linear_ticks(low: float, high: float, *, most: int) -> Ticks:
     step = next(times * power for times in _STEPS if times * power >= rough * (1 - _SLACK))
     slack = _SLACK * (high - low)
     numbers = np.arange(np.ceil((low - slack) / step), np.floor((high + slack) / step) + 1)
-    places = (numbers * step).tolist()
+    # Adding zero makes a positive zero of a negative one.
+    places = (numbers * step + 0.0).tolist()
     if max(abs(low), abs(high)) >= _LONG or step < 1 / _LONG:
         return places, [f"{place:.6g}" for place in places]
     decimals = next(d for d in range(12) if abs(round(step, d) - step) <= _SLACK * step)
-    return places, [f"{place + 0.0:.{decimals}f}" for place in places]
+    return places, [f"{place:.{decimals}f}" for place in places]
 
 
 def log_ticks(low: float, high: float, *, most: int, label: Callable[[float], str] | None = None) -> Ticks:
