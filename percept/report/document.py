@@ -41,10 +41,10 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     -------
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``boundaries`` with their ``zoom`` windows,
-        ``close`` views and ``readings`` at one frequency, ``coupling``, ``band``, ``design``, ``comparison``,
-        ``sensitivity``, ``diagnostics``, ``checks``, ``skipped``, and what is worked out from them: ``summary``. JSON
-        values only (see `percept.report.plain`), in the units of the tables: N/m, N·s/m, rad/s, kg, s. No
-        durations, no folders.
+        ``close`` views and ``readings`` at one frequency, ``coupling``, ``band``, ``design``,
+        ``sensitivity``, ``comparison``, ``curve_comparison``, ``diagnostics``, ``checks``, ``skipped``, and
+        what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
+        of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
     document = {
         "schema": SCHEMA,
@@ -60,6 +60,7 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         "design": None,
         "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
+        "curve_comparison": plain(study.curve_comparison) if curves else [],
         "diagnostics": plain(study.diagnostics),
         "checks": checks_of(study),
         "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],

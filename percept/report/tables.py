@@ -51,9 +51,10 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
         heads = {name: name for name in ("environment", "method", "kind")}
         heads |= {"impedance": "impedance (N·s/m)", "band": "band (N·s/m)", "relative": "relative"}
         tables["band.csv"] = _table(heads, band["rows"])
-    if document["comparison"]:
-        rows = document["comparison"]
-        tables["comparison.csv"] = _table({name: name for name in rows[0]}, rows)
+    for name, place in (("comparison", "comparison"), ("comparison_curves", "curve_comparison")):
+        if document[place]:
+            rows = document[place]
+            tables[f"{name}.csv"] = _table({head: head for head in rows[0]}, rows)
     return tables
 
 

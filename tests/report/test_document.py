@@ -29,6 +29,7 @@ def test_it_has_every_part_and_only_json_values(both):
         "band",
         "design",
         "comparison",
+        "curve_comparison",
         "diagnostics",
         "checks",
         "skipped",
