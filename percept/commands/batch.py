@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     with connected(arguments.workers, arguments.scheduler) as client:
         summary = run_batch(studies, arguments.out, client, progress=_Progress(shown=not arguments.quiet))
     if arguments.json:
-        print(json.dumps({**plain(summary), "table": str(summary.table)}, indent=1))
+        print(json.dumps(plain({**vars(summary), "table": str(summary.table)}), indent=1))
     else:
         _print(summary)
     return int(bool(summary.failures))

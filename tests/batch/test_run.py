@@ -1,6 +1,7 @@
 """Batches on real workers: threads here, processes here, and a scheduler and workers started by command."""
 
 import contextlib
+import json
 import os
 import re
 import signal
@@ -19,8 +20,13 @@ from percept.batch import connected, run_batch, sources  # noqa: E402 - only whe
 from percept.batch.work import analyse  # noqa: E402
 from percept.cli import main  # noqa: E402
 from percept.errors import RefusalError, UsageError  # noqa: E402
+from tests.batch.conftest import study_text  # noqa: E402
 
-CHANGES = {"tolerance": 0.3, "seed": 3}
+CLASSICAL = {"method": "classical"}
+SAMPLED = {"tolerance": 0.3, "seed": 3}
+DASK = [sys.executable, "-m", "dask"]
+LOOPBACK = ["--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0"]
+UNBUFFERED = {**os.environ, "PYTHONUNBUFFERED": "1"}
 # What dask leaves open or says of itself while it starts and ends.
 pytestmark = [
     pytest.mark.filterwarnings("default::DeprecationWarning"),
@@ -41,26 +47,26 @@ def in_process():
         yield client
 
 
+def address_of(scheduler):
+    """Where a scheduler just started listens, as it says itself."""
+    found = (re.search(r"tcp://127\.0\.0\.1:\d+", line) for line in scheduler.stderr)
+    return next(match[0] for match in found if match)
+
+
 @pytest.fixture(scope="module")
 def remote():
     """The address of a scheduler on loopback, with two workers, each a process of its own."""
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-    dask = [sys.executable, "-m", "dask"]
     running = []
 
     def start(*arguments):
-        process = subprocess.Popen(
-            [*dask, *arguments], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=environment
-        )
+        process = subprocess.Popen([*DASK, *arguments], stderr=subprocess.PIPE, text=True, env=UNBUFFERED)
         running.append(process)
         return process
 
-    scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0")
-    address = next(
-        found[0] for line in scheduler.stderr if (found := re.search(r"tcp://127\.0\.0\.1:\d+", line))
-    )
+    scheduler = start("scheduler", "--port", "0", *LOOPBACK)
+    address = address_of(scheduler)
     for _ in range(2):
-        start("worker", address, "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard")
+        start("worker", address, "--nthreads", "1", *LOOPBACK)
     for process in running:
         threading.Thread(target=process.stderr.read, daemon=True).start()
     with distributed.Client(address, set_as_default=False) as client:
@@ -76,8 +82,8 @@ def remote():
             process.wait()
 
 
-def batch(studies, out, client, **options):
-    return run_batch(sources(studies, changes=CHANGES), out, client, **options)
+def batch(studies, out, client, changes=CLASSICAL, **options):
+    return run_batch(sources(studies, changes=changes), out, client, **options)
 
 
 def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
@@ -94,18 +100,20 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     assert "there is no such file" in message[studies[6]]
     assert [state[:2] for state in told] == [(i, 7) for i in range(1, 8)]
     assert told[-1] == (7, 7, 3)
-    alone = analyse(sources(studies[:1], changes=CHANGES)[0].read())
+    alone = analyse(sources(studies[:1], changes=CLASSICAL)[0].read())
     (row,) = set(table.loc[table["study"] == studies[0], "key"])
     assert (tmp_path / "out/studies" / row[:2] / f"{row}.parquet").read_bytes() == alone.table
 
 
 def test_workers_in_processes_or_far_away_give_the_same_bytes(studies, tmp_path, remote):
+    few = studies[1:4]
     with in_process() as client:
-        first = batch(studies, tmp_path / "threads", client).table.read_bytes()
+        first = batch(few, tmp_path / "threads", client, SAMPLED).table
+    assert set(pq.read_table(first)["method"].to_pylist()) == {"classical", "bayesian", None}
     with connected(workers=1) as client:
-        assert batch(studies, tmp_path / "one", client).table.read_bytes() == first
+        assert batch(few, tmp_path / "one", client, SAMPLED).table.read_bytes() == first.read_bytes()
     with connected(scheduler=remote) as client:
-        assert batch(studies, tmp_path / "remote", client).table.read_bytes() == first
+        assert batch(few, tmp_path / "remote", client, SAMPLED).table.read_bytes() == first.read_bytes()
 
 
 def test_a_second_run_analyses_only_what_is_new_or_failed(studies, tmp_path):
@@ -119,32 +127,33 @@ def test_a_second_run_analyses_only_what_is_new_or_failed(studies, tmp_path):
     assert again.table.read_bytes() == fresh.table.read_bytes()
 
 
-def test_a_worker_that_dies_costs_no_study(studies, tmp_path):
+def test_a_worker_that_dies_costs_no_study(tmp_path):
+    many = []
+    for i in range(40):
+        many.append(str(tmp_path / f"s{i}.csv"))
+        Path(many[-1]).write_text(study_text(i))
     with in_process() as client:
-        wanted = batch(studies, tmp_path / "whole", client).table.read_bytes()
+        wanted = batch(many, tmp_path / "whole", client).table.read_bytes()
     killed = []
 
     def kill(done, total, failed):
-        if done == 2 and not killed:
-            pids = client.run(os.getpid)
-            killed.append(next(iter(pids.values())))
-            os.kill(killed[0], signal.SIGKILL)
+        if done in (5, 20):
+            killed.append(next(iter(client.run(os.getpid).values())))
+            os.kill(killed[-1], signal.SIGKILL)
 
     with connected(workers=2) as client:
-        summary = batch(studies, tmp_path / "out", client, progress=kill)
-    assert killed
-    assert summary.counts == {"done": 4, "refused": 2, "failed": 1}
+        summary = batch(many, tmp_path / "out", client, progress=kill)
+    assert len(set(killed)) == 2
+    assert summary.counts == {"done": 40}
     assert summary.table.read_bytes() == wanted
 
 
 def test_a_lost_scheduler_is_said_and_a_later_run_goes_on(studies, tmp_path):
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     scheduler = subprocess.Popen(
-        [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0"],
-        stderr=subprocess.PIPE, text=True, env=environment,
-    )  # fmt: skip
+        [*DASK, "scheduler", "--port", "0", *LOOPBACK], stderr=subprocess.PIPE, text=True, env=UNBUFFERED
+    )
     try:
-        address = next(m[0] for line in scheduler.stderr if (m := re.search(r"tcp://127\.0\.0\.1:\d+", line)))
+        address = address_of(scheduler)
         threading.Thread(target=scheduler.stderr.read, daemon=True).start()
         stop = threading.Timer(4.0, scheduler.kill)  # no worker is there: the batch waits
         stop.start()
@@ -165,7 +174,7 @@ def test_a_lost_scheduler_is_said_and_a_later_run_goes_on(studies, tmp_path):
 def test_the_command(studies, tmp_path, capsys, remote):
     listed = tmp_path / "list.txt"
     listed.write_text("\n".join(studies[1:]) + "\n\n")
-    arguments = ["batch", studies[0], "--from", str(listed), "--tolerance", "0.3", "--seed", "3"]
+    arguments = ["batch", studies[0], "--from", str(listed), "--method", "classical"]
     arguments += ["--scheduler", remote, "--out", str(tmp_path / "out")]
     assert main(arguments) == 1
     printed = capsys.readouterr()
@@ -174,7 +183,8 @@ def test_the_command(studies, tmp_path, capsys, remote):
     assert lines[-1] == str(tmp_path / "out" / "batch.parquet")
     assert "text.csv:2" in printed.err
     assert main([*arguments[:2], *arguments[4:], "--json"]) == 0
-    assert '"skipped": 1' in capsys.readouterr().out
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["studies"], summary["skipped"], summary["counts"]) == (1, 1, {})
 
 
 @pytest.mark.parametrize(
