@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import concurrent.futures
 import dataclasses
 import hashlib
 from collections import Counter
@@ -10,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.batch.folder import BatchFolder
-from percept.batch.inputs import StudySource
+from percept.batch.inputs import StudyFiles, StudySource
 from percept.batch.rows import Outcome
 from percept.batch.work import analyse, nothing_read
 from percept.errors import PerceptError, RefusalError
@@ -22,6 +24,8 @@ __all__ = ["Summary", "run_batch"]
 
 # Studies handed out per worker thread: one at work, one waiting there. More would only fill memory.
 _AHEAD = 2
+# How often a result may be lost with the worker that held it before the study counts as failed.
+_LOSSES = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,6 +93,14 @@ def run_batch(
         return batch.summary(folder.combine(batch.keys))
 
 
+@dataclasses.dataclass(frozen=True)
+class _Given:
+    """A study that was handed out: what is at work on it, and for the how many-th time."""
+
+    files: StudyFiles
+    attempt: int
+
+
 class _Batch:
     """The state of a run: what is handed out, and what came back."""
 
@@ -104,7 +116,7 @@ class _Batch:
         self._client = client
         self._tell = progress or (lambda done, studies, failed: None)
         self._waiting = iter(studies)
-        self._out: dict[Future, tuple[str, str]] = {}
+        self._out: dict[Future, _Given] = {}
         self._skipped = 0
         self._counts: Counter[str] = Counter()
         self._failures: list[tuple[str, str]] = []
@@ -118,13 +130,15 @@ class _Batch:
         done = as_completed(loop=self._client.loop)
         while True:
             while len(self._out) < _AHEAD * max(1, sum(self._client.nthreads().values())):
-                future = self._hand_out()
-                if future is None:
+                files = self._next()
+                if files is None:
                     break
-                done.add(future)
+                done.add(self._hand_out(_Given(files, 1)))
             if not self._out:
                 return
-            self._take_back(next(done))
+            again = self._take_back(next(done))
+            if again is not None:
+                done.add(self._hand_out(again))
 
     def summary(self, table: Path) -> Summary:
         """Return what the run came to."""
@@ -132,8 +146,8 @@ class _Batch:
             table, len(self._studies), self._skipped, dict(self._counts), tuple(self._failures), self._seconds
         )
 
-    def _hand_out(self) -> Future | None:
-        """Give the next study that needs analysing to the cluster; None when there is none."""
+    def _next(self) -> StudyFiles | None:
+        """Return the next study that needs analysing; None when there is none."""
         for study in self._waiting:
             try:
                 files = study.read()
@@ -142,29 +156,39 @@ class _Batch:
                 self.keys.append(key)
                 self._keep(study.path, key, nothing_read(study.path, key, str(error), status="failed"))
                 continue
-            key = files.key
-            self.keys.append(key)
-            if self._folder.finished(key):
-                self._skipped += 1
-                self._report()
-                continue
-            future = self._client.submit(analyse, files, key=f"percept-{key}", pure=False)
-            self._out[future] = study.path, key
-            return future
+            self.keys.append(files.key)
+            if not self._folder.finished(files.key):
+                return files
+            self._skipped += 1
+            self._report()
         return None
 
-    def _take_back(self, future: Future) -> None:
-        name, key = self._out.pop(future)
-        if future.status in ("cancelled", "lost"):
-            raise RefusalError(
-                "the scheduler was lost.",
-                hint="What is finished is kept; run the same command again for the rest.",
-            )
+    def _hand_out(self, given: _Given) -> Future:
+        name = f"percept-{given.files.key}-{given.attempt}"
+        future = self._client.submit(analyse, given.files, key=name, pure=False)
+        self._out[future] = given
+        return future
+
+    def _take_back(self, future: Future) -> _Given | None:
+        """Keep a result, or return what must be handed out again: a worker died and its result with it."""
+        given = self._out.pop(future)
+        name, key = given.files.name, given.files.key
         try:
             outcome = future.result()
-        except Exception as error:  # noqa: BLE001 - the worker died over it as often as dask tries, or the like
+        except (asyncio.CancelledError, concurrent.futures.CancelledError):
+            if self._client.status != "running":
+                raise RefusalError(
+                    "the scheduler was lost.",
+                    hint="What is finished is kept; run the same command again for the rest.",
+                ) from None
+            if given.attempt < _LOSSES:
+                return dataclasses.replace(given, attempt=given.attempt + 1)
+            message = f"its result was lost {_LOSSES} times with the worker that held it"
+            outcome = nothing_read(name, key, message, status="failed")
+        except Exception as error:  # noqa: BLE001 - workers died over it as often as dask tries, or the like
             outcome = nothing_read(name, key, f"{type(error).__name__}: {error}", status="failed")
         self._keep(name, key, outcome)
+        return None
 
     def _keep(self, name: str, key: str, outcome: Outcome) -> None:
         self._folder.save(key, outcome)

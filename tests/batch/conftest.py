@@ -16,13 +16,13 @@ def study_text(seed, *, subjects=3, noise=0.15):
 
 @pytest.fixture
 def studies(tmp_path):
-    """Paths of four sound studies, one with text in a number, one of one subject, one that is not there."""
+    """Paths of four sound studies, one with text in a number, one without a value, one that is not there."""
     folder = tmp_path / "studies"
     folder.mkdir()
     for i in range(4):
         (folder / f"s{i}.csv").write_text(study_text(i))
     (folder / "text.csv").write_text(HEADER + "S1,VE1,1000,5,much,4\nS2,VE1,1000,5,900,4\n")
-    (folder / "alone.csv").write_text(study_text(9, subjects=1))
+    (folder / "empty.csv").write_text(HEADER + "S1,VE1,1000,5,,\nS2,VE1,1000,5,,\n")
     return [
-        str(folder / name) for name in ("s0.csv", "s1.csv", "text.csv", "s2.csv", "alone.csv", "s3.csv")
+        str(folder / name) for name in ("s0.csv", "s1.csv", "text.csv", "s2.csv", "empty.csv", "s3.csv")
     ] + [str(folder / "missing.csv")]

@@ -47,28 +47,28 @@ def in_process():
         yield client
 
 
-def address_of(scheduler):
+def start(log, *arguments):
+    """Start a command of dask that writes what it says to a file."""
+    with log.open("w") as file:
+        return subprocess.Popen([*DASK, *arguments], stderr=file, env=UNBUFFERED)
+
+
+def address_in(log):
     """Where a scheduler just started listens, as it says itself."""
-    found = (re.search(r"tcp://127\.0\.0\.1:\d+", line) for line in scheduler.stderr)
-    return next(match[0] for match in found if match)
+    for _ in range(600):
+        if found := re.search(r"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)", log.read_text()):
+            return found[1]
+        time.sleep(0.1)
+    raise AssertionError(f"no address in: {log.read_text()}")
 
 
 @pytest.fixture(scope="module")
-def remote():
+def remote(tmp_path_factory):
     """The address of a scheduler on loopback, with two workers, each a process of its own."""
-    running = []
-
-    def start(*arguments):
-        process = subprocess.Popen([*DASK, *arguments], stderr=subprocess.PIPE, text=True, env=UNBUFFERED)
-        running.append(process)
-        return process
-
-    scheduler = start("scheduler", "--port", "0", *LOOPBACK)
-    address = address_of(scheduler)
-    for _ in range(2):
-        start("worker", address, "--nthreads", "1", *LOOPBACK)
-    for process in running:
-        threading.Thread(target=process.stderr.read, daemon=True).start()
+    logs = tmp_path_factory.mktemp("dask")
+    running = [start(logs / "scheduler", "scheduler", "--port", "0", *LOOPBACK)]
+    address = address_in(logs / "scheduler")
+    running += [start(logs / name, "worker", address, "--nthreads", "1", *LOOPBACK) for name in ("a", "b")]
     with distributed.Client(address, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60)
     yield address
@@ -96,7 +96,7 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     assert list(dict.fromkeys(table["study"])) == studies
     message = table.set_index("study")["message"]
     assert "text.csv:2, column 'k_adj', value 'much'" in message[studies[2]]
-    assert "at least two subjects" in message[studies[4]]
+    assert "no adjusted value is left" in message[studies[4]]
     assert "there is no such file" in message[studies[6]]
     assert [state[:2] for state in told] == [(i, 7) for i in range(1, 8)]
     assert told[-1] == (7, 7, 3)
@@ -149,12 +149,9 @@ def test_a_worker_that_dies_costs_no_study(tmp_path):
 
 
 def test_a_lost_scheduler_is_said_and_a_later_run_goes_on(studies, tmp_path):
-    scheduler = subprocess.Popen(
-        [*DASK, "scheduler", "--port", "0", *LOOPBACK], stderr=subprocess.PIPE, text=True, env=UNBUFFERED
-    )
+    scheduler = start(tmp_path / "log", "scheduler", "--port", "0", *LOOPBACK)
     try:
-        address = address_of(scheduler)
-        threading.Thread(target=scheduler.stderr.read, daemon=True).start()
+        address = address_in(tmp_path / "log")
         stop = threading.Timer(4.0, scheduler.kill)  # no worker is there: the batch waits
         stop.start()
         started = time.monotonic()
