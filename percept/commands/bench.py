@@ -62,6 +62,25 @@ def _magnitude(arguments: argparse.Namespace) -> Sequence[Any]:
     return [magnitude_cost()]
 
 
+def _propagation(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.propagation import study_propagation
+    from percept.reproduce.published import dataset
+    from percept.scene import Scene
+    from percept.sessions import read_sessions
+    from percept.study import Study
+
+    return study_propagation(
+        Study(read_sessions(dataset("hbfd_sessions.csv")), Scene.load(dataset("hbfd.toml")))
+    )
+
+
+def _memory(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.propagation import propagation_memory
+    from percept.haptics import Device
+
+    return [propagation_memory(Device(1.0, 5.0))]
+
+
 def _moments(arguments: argparse.Namespace) -> Sequence[Any]:
     from percept.bench.classical import digits_kept
 
@@ -83,6 +102,8 @@ def _haptics(arguments: argparse.Namespace) -> Sequence[Any]:
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": _sampling,
     "magnitude": _magnitude,
+    "propagation": _propagation,
+    "memory": _memory,
     "moments": _moments,
     "coverage": _coverage,
     "haptics": _haptics,
