@@ -96,9 +96,10 @@ def check_subjects(
     loo = leave_one_out(subjects, points, chains=len(fit.run.points))
     predicted = predict_left_out(subjects, loo.points, loo.weights)
     refitted = np.zeros(subjects.subjects, dtype=bool)
-    if scene.checks is not None and scene.checks.refit:
+    refit = scene.checks is not None and scene.checks.refit
+    if refit:
         loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress)
-    return _tables(fit, subjects, loo, predicted, refitted)
+    return _tables(fit, subjects, loo, predicted, refitted, refit=refit)
 
 
 def _refit(
@@ -131,7 +132,13 @@ def _refit(
 
 
 def _tables(
-    fit: Fit, subjects: SubjectDensity, loo: Loo, predicted: Predicted, refitted: NDArray[np.bool_]
+    fit: Fit,
+    subjects: SubjectDensity,
+    loo: Loo,
+    predicted: Predicted,
+    refitted: NDArray[np.bool_],
+    *,
+    refit: bool,
 ) -> SubjectChecks:
     statistics = subjects.density.statistics
     table = pd.DataFrame(
@@ -147,7 +154,7 @@ def _tables(
     )
     cells = _cells(fit, subjects, predicted)
     return SubjectChecks(
-        loo.elpd, loo.se, loo.good_k, table, cells, tuple(_messages(table, cells, loo.good_k))
+        loo.elpd, loo.se, loo.good_k, table, cells, tuple(_messages(table, cells, loo.good_k, refit=refit))
     )
 
 
@@ -170,7 +177,7 @@ def _cells(fit: Fit, subjects: SubjectDensity, predicted: Predicted) -> pd.DataF
     return table.assign(outlier=tail < FALSE_ALARM / len(table))
 
 
-def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float) -> list[str]:
+def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float, *, refit: bool) -> list[str]:
     found = []
     influential = table[table["influential"]]
     if len(influential):
@@ -180,7 +187,12 @@ def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float) -> list[s
             f"Influential, with a Pareto index above {good_k:.2f}: {named}. The intervals rest on them more "
             "than on others: look at their sessions, and report the intervals with and without them."
         )
-        if rough:
+        if rough and refit:
+            found.append(
+                f"The predictive density of {rough} stays rough, though sampled anew: hardly any spread that "
+                "the others allow explains them."
+            )
+        elif rough:
             found.append(
                 f"What is said of leaving out {rough} is rough: have the posterior sampled without them "
                 "(--refit)."

@@ -2,12 +2,13 @@
 
 Subjects are what a study samples, so a subject is what is left out. Given locations and scales the
 subjects are independent; with the locations integrated out, a subject's predictive law given the others
-follows from the conditional law N(m, C) of the locations given everybody. With V the covariance of the
-subject's cell means y about the locations,
+follows from the conditional law N(m, BB') of the locations given everybody. With V the covariance of the
+subject's cell means y about the locations, G = V^(-1/2) B and r = y - m,
 
-    y | others ~ N(y - V S⁻¹(y - m), V S⁻¹ V),    S = V - C,
+    y | others ~ N(m - B K⁻¹ B'V⁻¹ r, V + B K⁻¹ B'),    K = I - G'G,
 
-so nothing is fitted anew: S has one factor per pattern of trial counts, whoever is left out.
+so nothing is fitted anew. K is near (1 - 1/N) I whatever the scales; V - BB', its other form, would lose
+all digits where the subject effect dwarfs the rest.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.covariance import SharedCovariance
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
-from percept.inference.hierarchy.statistics import Pattern
 
 __all__ = ["LeftOut", "SubjectDensity", "batches"]
 
@@ -144,59 +144,22 @@ class SubjectDensity:
         """
         wanted = np.arange(self.subjects) if members is None else members
         law = Conditional(self.density, scales)
-        mean, joint = np.stack(law.mean), law.joint_covariance()
+        mean, columns = np.stack(law.mean), law.joint_columns()
         width = scales.log_prior.size
         found = LeftOut(
             np.empty((width, wanted.size)),
             np.empty((width, wanted.size)),
             np.full((width, wanted.size, self.parameters, self.environments), np.nan),
         )
-        for pattern, cell in zip(
-            self.density.statistics.patterns, self.density.cell_blocks(scales), strict=True
-        ):
+        cells = self.density.cell_blocks(scales)
+        for pattern, cell in zip(self.density.statistics.patterns, cells, strict=True):
             at = np.flatnonzero(np.isin(wanted, pattern.members))
             if at.size:
-                apart = (
-                    self._means[wanted[at]][..., pattern.environments, None] - mean[:, pattern.environments]
-                )
-                self._leave_out(found, at, pattern, cell, scales.shared, apart, joint)
+                present = pattern.environments
+                apart = self._means[wanted[at]][..., present, None] - mean[:, present]
+                _leave_out(found, at, present, apart, columns[:, :, present], cell, scales.shared)
         found.log_density[...] += self._between_trials(scales, wanted) - 0.5 * _LOG_2PI * self.degrees[wanted]
         return found
-
-    def _leave_out(
-        self,
-        found: LeftOut,
-        at: Indices,
-        pattern: Pattern,
-        cell: Block,
-        shared: Block | None,
-        apart: Array,
-        joint: Array,
-    ) -> None:
-        covariance = dense(cell, shared)
-        cells = (np.arange(self.parameters)[:, None] * self.environments + pattern.environments).ravel()
-        try:
-            factor = np.linalg.cholesky(covariance - joint[:, cells[:, None], cells])
-        except np.linalg.LinAlgError:
-            raise RefusalError(
-                "what the others say of a subject cannot be told in double precision: what is known of some "
-                "environment rests on one subject alone, whose scatter is below 1e-7 of the prior's.",
-                hint="Leave that environment out, or ask for no model checks.",
-            ) from None
-        residual = apart.reshape(at.size, cells.size, -1).transpose(2, 1, 0)
-        solved = np.linalg.solve(factor, np.concatenate([residual, covariance], axis=2))
-        whitened, root = solved[..., : at.size], solved[..., at.size :]
-        distance = np.square(whitened).sum(axis=1)
-        log_factor = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-        log_determinant = 2.0 * SharedCovariance(cell, shared).log_determinant() - 2.0 * log_factor
-        found.log_density[:, at] = -0.5 * (log_determinant[:, None] + distance)
-        found.distance[:, at] = distance
-        sd = np.sqrt(np.square(root).sum(axis=1))
-        standard = np.matmul(root.transpose(0, 2, 1), whitened) / sd[..., None]
-        shape = (len(factor), self.parameters, pattern.environments.size, at.size)
-        found.standard[:, at[:, None], :, pattern.environments] = standard.reshape(shape).transpose(
-            3, 2, 0, 1
-        )
 
     def _between_trials(self, scales: Scales, members: Indices | slice) -> Array | float:
         """Log density of trials about their cell means, and of turning means into trials: (W, I) or zero."""
@@ -217,21 +180,52 @@ class SubjectDensity:
         return -0.5 * (squares + extra @ trial.log_determinant() + constant[:, None]).T
 
 
-def dense(cell: Block, shared: Block | None) -> Array:
-    """Covariance of a subject's cell means, parameter-major: (W, P E, P E) from entries (E, W) and (W,)."""
-    environments, width = cell.diagonal()[0].shape
-    size = len(cell.diagonal())
-    full = np.zeros((width, size, environments, size, environments))
-    at = np.arange(environments)
-    for column in cell.factor_columns():
-        for p, first in enumerate(column):
-            for q, second in enumerate(column):
-                full[:, p, at, q, at] += (first * second).T
-    for column in shared.factor_columns() if shared is not None else ():
-        for p, first in enumerate(column):
-            for q, second in enumerate(column):
-                full[:, p, :, q, :] += (first * second)[:, None, None]
-    return full.reshape(width, size * environments, size * environments)
+def _leave_out(
+    found: LeftOut,
+    at: Indices,
+    present: Indices,
+    apart: Array,
+    columns: Array,
+    cell: Block,
+    shared: Block | None,
+) -> None:
+    """Fill in the subjects of one pattern: `apart` (I, P, E, W) and `columns` (R, P, E, W) are r and B."""
+    covariance = SharedCovariance(cell, shared)
+    whitened, spread = _whitened(covariance, apart), _whitened(covariance, columns)
+    known = np.matmul(spread.transpose(0, 2, 1), spread)
+    try:
+        factor = np.linalg.cholesky(np.eye(len(columns)) - known)
+    except np.linalg.LinAlgError:
+        raise RefusalError(
+            "what the others say of a subject cannot be told in double precision: what is known of some "
+            "environment rests on one subject alone, whose scatter is below 1e-7 of the prior's.",
+            hint="Leave that environment out, or ask for no model checks.",
+        ) from None
+    flat = columns.reshape(len(columns), -1, columns.shape[-1]).transpose(2, 0, 1)
+    right = np.concatenate([np.matmul(spread.transpose(0, 2, 1), whitened), flat], axis=2)
+    solved = np.linalg.solve(factor, right)
+    pull, root = solved[..., : at.size], solved[..., at.size :]
+    distance = np.square(whitened).sum(axis=1) + np.square(pull).sum(axis=1)
+    log_determinant = covariance.log_determinant() - 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(
+        axis=1
+    )
+    found.log_density[:, at] = -0.5 * (log_determinant[:, None] + distance)
+    found.distance[:, at] = distance
+    variances = [cell.diagonal()] if shared is None else [cell.diagonal(), shared.diagonal()]
+    own = np.stack([np.broadcast_to(sum(parts), apart.shape[2:]) for parts in zip(*variances, strict=True)])
+    shape = (len(factor), *apart.shape[1:3], -1)
+    off = apart.transpose(3, 1, 2, 0) + np.matmul(root.transpose(0, 2, 1), pull).reshape(shape)
+    variance = own.transpose(2, 0, 1) + np.square(root).sum(axis=1).reshape(shape[:3])
+    standard = off / np.sqrt(variance)[..., None]
+    found.standard[:, at[:, None], :, present] = standard.transpose(3, 2, 0, 1)
+
+
+def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:
+    """Rows of V^(-1/2) times vectors (n, P, E, W): (W, rows, n)."""
+    count, width = len(vectors), vectors.shape[-1]
+    pieces = covariance.whiten(tuple(vectors.transpose(1, 0, 2, 3)))
+    rows = [part.reshape(count, -1, width) for piece in pieces for part in piece]
+    return np.concatenate(rows, axis=1).transpose(2, 1, 0)
 
 
 def batches(draws: int, density: SubjectDensity) -> Iterator[slice]:

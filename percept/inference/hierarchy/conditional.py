@@ -70,18 +70,19 @@ class Conditional:
         if scales.shared is not None:
             self.population = _broadcast(scales.shared, shape) + scales.between
 
-    def joint_covariance(self) -> Array:
-        """Return the covariance of beta over all cells, parameter-major: shape (W, P J, P J)."""
-        spread = np.concatenate(self._spread, axis=1)
-        joint = np.einsum("qaw,qbw->wab", spread, spread, optimize=True)
-        if self._own is not None:
-            environments = self._spread[0].shape[1]
-            at = np.arange(environments)
-            for column in self._own.factor_columns():
-                for p, first in enumerate(column):
-                    for q, second in enumerate(column):
-                        joint[:, p * environments + at, q * environments + at] += (first * second).T
-        return joint
+    def joint_columns(self) -> Array:
+        """Columns whose outer products sum to the covariance of beta over all cells: shape (R, P, J, W)."""
+        columns = np.stack(self._spread, axis=1)
+        if self._own is None:
+            return columns
+        own = self._own.factor_columns()
+        _, size, environments, width = columns.shape
+        apart = np.zeros((len(own), environments, size, environments, width))
+        at = np.arange(environments)
+        for c, column in enumerate(own):
+            for p, part in enumerate(column):
+                apart[c, at, p, at] = part
+        return np.concatenate([columns, apart.reshape(-1, size, environments, width)])
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Draw beta of all environments jointly, once per set of scales.

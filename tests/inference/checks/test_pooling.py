@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from percept.inference.checks.pooling import correlation_draws, shrinkage
-from percept.inference.checks.subjects import dense
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import designs
@@ -75,11 +74,13 @@ def test_correlations_are_those_of_the_dense_population():
     points = rng.normal(size=(6, density.dimension))
     scales = density.layout.scales(points.T)
     found = correlation_draws(density, points)
-    full = dense(scales.between, scales.shared)
+    named = scales.named
     environments = len(density.statistics.environments)
     for j in range(environments):
-        k, b = j, environments + j
-        expected = full[:, k, b] / np.sqrt(full[:, k, k] * full[:, b, b])
+        cross = named["rho_u"] * named["sigma_u"].prod(axis=0)
+        cross = cross + named["rho_w"] * named["sigma"][:, j].prod(axis=0)
+        k, b = named["sigma_u"] ** 2 + named["sigma"][:, j] ** 2
+        expected = cross / np.sqrt(k * b)
         np.testing.assert_allclose(found["population"][:, j], expected, rtol=1e-10)
     np.testing.assert_array_equal(found["within"], scales.named["rho_w"])
     np.testing.assert_array_equal(found["shared"], scales.named["rho_u"])

@@ -50,11 +50,12 @@ def test_given_locations_equals_a_dense_normal_of_the_trials(name):
         assert found[w, i] == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-SMALLER = [Options(), Options(subject_effect=False), Options(weber=True, common_spread=True)]
+CASES = [(name, Options()) for name in designs.NAMES]
+for options in (Options(subject_effect=False), Options(weber=True, common_spread=True)):
+    CASES += [(name, options) for name in ("balanced", "missing cells", "one environment each")]
 
 
-@pytest.mark.parametrize("options", SMALLER, ids=["full", "no subject effect", "exact Weber"])
-@pytest.mark.parametrize("name", designs.NAMES)
+@pytest.mark.parametrize(("name", "options"), CASES)
 def test_left_out_equals_conditioning_on_the_other_trials(name, options):
     rng = np.random.default_rng(22)
     study, _, scales, subjects = prepared(name, rng, options)
