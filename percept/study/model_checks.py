@@ -22,7 +22,7 @@ from percept.study.sensitivity import power_scaling
 from percept.study.subject_checks import SubjectChecks, check_statistics, check_subjects
 from percept.study.units import UNITS
 
-__all__ = ["ModelChecks", "model_checks", "prior_quantiles", "shrinkage_table"]
+__all__ = ["ModelChecks", "correlation_table", "model_checks", "prior_quantiles", "shrinkage_table"]
 
 Array = NDArray[np.float64]
 _PRIOR_DRAWS = 40_000
@@ -96,7 +96,7 @@ def model_checks(
         prior=prior_quantiles(fit, subjects, seed=seed),
         sensitivity=power_scaling(full_tree(fit, seed=seed)),
         shrinkage=shrinkage_table(fit, subjects),
-        correlation=_correlation(fit, subjects, level),
+        correlation=correlation_table(fit, subjects, level=level),
         weber=_weber(fit, level),
     )
 
@@ -170,7 +170,23 @@ def shrinkage_table(fit: Fit, subjects: SubjectDensity) -> pd.DataFrame | None:
     return pd.DataFrame(rows)
 
 
-def _correlation(fit: Fit, subjects: SubjectDensity, level: float) -> pd.DataFrame | None:
+def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd.DataFrame | None:
+    """Correlations of stiffness and damping between users, with intervals.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior.
+    subjects : SubjectDensity
+        Its model.
+    level : float
+        Of the equal-tailed intervals.
+
+    Returns
+    -------
+    DataFrame or None
+        As `ModelChecks.correlation`; None with one parameter.
+    """
     draws = correlation_draws(subjects.density, thinned_points(fit)[0])
     rows = []
     for name, values in draws.items():

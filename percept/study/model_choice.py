@@ -13,7 +13,7 @@ from percept.inference.hierarchy.scales import Options
 from percept.inference.sampling.records import Progress
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.bayesian import Fit, RunStore, fit, prepare
+from percept.study.bayesian import RunStore, fit, prepare
 from percept.study.posterior import subject_density
 from percept.study.subject_checks import SubjectChecks, check_subjects
 
@@ -99,6 +99,11 @@ def compare_models(
     unknown = [name for name in models if name not in MODELS]
     if unknown:
         raise UsageError(f"no such model; there are {', '.join(MODELS)}.", column="models", value=unknown[0])
+    if sessions.form == "summary" or scene.model.pooling == "none":
+        raise RefusalError(
+            "models are compared on the sessions of subjects, pooled over environments.",
+            hint='Give sessions instead of published limits, and pooling = "partial".',
+        )
     found: dict[str, SubjectChecks] = {}
     failed = []
     for name in models:
@@ -107,23 +112,15 @@ def compare_models(
         asked = Scene.from_tables(tables)
         sampled = fit(prepare(sessions, asked, parameters), asked, progress=progress, store=store)
         if sampled.run.gate.passed:
-            found[name] = _checked(sampled, asked, progress)
+            subjects = subject_density(sampled)
+            assert subjects is not None
+            found[name] = check_subjects(sampled, subjects, asked, progress=progress)
         else:
             failed.append(f"{name}: {' '.join(sampled.run.gate.reasons)}")
     if not found:
         raise RefusalError("no model passes the gate of the sampler.", hint=" ".join(failed))
     table = _table(found)
     return ModelChoice(table, tuple(failed), _sentence(table))
-
-
-def _checked(sampled: Fit, scene: Scene, progress: Callable[[Progress], None] | None) -> SubjectChecks:
-    subjects = subject_density(sampled)
-    if subjects is None:
-        raise RefusalError(
-            "models are compared on the sessions of subjects, pooled over environments.",
-            hint='Give sessions instead of published limits, and pooling = "partial".',
-        )
-    return check_subjects(sampled, subjects, scene, progress=progress)
 
 
 def _table(found: dict[str, SubjectChecks]) -> pd.DataFrame:

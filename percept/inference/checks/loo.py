@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.inference.checks.subjects import SubjectDensity, batches
 
 __all__ = ["Loo", "leave_one_out"]
@@ -81,6 +81,8 @@ def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Lo
     ------
     UsageError
         If `chains` does not divide the number of draws.
+    RefusalError
+        Where doubles cannot tell what the others say of a subject.
     """
     if len(points) % chains:
         raise UsageError(f"{len(points)} draws do not make equal chains.", column="chains", value=chains)
@@ -94,6 +96,13 @@ def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Lo
             for cut in batches(len(kept), subjects)
         ]
     )
+    if not np.isfinite(log_density).all():
+        i = int(np.argmin(np.isfinite(log_density).all(axis=0)))
+        raise RefusalError(
+            f"what the others say of {subjects.density.statistics.subjects[i]} cannot be told in double "
+            "precision: some environment rests on this subject alone, at next to no scatter.",
+            hint="Leave that environment out, or ask for no model checks.",
+        )
     return _smoothed(log_density, kept, chains)
 
 

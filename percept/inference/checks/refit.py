@@ -53,7 +53,8 @@ class Without:
         possible = np.isfinite(value) & (np.max(np.abs(points), axis=1) <= coordinates.LIMIT)
         if possible.any():
             value[possible] -= self.left_out(points[possible])
-        return value
+        # Scatter so small that doubles cannot leave the subject out has no posterior mass to lose.
+        return np.where(np.isnan(value), -np.inf, value)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -20,7 +20,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import RefusalError
 from percept.inference.hierarchy.blocks import Block, Pair
 from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.covariance import SharedCovariance
@@ -34,11 +33,16 @@ Indices = NDArray[np.intp]
 _LOG_2PI = math.log(2.0 * math.pi)
 #: Numbers in the largest temporary of a batch of draws.
 _BATCH = 1 << 20
+#: Smallest eigenvalue of K, which is 1 - 1/N or so, that is not rounding.
+_LEAST = 1e-12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LeftOut:
     """What W sets of scales and the other subjects' data say of the I subjects asked for.
+
+    All NaN at scales for which doubles cannot tell a subject's share of what is known of a location: a
+    scatter below some 1e-7 of the locations' prior.
 
     Attributes
     ----------
@@ -136,11 +140,7 @@ class SubjectDensity:
         Returns
         -------
         LeftOut
-
-        Raises
-        ------
-        RefusalError
-            Where double precision cannot tell the subject's share of what is known of a location.
+            NaN at scales for which doubles cannot tell the subject's share of what is known of a location.
         """
         wanted = np.arange(self.subjects) if members is None else members
         law = Conditional(self.density, scales)
@@ -193,14 +193,7 @@ def _leave_out(
     covariance = SharedCovariance(cell, shared)
     whitened, spread = _whitened(covariance, apart), _whitened(covariance, columns)
     known = np.matmul(spread.transpose(0, 2, 1), spread)
-    try:
-        factor = np.linalg.cholesky(np.eye(len(columns)) - known)
-    except np.linalg.LinAlgError:
-        raise RefusalError(
-            "what the others say of a subject cannot be told in double precision: what is known of some "
-            "environment rests on one subject alone, whose scatter is below 1e-7 of the prior's.",
-            hint="Leave that environment out, or ask for no model checks.",
-        ) from None
+    factor, lost = _factor(np.eye(len(columns)) - known)
     flat = columns.reshape(len(columns), -1, columns.shape[-1]).transpose(2, 0, 1)
     right = np.concatenate([np.matmul(spread.transpose(0, 2, 1), whitened), flat], axis=2)
     solved = np.linalg.solve(factor, right)
@@ -218,6 +211,20 @@ def _leave_out(
     variance = own.transpose(2, 0, 1) + np.square(root).sum(axis=1).reshape(shape[:3])
     standard = off / np.sqrt(variance)[..., None]
     found.standard[:, at[:, None], :, present] = standard.transpose(3, 2, 0, 1)
+    for values in (found.log_density, found.distance, found.standard):
+        values[np.ix_(lost, at)] = np.nan
+
+
+def _factor(matrices: Array) -> tuple[Array, Indices]:
+    """Lower factors of (W, R, R) matrices, and the indices of those that rounding left without one."""
+    lost: Indices = np.empty(0, dtype=np.intp)
+    try:
+        factor = np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        lost = np.flatnonzero(~(np.linalg.eigvalsh(matrices)[:, 0] > _LEAST))
+        matrices[lost] = np.eye(matrices.shape[-1])
+        factor = np.linalg.cholesky(matrices)
+    return np.asarray(factor, dtype=float), lost
 
 
 def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:

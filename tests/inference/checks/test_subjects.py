@@ -5,6 +5,8 @@ import pytest
 from scipy import stats
 
 from percept.errors import RefusalError
+from percept.inference.checks.loo import leave_one_out
+from percept.inference.checks.refit import Without
 from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity, Resolution
@@ -95,12 +97,9 @@ def check_means(study, i, law, found, w):
     assert np.isnan(found.standard[w, i][:, missing]).all()
 
 
-def test_left_out_densities_chain_to_the_densities_of_all():
-    """log p(y_i | others) is the log density of all less that of the others: the collapsed density agrees."""
-    rng = np.random.default_rng(23)
-    study, density, scales, subjects = prepared("unequal trials", rng)
+def without_the_first(study):
     rest = study.subject > 0
-    others = designs.from_trials(
+    return designs.from_trials(
         study.response[rest],
         study.subject[rest] - 1,
         study.environment[rest],
@@ -109,6 +108,13 @@ def test_left_out_densities_chain_to_the_densities_of_all():
         environments=study.statistics.environments,
         subjects=study.statistics.subjects[1:],
     )
+
+
+def test_left_out_densities_chain_to_the_densities_of_all():
+    """log p(y_i | others) is the log density of all less that of the others: the collapsed density agrees."""
+    rng = np.random.default_rng(23)
+    study, density, scales, subjects = prepared("unequal trials", rng)
+    others = without_the_first(study)
     difference = density.log_likelihood(scales) - CollapsedDensity(others).log_likelihood(scales)
     np.testing.assert_allclose(subjects.left_out(scales).log_density[:, 0], difference, rtol=1e-9)
 
@@ -134,16 +140,7 @@ def test_resolution_widens_both_levels():
         study.environment,
     )
     ours = wide.left_out(scales).log_density
-    rest = study.subject > 0
-    others = designs.from_trials(
-        study.response[rest],
-        study.subject[rest] - 1,
-        study.environment[rest],
-        study.x,
-        parameters=study.statistics.parameters,
-        environments=study.statistics.environments,
-        subjects=study.statistics.subjects[1:],
-    )
+    others = without_the_first(study)
     reduced = CollapsedDensity(others, resolution=Resolution(between=added, trial=added))
     difference = wide.density.log_likelihood(scales) - reduced.log_likelihood(scales)
     np.testing.assert_allclose(ours[:, 0], difference, rtol=1e-9)
@@ -157,10 +154,14 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
     study = designs._simulate(("k",), 2, 3, trials, rng)
     density = CollapsedDensity(study.statistics, options=Options(subject_effect=False))
     subjects = SubjectDensity(density, study.response, study.subject, study.environment)
-    coords = np.zeros((density.dimension, 2))
-    coords[[name.startswith("log_s") for name in density.names]] = -20.0
-    with pytest.raises(RefusalError, match="rests on one subject alone"):
-        subjects.left_out(density.layout.scales(coords))
+    points = np.zeros((4, density.dimension))
+    points[:, [name.startswith("log_s") for name in density.names]] = -20.0
+    found = subjects.left_out(density.layout.scales(points.T))
+    assert np.isnan(found.log_density[:, 0]).all()
+    assert np.isnan(found.standard[:, 0]).all()
+    assert np.isneginf(Without(subjects, 0)(points)).all()
+    with pytest.raises(RefusalError, match="what the others say of S01 cannot be told"):
+        leave_one_out(subjects, points, chains=4)
 
 
 def test_batches_cover_every_draw_once_and_shrink_with_the_study():
@@ -172,3 +173,18 @@ def test_batches_cover_every_draw_once_and_shrink_with_the_study():
     )
     cells = subjects.parameters * subjects.environments
     assert max(cut.stop - cut.start for cut in cuts) * subjects.subjects * cells <= 1 << 20
+
+
+def test_scales_of_any_size_keep_the_digits_of_the_collapsed_densities():
+    """Spreads over seven orders of magnitude: still the density of all less that of the others."""
+    rng = np.random.default_rng(28)
+    study, density, _, subjects = prepared("balanced", rng)
+    coords = 2.5 * rng.normal(size=(density.dimension, 200))
+    scales = density.layout.scales(coords)
+    others = without_the_first(study)
+    all_of_them, less = density.log_likelihood(scales), CollapsedDensity(others).log_likelihood(scales)
+    found = subjects.left_out(scales).log_density[:, 0]
+    sd = scales.named["sigma"]
+    assert sd.max() / sd.min() > 1e7
+    # The difference itself rounds at the size of its terms.
+    np.testing.assert_array_less(np.abs(found - (all_of_them - less)), 1e-9 * (1.0 + np.abs(all_of_them)))
