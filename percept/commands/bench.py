@@ -119,6 +119,12 @@ def _haptics(arguments: argparse.Namespace) -> Sequence[Any]:
     return digits_kept(arguments.cases)
 
 
+def _skipping(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.skipping import skipping_cost
+
+    return skipping_cost()
+
+
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": _sampling,
     "magnitude": _magnitude,
@@ -127,6 +133,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "moments": _moments,
     "coverage": _coverage,
     "haptics": _haptics,
+    "skipping": _skipping,
 }
 
 
