@@ -20,9 +20,14 @@ def test_a_file_is_replaced_whole_and_nothing_stays_beside_it(tmp_path):
 def test_an_error_while_writing_leaves_what_was_there(tmp_path):
     path = tmp_path / "a.txt"
     write_whole(path, b"old")
-    with pytest.raises(KeyboardInterrupt), whole_file(path) as aside:
-        aside.write_bytes(b"ne")
-        raise KeyboardInterrupt
+
+    def stopped():
+        with whole_file(path) as aside:
+            aside.write_bytes(b"ne")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
     assert path.read_bytes() == b"old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 

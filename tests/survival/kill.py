@@ -72,10 +72,13 @@ class Survival:
         Empty folder for everything.
     seed : int
         Of the moments.
+    sampled : bool
+        Whether every job samples; else only the one about the cache does, and all is done sooner.
     """
 
-    def __init__(self, folder: Path, *, seed: int) -> None:
+    def __init__(self, folder: Path, *, seed: int, sampled: bool = True) -> None:
         self.folder = folder
+        self.method = [] if sampled else ["--method", "classical"]
         self.random = random.Random(seed)
         (folder / "studies").mkdir()
         (folder / "scene.toml").write_text(_SCENE, encoding="utf-8")
@@ -84,10 +87,11 @@ class Survival:
 
     def command(self, job: str, out: Path) -> list[str]:
         """Return the command line of a job."""
-        study = str(self.folder / "studies" / "s0.csv")
+        studies = [str(path) for path in sorted((self.folder / "studies").iterdir())]
+        study = studies[0]
         settings = ["--scene", str(self.folder / "scene.toml"), "--out", str(out), "--quiet"]
         words = {
-            "fit": ["fit", study, "--no-cache"],
+            "fit": ["fit", study, "--no-cache", *self.method],
             "report": ["report", study, "--method", "classical"],
             "cache": ["fit", study],
             "batch": [

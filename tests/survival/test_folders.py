@@ -1,4 +1,4 @@
-"""Full disks, folders that may not be written, and two runs at once, on real commands and a real file system."""
+"""Full disks, folders that may not be written, and two runs at once: real commands, real file systems."""
 
 import contextlib
 import json
@@ -15,6 +15,7 @@ from tests.survival.kill import contents
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="limits, locks and mounts are POSIX")
 STUDY = str(Path(__file__).resolve().parents[2] / "datasets" / "hbfd_sessions.csv")
+_SIZE = 1 << 20
 # The command under a limit on the size of files, which fails as a full disk does: in the middle of a write.
 LIMITED = """
 import resource, sys
@@ -48,13 +49,13 @@ def small_disk(folder, size):
 
 
 def test_a_full_disk_is_said_and_the_earlier_result_stays(tmp_path):
-    with small_disk(tmp_path / "disk", 64 * 1024) as disk:
+    with small_disk(tmp_path / "disk", _SIZE) as disk:
         done = percept("fit", STUDY, "--method", "classical", "--level", "0.9", "--out", disk / "out")
         assert done.returncode == 0, done.stderr
         before = contents(disk)
         ballast = disk / "ballast"
         with contextlib.suppress(OSError):
-            ballast.write_bytes(bytes(64 * 1024))
+            ballast.write_bytes(bytes(_SIZE))
         failed = percept("fit", STUDY, "--method", "classical", "--out", disk / "out")
         assert failed.returncode == 2
         assert "cannot be written: No space left on device" in failed.stderr
@@ -87,7 +88,7 @@ def test_a_batch_that_finds_no_room_keeps_what_it_had_and_goes_on_later(tmp_path
 def test_a_folder_that_may_not_be_written_is_said(tmp_path, command):
     if command == "batch":
         pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
-    with small_disk(tmp_path / "disk", 64 * 1024) as disk:
+    with small_disk(tmp_path / "disk", _SIZE) as disk:
         (disk / "out").mkdir()
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
         ran = percept(command, STUDY, "--method", "classical", "--out", disk / "out")
@@ -156,7 +157,7 @@ def test_only_what_nobody_holds_is_removed_beside_the_folder(tmp_path):
 
 
 def test_a_clock_that_goes_back_changes_no_number(tmp_path):
-    """Files of the future beside it, and in the cache: neither an order nor a result rests on the time of day."""
+    """What was written in the future is replaced like anything else."""
     out = tmp_path / "out"
     arguments = ["fit", STUDY, "--method", "classical", "--out", out]
     assert percept(*arguments).returncode == 0
