@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help report reproduce test test-page lint bench calibrate docs clean
+.PHONY: help report reproduce test test-matrix test-page lint bench calibrate docs clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -28,6 +28,30 @@ test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headl
 
 build/node_modules/axe-core:
 	@npm install --silent --no-save --prefix build axe-core || echo "no axe-core: accessibility is not tested"
+
+test-matrix:  ## the tests on Python 3.11 and 3.13, and on 3.11 with the oldest declared dependencies
+	@$(MAKE) --no-print-directory matrix-leg LEG=3.11
+	@$(MAKE) --no-print-directory matrix-leg LEG=3.13
+	@$(MAKE) --no-print-directory matrix-leg LEG=oldest OF=3.11
+
+# One environment and one run of the tests. Old packages meet newer ones of others and deprecate each other:
+# with the oldest versions such warnings are shown and not errors.
+OF = $(LEG)
+LEG_BIN = build/matrix/$(LEG)/bin
+.PHONY: matrix-leg
+matrix-leg:
+	@if ! command -v python$(OF) >/dev/null || ! python$(OF) -c '' 2>/dev/null; then \
+	    echo "test-matrix: no python$(OF) on PATH; leg $(LEG) is left out"; exit 0; \
+	fi; set -e; \
+	test -x $(LEG_BIN)/python || python$(OF) -m venv build/matrix/$(LEG); \
+	: > build/matrix/$(LEG).txt; \
+	if test $(LEG) = oldest; then \
+	    $(LEG_BIN)/python -m tests.oldest pyproject.toml > build/matrix/$(LEG).txt; \
+	fi; \
+	$(LEG_BIN)/python -m pip install --quiet --constraint build/matrix/$(LEG).txt --editable '.[test,tables]'; \
+	echo "test-matrix: $(LEG)"; \
+	$(LEG_BIN)/python -m pytest -n $(JOBS) --dist loadfile -q \
+	    $(if $(filter oldest,$(LEG)),-W default::DeprecationWarning)
 
 lint: $(STAMP)  ## ruff (with docstring rules) and strict types
 	@$(BIN)/ruff check .

@@ -23,6 +23,8 @@ COMMANDS = {
     "predict": "predict an untested environment",
     "plan": "plan the number of subjects",
     "calibrate": "simulate, refit and report real coverage",
+    "batch": "fit many studies, on this machine or a cluster",
+    "cache": "show or clear kept posteriors",
     "sbc": "simulation-based calibration of the model and sampler",
     "simulate": "simulate sessions like a published table",
     "reproduce": "reproduce the paper, claim by claim",

@@ -46,6 +46,8 @@ class Plan:
         ``"user"`` and ``"share"``: width over that of the population's own interval.
     level : float
         Level of the interval; for ``"share"`` its confidence.
+    share : float or None
+        Kind ``"share"``: share of users held.
     family : {"normal", "lognormal"}
         Distribution between users.
     """
@@ -56,17 +58,29 @@ class Plan:
     expected: float
     wanted: float
     level: float
+    share: float | None = None
     family: Parametric = "normal"
 
     @property
     def covers(self) -> str:
         """One plain sentence saying what the plan promises."""
-        width = {
-            "mean": f"the interval of the average user is at most ± {self.wanted:.4g} wide",
-            "user": f"the interval of the next user is at most {self.wanted:.4g} times that of all users",
-            "share": f"the interval of a share of users is at most {self.wanted:.4g} times that of all users",
-        }[self.kind]
-        return f"With {self.n} subjects, {width} in {percent(self.assurance, digits=4)} of studies."
+        sure = percent(self.assurance, digits=4)
+        return f"With {self.n} subjects, {self._interval} is {self._width} in {sure} of studies."
+
+    @property
+    def _interval(self) -> str:
+        level = percent(self.level)
+        if self.kind == "share":
+            return f"the interval of {percent(self.share or 0.0)} of all users, with {level} confidence,"
+        return f"the {level} interval of the {'average' if self.kind == 'mean' else 'next'} user"
+
+    @property
+    def _width(self) -> str:
+        if self.kind != "mean":
+            return f"at most {self.wanted:.4g} times as wide as that of a known population"
+        if self.family == "lognormal":
+            return f"within a factor {1.0 + self.wanted:.4g} of the estimate either way"
+        return f"at most ± {self.wanted:.4g} wide"
 
 
 def plan_mean(
@@ -227,6 +241,7 @@ def plan_share(
         expected=factor(n) * _mean_sd(n) / least,
         wanted=ratio,
         level=float(confidence),
+        share=float(share),
     )
 
 

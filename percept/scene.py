@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from percept.errors import UsageError
 
 __all__ = [
+    "ChecksTable",
     "CouplingTable",
     "DeviceTable",
     "FrequencyTable",
@@ -68,11 +69,11 @@ class CouplingTable(_Table):
 
 
 class FrequencyTable(_Table):
-    """The perceivable range, rad/s, and how many frequencies a curve has."""
+    """The perceivable range, rad/s, and how many frequencies a curve has: by default as many as it needs."""
 
     lower: Positive = 0.1
     upper: Positive = 100.0
-    points: Annotated[int, Field(ge=2, le=100_000)] = 241
+    points: Annotated[int, Field(ge=2, le=100_000)] | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -125,6 +126,17 @@ class ModelTable(_Table):
         return self
 
 
+class ChecksTable(_Table):
+    """Checks of the hierarchical model beside its fit; none without this table.
+
+    `refit` samples the posterior anew without each subject that reweighting cannot leave out; `compare`
+    fits smaller models too and compares them.
+    """
+
+    refit: bool = False
+    compare: bool = False
+
+
 class ReportTable(_Table):
     """What the page shows: zoom windows (rad/s) per environment."""
 
@@ -143,6 +155,7 @@ class Scene(_Table):
     frequency: FrequencyTable = FrequencyTable()
     inference: InferenceTable = InferenceTable()
     model: ModelTable = ModelTable()
+    checks: ChecksTable | None = None
     report: ReportTable = ReportTable()
     columns: dict[str, Any] = Field(default_factory=dict)
     sessions: dict[str, Any] = Field(default_factory=dict)

@@ -90,12 +90,27 @@ def test_the_planned_width_is_that_of_the_interval():
     assert plan.expected == pytest.approx(t_interval(Moments(0.0, c4, plan.n)).upper, rel=1e-13)
 
 
-def test_sentence():
-    plan = plan_mean(0.5, sd=1.0)
-    assert plan.covers == (
-        f"With {plan.n} subjects, the interval of the average user is at most ± 0.5 wide in "
-        f"{100 * plan.assurance:.4g} % of studies."
-    )
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        (plan_mean(0.5, sd=1.0), "the 99 % interval of the average user is at most ± 0.5 wide"),
+        (
+            plan_mean(0.5, sd=1.0, level=0.95, family="lognormal"),
+            "the 95 % interval of the average user is within a factor 1.5 of the estimate either way",
+        ),
+        (
+            plan_user(1.5),
+            "the 99 % interval of the next user is at most 1.5 times as wide as that of a known population",
+        ),
+        (
+            plan_share(1.5, share=0.9),
+            "the interval of 90 % of all users, with 95 % confidence, is at most 1.5 times as wide as that of a "
+            "known population",
+        ),
+    ],
+)
+def test_sentence(plan, said):
+    assert plan.covers == f"With {plan.n} subjects, {said} in {100 * plan.assurance:.4g} % of studies."
 
 
 @pytest.mark.parametrize(

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import sys
 import time
-import tracemalloc
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.boundary.draws import MEMORY, DrawCurves
 from percept.boundary.grid import adaptive_grid
-from percept.haptics import AnyDevice, perceived_magnitude
+from percept.haptics import AnyDevice, Device, perceived_magnitude
 
-__all__ = ["PropagationCost", "propagation_cost", "propagation_memory"]
+if TYPE_CHECKING:
+    from percept.study import Study
+
+__all__ = [
+    "PropagationCost",
+    "PropagationMemory",
+    "propagation_cost",
+    "propagation_memory",
+    "study_propagation",
+]
 
 Array = NDArray[np.float64]
+_NAIVE = (0.1, 100.0, 1000)
 
 
 @dataclass(frozen=True)
@@ -55,7 +69,7 @@ def propagation_cost(
     *,
     kept: int,
     level: float = 0.99,
-    frequencies: tuple[float, float, int] = (0.1, 100.0, 1000),
+    frequencies: tuple[float, float, int] = _NAIVE,
 ) -> PropagationCost:
     """Time both ways on draws of one environment.
 
@@ -88,20 +102,20 @@ def propagation_cost(
         out = 3.0 * bands.sd
         return np.stack([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
 
-    omega, values = adaptive_grid(curves, lower, upper, followed=np.array([False, False, True, True]))
+    grid = adaptive_grid(curves, lower, upper, followed=np.array([False, False, True, True]))
     seconds = time.process_time() - started
     started = time.process_time()
     fine = np.geomspace(lower, upper, points)
     every = perceived_magnitude(fine[:, None], device, stiffness, damping, period)
     naive = np.log(np.quantile(every, tails, axis=1))
     naive_seconds = time.process_time() - started
-    ours = np.stack([np.interp(np.log(fine), np.log(omega), np.log(row)) for row in values[:2]])
+    ours = np.stack([np.interp(np.log(fine), np.log(grid.omega), np.log(row)) for row in grid.values[:2]])
     error = np.abs(ours - naive) / (0.5 * (naive[1] - naive[0]))
     return PropagationCost(
         seconds=seconds,
         naive_seconds=naive_seconds,
         ratio=seconds / naive_seconds,
-        points=omega.size,
+        points=grid.omega.size,
         naive_points=points,
         draws=kept,
         naive_draws=stiffness.size,
@@ -109,14 +123,79 @@ def propagation_cost(
     )
 
 
-def propagation_memory(
-    device: AnyDevice, *, draws: int = 100_000, points: int = 2000, environments: int = 1, seed: int = 1
-) -> tuple[int, int]:
-    """Measure the memory that propagation holds beside draws and results.
+def study_propagation(
+    study: Study, *, frequencies: tuple[float, float, int] = _NAIVE
+) -> list[PropagationCost]:
+    """Time both ways on the next user of every environment of a study.
 
     Parameters
     ----------
-    device : Device or TabulatedDevice
+    study : Study
+        With a passed fit and a device.
+    frequencies : tuple of (float, float, int)
+        Range, rad/s, and points of the naive grid.
+
+    Returns
+    -------
+    list of PropagationCost
+        One per environment: the draws that boundaries go through, against one draw at every kept point.
+    """
+    fit, bench = study.fit, study.bench
+    assert fit is not None
+    assert bench is not None
+    ours = next(d for d in study.curve_draws if (d.method, d.kind) == ("bayesian", "user"))
+    points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
+    rng = np.random.default_rng(study.scene.inference.seed)
+    every = fit.prepared.scale.native(fit.prepared.model.draw(points, rng)[1])
+    column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
+    found = []
+    for name, kept in ours.pairs.items():
+        rest = (every[:, column[parameter, name]] for parameter in ("k", "b"))
+        k, b = (np.concatenate(pair) for pair in zip(kept, rest, strict=True))
+        found.append(
+            propagation_cost(
+                bench.device, k, b, bench.period, kept=kept[0].size, level=ours.level, frequencies=frequencies
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class PropagationMemory:
+    """What a task holds beside its draws and results.
+
+    Attributes
+    ----------
+    draws, points, environments : int
+        Size of the task: draws of each environment, frequencies.
+    values : int
+        abs(Z_h) worked out: the product of the three.
+    seconds : float
+        Processor time.
+    held : int
+        Growth of the process's largest resident memory over what it had with the draws and room for the
+        results, bytes.
+    bound : int
+        What `percept.boundary.draws` promises, bytes.
+    """
+
+    draws: int
+    points: int
+    environments: int
+    values: int
+    seconds: float
+    held: int
+    bound: int
+
+
+def propagation_memory(
+    device: Device, *, draws: int = 100_000, points: int = 2000, environments: int = 50, seed: int = 1
+) -> PropagationMemory:
+    """Propagate draws of many environments in a process of its own, and see how large it grew.
+
+    Parameters
+    ----------
+    device : Device
         The device.
     draws, points, environments : int
         Size of the task.
@@ -125,17 +204,46 @@ def propagation_memory(
 
     Returns
     -------
-    peak, bound : int
-        Bytes: the largest held, and what `percept.boundary.draws` promises.
+    PropagationMemory
     """
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as fresh:
+        return fresh.submit(_propagated, device, draws, points, environments, seed).result()
+
+
+def _propagated(device: Device, draws: int, points: int, environments: int, seed: int) -> PropagationMemory:
     rng = np.random.default_rng(seed)
     omega = np.geomspace(0.1, 100.0, points)
-    peak = 0
-    for _ in range(environments):
-        k, b = np.exp(9.0 + 0.1 * rng.standard_normal(draws)), np.exp(2.0 + 0.3 * rng.standard_normal(draws))
-        ensemble = DrawCurves(device, k, b, 1e-3, level=0.99)
-        tracemalloc.start()
-        ensemble.at(omega)
-        peak = max(peak, tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    return peak, MEMORY
+    stiffness, damping = np.empty((2, environments, draws))
+    for k, b in zip(stiffness, damping, strict=True):
+        k[:] = np.exp(9.0 + rng.standard_normal() + 0.1 * rng.standard_normal(draws))
+        b[:] = np.exp(2.0 + rng.standard_normal() + 0.3 * rng.standard_normal(draws))
+    results = np.ones((environments, 4, points))
+    # Once in small, so that what is loaded and set up at first use is there before.
+    DrawCurves(device, stiffness[0, :1000], damping[0, :1000], 1e-3, level=0.99).at(omega[:8])
+    before = _largest_memory()
+    started = time.process_time()
+    for k, b, kept in zip(stiffness, damping, results, strict=True):
+        bands = DrawCurves(device, k, b, 1e-3, level=0.99).at(omega)
+        kept[:] = bands.lower, bands.upper, bands.mean, bands.sd
+    seconds = time.process_time() - started
+    return PropagationMemory(
+        draws=draws,
+        points=points,
+        environments=environments,
+        values=draws * points * environments,
+        seconds=seconds,
+        held=_largest_memory() - before,
+        bound=MEMORY,
+    )
+
+
+def _largest_memory() -> int:
+    """Largest resident memory of this process so far, bytes."""
+    try:
+        # Linux: ru_maxrss would count what the parent held when this process was started.
+        status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+        return 1024 * int(status.split("VmHWM:")[1].split()[0])
+    except (OSError, IndexError):
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

@@ -122,16 +122,26 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
     """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
     low, high = np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 6.0
     grid = np.concatenate([[-np.inf], np.linspace(low, high, _GRID)])
-    costs = np.stack([_cost(np.full(len(y), t), impedance, y) for t in grid], axis=1)
-    best = costs.argmin(axis=1)
+    # The grid is the same for all sets: of the squared distances only the product with it differs. The
+    # digits this loses could at most choose a neighbouring step, which the brackets hold as well.
+    curves = np.log(np.exp(grid)[:, None] + impedance)
+    curves -= curves.mean(axis=1, keepdims=True)
+    best = (np.einsum("gj,gj->g", curves, curves) - 2.0 * y @ curves.T).argmin(axis=1)
     step = (high - low) / (_GRID - 1)
     centre = np.where(np.isfinite(grid[best]), grid[best], low)
     left, right = centre - step, centre + step
+    width = _GOLDEN * (right - left)
+    first, second = right - width, left + width
+    at_first, at_second = _cost(first, impedance, y), _cost(second, impedance, y)
     for _ in range(_STEPS):
-        width = _GOLDEN * (right - left)
-        first, second = right - width, left + width
-        lower = _cost(first, impedance, y) <= _cost(second, impedance, y)
+        lower = at_first <= at_second
         left, right = np.where(lower, left, first), np.where(lower, second, right)
+        # One of the two inner places is kept; only the other is new.
+        width = _GOLDEN * (right - left)
+        new = np.where(lower, right - width, left + width)
+        at_new = _cost(new, impedance, y)
+        first, second = np.where(lower, new, second), np.where(lower, first, new)
+        at_first, at_second = np.where(lower, at_new, at_second), np.where(lower, at_first, at_new)
     found = 0.5 * (left + right)
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
     none = _cost(np.full(len(y), -np.inf), impedance, y) <= _cost(found, impedance, y)
@@ -142,4 +152,5 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
 
 def _cost(log_ratio: Array, impedance: Array, y: Array) -> Array:
     off = y - np.log(np.exp(log_ratio)[:, None] + impedance)
-    return off.var(axis=1)
+    off -= (off.sum(axis=1) / off.shape[1])[:, None]
+    return np.einsum("sj,sj->s", off, off) / off.shape[1]

@@ -3,23 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
 
-__all__ = ["TOLERANCE", "adaptive_grid", "departure"]
+__all__ = ["FLOOR", "TOLERANCE", "Grid", "adaptive_grid", "departure"]
 
 Array = NDArray[np.float64]
 
 #: Largest relative distance of the lines from the curves.
 TOLERANCE = 1e-3
+#: Below this share of the largest curve at an omega a curve counts as this share: it may dip to zero, which
+#: no number of lines in log-log can follow.
+FLOOR = 1e-3
 _PER_DECADE = 8
 _MOST = 4096
-# Below this share of the largest curve at an omega a curve counts as this share: it may dip to zero, which no
-# number of lines in log-log can follow.
-_FLOOR = 0.02
+# A corner of a curve near one end of an interval lies up to twice as far from the lines through the middle,
+# once that is a point, as the middle lay from the line before.
+_CORNER = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Curves at frequencies chosen for them.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (M,)
+        rad/s, increasing.
+    values : ndarray, shape (C, M)
+        The curves there.
+    departure : float
+        Bound of the relative distance of lines between the points from the curves followed, by what was seen
+        while halving; above the tolerance where 4096 points did not suffice.
+    """
+
+    omega: Array
+    values: Array
+    departure: float
 
 
 def adaptive_grid(
@@ -30,11 +54,12 @@ def adaptive_grid(
     tolerance: float = TOLERANCE,
     including: Array | None = None,
     followed: NDArray[np.bool_] | None = None,
-) -> tuple[Array, Array]:
+) -> Grid:
     """Choose frequencies so that lines between them in log-log follow every curve.
 
-    Intervals of log omega are halved until the curves at their middle lie within the tolerance of the
-    line between their ends. Those middles are kept, which leaves about a quarter of the tolerance.
+    Intervals of log omega are halved until the curves at their middle lie within half the tolerance of the
+    line between their ends. Those middles are kept: a smooth curve then lies within an eighth of the
+    tolerance, one with a corner in the interval within all of it.
 
     Parameters
     ----------
@@ -52,10 +77,7 @@ def adaptive_grid(
 
     Returns
     -------
-    omega : ndarray, shape (M,)
-        rad/s, increasing.
-    values : ndarray, shape (C, M)
-        The curves there.
+    Grid
 
     Raises
     ------
@@ -73,16 +95,18 @@ def adaptive_grid(
     values = curves(omega)
     rows = np.ones(len(values), dtype=bool) if followed is None else followed
     left = np.arange(omega.size - 1)
-    while left.size and omega.size < _MOST:
+    farthest = 0.0
+    while left.size:
         middle = np.sqrt(omega[left] * omega[left + 1])
         found = curves(middle)
-        off = departure(omega, values[rows], middle, found[rows])
-        split = off > tolerance
+        off = _CORNER * departure(omega, values[rows], middle, found[rows])
+        split = (off > tolerance) & (omega.size < _MOST)
+        farthest = max(farthest, float(off[~split].max(initial=0.0)))
         at = left + 1
         omega, values = np.insert(omega, at, middle), np.insert(values, at, found, axis=1)
         new = left + np.arange(left.size)
         left = np.sort(np.concatenate([new[split], new[split] + 1]))
-    return omega, values
+    return Grid(omega, values, farthest)
 
 
 def departure(omega: Array, values: Array, at: Array, true: Array) -> Array:
@@ -98,7 +122,7 @@ def departure(omega: Array, values: Array, at: Array, true: Array) -> Array:
     Returns
     -------
     ndarray, shape (N,)
-        Largest abs(log(line/curve)); values below a fiftieth of the largest curve count as that.
+        Largest abs(log(line/curve)); values below `FLOOR` of the largest curve count as that.
     """
     x, where = np.log(omega), np.log(at)
     right = np.clip(np.searchsorted(x, where), 1, x.size - 1)
@@ -109,4 +133,4 @@ def departure(omega: Array, values: Array, at: Array, true: Array) -> Array:
 
 
 def _raised(values: Array) -> Array:
-    return np.maximum(values, _FLOOR * values.max(axis=0))
+    return np.maximum(values, FLOOR * values.max(axis=0))

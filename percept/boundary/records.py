@@ -41,6 +41,10 @@ class Boundary:
         abs(Z_h) of the reference environment, without coupling, N·s/m.
     coupled : ndarray, shape (M,), or None
         abs(Z_h) of the reference through the virtual coupling (Eq. 11), N·s/m.
+    departure : float or None
+        Where the frequencies were chosen for the curves: bound of the relative distance of straight lines
+        between them, in log-log, from every curve (a pointwise one counts as the smooth band it runs along).
+        None for frequencies asked for.
     """
 
     environment: str
@@ -55,6 +59,12 @@ class Boundary:
     upper: Array
     reference: Array
     coupled: Array | None = None
+    departure: float | None = None
+
+    @property
+    def points(self) -> int:
+        """How many frequencies the curves took."""
+        return self.omega.size
 
     @property
     def band(self) -> Array:
@@ -63,4 +73,4 @@ class Boundary:
 
     def _repr_html_(self) -> str:
         what = f"{self.method} {self.shape} boundary of {self.environment}, kind {self.kind}"
-        return f"<p>{html.escape(what)}: {self.omega.size} frequencies, level {self.level:g}</p>"
+        return f"<p>{html.escape(what)}: {self.points} frequencies, level {self.level:g}</p>"

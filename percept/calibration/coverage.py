@@ -1,19 +1,16 @@
-"""Real coverage of every kind and method: simulate studies, refit, count.
-
-Results are kept line by line as they come, so that an interrupted run goes on where it stopped.
-"""
+"""Real coverage of every kind and method: simulate studies, refit, count."""
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from percept.calibration.checkpoint import Checkpoint
 from percept.calibration.judge import Judgement, judge_study
 from percept.calibration.plan import CoveragePlan
 from percept.errors import UsageError
@@ -91,13 +88,12 @@ def coverage(
     """
     if studies < 2:
         raise UsageError("a standard error needs at least two studies.", value=studies)
-    judged = {} if checkpoint is None else _read(Path(checkpoint), plan)
-    judged = {index: found for index, found in judged.items() if index < studies}
+    kept = Checkpoint(checkpoint, plan.key, what="judged", pack=_pack, unpack=_unpack)
+    judged = kept.read(studies)
     wanted = [index for index in range(studies) if index not in judged]
     for index, found in _computed(plan, wanted, workers or os.cpu_count() or 1):
         judged[index] = found
-        if checkpoint is not None:
-            _append(Path(checkpoint), plan, index, found)
+        kept.append(index, found)
         if progress:
             progress(len(judged), studies)
     return _averaged(plan, [judged[index] for index in sorted(judged)])
@@ -165,28 +161,9 @@ def _averaged(plan: CoveragePlan, judged: list[list[Judgement]]) -> list[Coverag
     return rows
 
 
-def _append(path: Path, plan: CoveragePlan, index: int, found: list[Judgement]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    line = {"plan": plan.key, "index": index, "judged": [asdict(one) for one in found]}
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line) + "\n")
+def _pack(found: list[Judgement]) -> dict[str, Any]:
+    return {"judged": [asdict(one) for one in found]}
 
 
-def _read(path: Path, plan: CoveragePlan) -> dict[int, list[Judgement]]:
-    """Read the judged studies of a plan; a last line cut short by an interruption is dropped."""
-    if not path.exists():
-        return {}
-    judged = {}
-    lines = path.read_text(encoding="utf-8").splitlines()
-    for row, line in enumerate(lines, start=1):
-        try:
-            found = json.loads(line)
-            if found["plan"] == plan.key:
-                judged[int(found["index"])] = [Judgement(**one) for one in found["judged"]]
-        except (ValueError, KeyError, TypeError) as error:
-            if row == len(lines):
-                kept = "".join(whole + "\n" for whole in lines[:-1])
-                path.write_text(kept, encoding="utf-8")
-                break
-            raise UsageError("not a line of judged studies.", file=str(path), row=row) from error
-    return judged
+def _unpack(line: Mapping[str, Any]) -> list[Judgement]:
+    return [Judgement(**one) for one in line["judged"]]

@@ -8,16 +8,16 @@ the conditionals are right. All quantities of a design are judged together, by s
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from percept.calibration.bands import ecdf_band
+from percept.calibration.checkpoint import Checkpoint
 from percept.calibration.sbc_fit import Placed, place_study
 from percept.calibration.sbc_plan import FAULTS, SbcPlan
 from percept.errors import UsageError
@@ -126,14 +126,13 @@ def calibrate(
     """
     if fits < 1:
         raise UsageError("a calibration needs at least one study.", column="fits", value=fits)
-    placed = {} if checkpoint is None else _read(Path(checkpoint), plan)
-    placed = {index: one for index, one in placed.items() if index < fits}
+    kept = Checkpoint(checkpoint, plan.key, what="placed", pack=dataclasses.asdict, unpack=_unpack)
+    placed = kept.read(fits)
     wanted = [index for index in range(fits) if index not in placed]
     stop = None if seconds is None else time.monotonic() + seconds
     for index, one in _computed(plan, wanted, workers, stop):
         placed[index] = one
-        if checkpoint is not None:
-            _append(Path(checkpoint), plan, index, one)
+        kept.append(index, one)
         if progress:
             progress(len(placed), fits)
     return judge_places(plan, [placed[index] for index in sorted(placed)])
@@ -231,26 +230,5 @@ def _computed(
                     running[pool.submit(place_study, plan, following)] = following
 
 
-def _append(path: Path, plan: SbcPlan, index: int, one: Placed) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    line = {"plan": plan.key, "index": index, **dataclasses.asdict(one)}
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line) + "\n")
-
-
-def _read(path: Path, plan: SbcPlan) -> dict[int, Placed]:
-    """Read the placed studies of a plan; a last line cut short by an interruption is dropped."""
-    if not path.exists():
-        return {}
-    placed = {}
-    lines = path.read_text(encoding="utf-8").splitlines()
-    for row, line in enumerate(lines, start=1):
-        try:
-            found = json.loads(line)
-            if found["plan"] == plan.key:
-                placed[int(found["index"])] = Placed(found["reason"], dict(found["values"]))
-        except (ValueError, KeyError, TypeError) as error:
-            if row == len(lines):
-                break
-            raise UsageError("not a line of placed studies.", file=str(path), row=row) from error
-    return placed
+def _unpack(line: Mapping[str, Any]) -> Placed:
+    return Placed(line["reason"], dict(line["values"]))

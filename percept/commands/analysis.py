@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from percept.commands.checks import with_checks
 
 if TYPE_CHECKING:
     from percept.commands.progress import SamplerProgress
+    from percept.scene import Scene
     from percept.study import Study
+    from percept.study.bayesian import RunStore
 
-__all__ = ["add_analysis_arguments", "open_study"]
+__all__ = ["add_analysis_arguments", "add_setting_arguments", "open_study", "settings"]
 
 
 def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,6 +21,14 @@ def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "sessions", nargs="+", metavar="PATH", help="session files or folders, or a published summary"
     )
+    add_setting_arguments(parser)
+    parser.add_argument(
+        "--no-cache", action="store_true", help="sample anew, and keep no posterior (see percept cache)"
+    )
+
+
+def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the scene and the settings of `[inference]` that have a flag."""
     parser.add_argument("--scene", metavar="FILE", help="TOML file that says what to analyse")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the sampler")
     parser.add_argument(
@@ -26,6 +38,11 @@ def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--family", choices=("lognormal", "normal"), help="scale of the hierarchical model")
     parser.add_argument("--method", choices=("both", "classical", "bayesian"), help="which method to run")
     parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the keys of `[inference]` as `add_setting_arguments` parsed them, None where not given."""
+    return {name: getattr(arguments, name) for name in ("seed", "tolerance", "level", "family", "method")}
 
 
 def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None = None) -> Study:
@@ -52,15 +69,18 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
     from percept.study import Study
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
-    scene = scene.with_inference(
-        seed=arguments.seed,
-        tolerance=arguments.tolerance,
-        level=arguments.level,
-        family=arguments.family,
-        method=arguments.method,
-    )
+    scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
     options = ReadOptions.from_mapping(
         {"columns": scene.columns, "sessions": scene.sessions, "environments": scene.environments}
     )
     sessions = read_sessions(*arguments.sessions, options=options)
-    return Study(sessions, scene, progress=progress)
+    return Study(sessions, scene, progress=progress, store=_store(arguments, scene))
+
+
+def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
+    if arguments.no_cache or scene.inference.method == "classical":
+        return None
+    from percept.cache import PosteriorCache, cache_folder
+
+    folder = cache_folder()
+    return None if folder is None else PosteriorCache(folder)

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 EXAMPLE = "percept bench sampling --json"
@@ -15,25 +16,44 @@ EXAMPLE = "percept bench sampling --json"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
-        "parts", nargs="*", metavar="PART", help=f"what to measure: {', '.join(_PARTS)} (sampling, magnitude)"
+        "parts",
+        nargs="*",
+        metavar="PART",
+        help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))} (sampling, magnitude)",
     )
     parser.add_argument("--stability", action="store_true", help="digits kept: moments and haptics")
     parser.add_argument(
         "--cases", type=int, default=2000, metavar="N", help="cases of the haptics digits (2000)"
     )
     parser.add_argument("--json", action="store_true", help="print as JSON")
+    peers = parser.add_argument_group(
+        "peers, reference", "parts run alone, that write files: percept against other samplers (extra peers)"
+    )
+    peers.add_argument("--out", default="benchmark", metavar="DIR", help="folder to write into (benchmark)")
+    peers.add_argument("--engines", nargs="+", default=(), metavar="NAME", help="only these")
+    peers.add_argument(
+        "--seconds", type=float, default=150.0, metavar="S", help="begin no run of an engine later (150)"
+    )
+    peers.add_argument("--starts", type=int, default=3, metavar="N", help="processes per engine (3)")
+    peers.add_argument("--repeats", type=int, default=5, metavar="N", help="rounds of whole commands (5)")
+    peers.add_argument("--quick", action="store_true", help="smallest budgets, to see that all works")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure the parts asked for and print one table each."""
     from percept.errors import UsageError
 
+    if len(arguments.parts) == 1 and arguments.parts[0] in _WRITERS:
+        print(_WRITERS[arguments.parts[0]](arguments))
+        return 0
     parts = list(arguments.parts) or ([] if arguments.stability else ["sampling", "magnitude"])
     if arguments.stability:
         parts += ["moments", "haptics"]
     unknown = [part for part in parts if part not in _PARTS]
     if unknown:
-        raise UsageError(f"there is no such part; they are {', '.join(_PARTS)}.", value=unknown[0])
+        raise UsageError(
+            f"not a part that goes with others; those are {', '.join(_PARTS)}.", value=unknown[0]
+        )
     found: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
         print(f"measuring {part}", file=sys.stderr)
@@ -62,6 +82,25 @@ def _magnitude(arguments: argparse.Namespace) -> Sequence[Any]:
     return [magnitude_cost()]
 
 
+def _propagation(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.propagation import study_propagation
+    from percept.reproduce.published import dataset
+    from percept.scene import Scene
+    from percept.sessions import read_sessions
+    from percept.study import Study
+
+    return study_propagation(
+        Study(read_sessions(dataset("hbfd_sessions.csv")), Scene.load(dataset("hbfd.toml")))
+    )
+
+
+def _memory(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.propagation import propagation_memory
+    from percept.haptics import Device
+
+    return [propagation_memory(Device(1.0, 5.0))]
+
+
 def _moments(arguments: argparse.Namespace) -> Sequence[Any]:
     from percept.bench.classical import digits_kept
 
@@ -80,10 +119,41 @@ def _haptics(arguments: argparse.Namespace) -> Sequence[Any]:
     return digits_kept(arguments.cases)
 
 
+def _skipping(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.skipping import skipping_cost
+
+    return skipping_cost()
+
+
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": _sampling,
     "magnitude": _magnitude,
+    "propagation": _propagation,
+    "memory": _memory,
     "moments": _moments,
     "coverage": _coverage,
     "haptics": _haptics,
+    "skipping": _skipping,
 }
+
+
+def _told(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _peers(arguments: argparse.Namespace) -> Path:
+    from percept.bench.peers.run import run_benchmark
+
+    return run_benchmark(
+        arguments.out, engines=arguments.engines, seconds=arguments.seconds, starts=arguments.starts,
+        repeats=arguments.repeats, quick=arguments.quick, told=_told,
+    )  # fmt: skip
+
+
+def _reference(arguments: argparse.Namespace) -> Path:
+    from percept.bench.peers.run import run_reference
+
+    return run_reference(arguments.out, told=_told)
+
+
+_WRITERS: dict[str, Callable[[argparse.Namespace], Path]] = {"peers": _peers, "reference": _reference}

@@ -9,9 +9,21 @@ from percept.commands.analysis import add_analysis_arguments, open_study
 from percept.commands.progress import SamplerProgress
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from percept.study import Study
 
 EXAMPLE = "percept compare study_a.csv study_b.csv --scene scene.toml"
+_CELL = ["environment", "parameter", "kind"]
+_PAIR = [
+    "lower_classical", "upper_classical", "lower_bayesian", "upper_bayesian",
+    "width_ratio", "shift", "overlap",
+]  # fmt: skip
+_REASONS = [
+    "spread_ratio", "certainty_ratio", "shift_sds", "prior_lower", "prior_upper", "scale_ratio",
+    "to_mean_classical", "to_mean_bayesian",
+]  # fmt: skip
+_MOST_CURVES = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--other-scene", metavar="FILE", help="scene of the second study, such as another device"
     )
-    parser.add_argument("--by", metavar="COLUMN", help="compare the first two groups of this column")
+    parser.add_argument("--by", metavar="COLUMN", help="compare the two groups of subjects in this column")
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
@@ -32,40 +44,59 @@ def run(arguments: argparse.Namespace) -> int:
             return _methods(open_study(arguments, progress), as_json=arguments.json)
         from percept.study.pairs import compare_studies
 
-        found = compare_studies(*pair)
+        (first, second), names = pair
+        found = compare_studies(first, second)
     if arguments.json:
-        _print_json({"intervals": found.intervals, "differences": found.differences, "curves": found.curves})
+        parts = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
+        _print_json({"studies": names, **parts})
         return 0
-    unit = "ratio B/A" if pair[0].scene.inference.family == "lognormal" else "difference B - A"
-    print(f"Average users, {unit}; spread between users, ratio B/A:")
-    print(found.differences.to_string(index=False, float_format="{:.6g}".format))
-    if len(found.curves):
-        worst = found.curves.sort_values("area_upper", ascending=False).head(10)
-        print("Boundaries that moved most, log(B/A):")
-        print(worst.to_string(index=False, float_format="{:.4g}".format))
+    unit = "ratio B/A" if first.scene.inference.family == "lognormal" else "difference B - A"
+    print(f"A: {names['a']}\nB: {names['b']}\n\nAverage users, {unit}; spread between users, ratio B/A:")
+    _print(found.differences)
+    _print_curves(found.curves, "B/A")
     return 0
 
 
-def _pair(arguments: argparse.Namespace, progress: SamplerProgress) -> tuple[Study, Study] | None:
+def _pair(
+    arguments: argparse.Namespace, progress: SamplerProgress
+) -> tuple[tuple[Study, Study], dict[str, str]] | None:
+    """Two studies and what they are; None where one path and one scene are given."""
     from percept.errors import UsageError
-    from percept.study import Study
-    from percept.study.pairs import split_by
 
     paths = arguments.sessions
+    scenes = (arguments.scene, arguments.other_scene or arguments.scene)
     if arguments.by:
-        study = open_study(arguments, progress)
-        first, second, *_ = split_by(study.sessions, arguments.by).values()
-        return Study(first, study.scene, progress=progress), Study(second, study.scene, progress=progress)
+        if arguments.other_scene:
+            raise UsageError("--by compares groups under one scene; leave --other-scene out.")
+        return _groups(open_study(arguments, progress), arguments.by)
     if len(paths) == 1 and not arguments.other_scene:
         return None
     if len(paths) > 2:
         raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
-    scenes = (arguments.scene, arguments.other_scene or arguments.scene)
-    both = [
+    first, second = (
         open_study(argparse.Namespace(**{**vars(arguments), "sessions": [path], "scene": scene}), progress)
         for path, scene in zip((paths[0], paths[-1]), scenes, strict=True)
-    ]
-    return both[0], both[1]
+    )
+    a, b = (
+        f"{path} under {scene}" if scene else path
+        for path, scene in zip((paths[0], paths[-1]), scenes, strict=True)
+    )
+    return (first, second), {"a": a, "b": b}
+
+
+def _groups(study: Study, column: str) -> tuple[tuple[Study, Study], dict[str, str]]:
+    from percept.errors import UsageError
+    from percept.study.pairs import split_by
+
+    groups = split_by(study.sessions, column)
+    if len(groups) > 2:
+        raise UsageError(
+            f"there are {len(groups)} groups, {', '.join(groups)}; two can be compared.",
+            column=column,
+            hint=f"Keep two in the scene: [sessions] only.{column}.",
+        )
+    a, b = groups
+    return (study.over(groups[a]), study.over(groups[b])), {"a": f"{column} {a}", "b": f"{column} {b}"}
 
 
 def _methods(study: Study, *, as_json: bool) -> int:
@@ -75,11 +106,34 @@ def _methods(study: Study, *, as_json: bool) -> int:
     if table is None:
         why = "; ".join(f"{what}: {reason}" for what, reason in study.skipped)
         raise RefusalError("there is only one method to compare.", hint=why)
+    curves = study.curve_comparison
     if as_json:
-        _print_json({"comparison": table, "curves": study.curve_comparison})
-    else:
-        print(table.to_string(index=False, float_format="{:.4g}".format))
+        _print_json({"comparison": table, "curves": curves})
+        return 0
+    print(f"Intervals in pairs, {study.scene.inference.family} family:")
+    _print(table[_CELL + _PAIR])
+    reasons = [name for name in _REASONS if name in table]
+    print("\nWhy they differ (width ratio on the family's scale: spread_ratio times certainty_ratio):")
+    _print(table[_CELL + reasons])
+    if "prior_effective" in table:
+        print(f"The pull of the priors rests on {table['prior_effective'].iloc[0]:.0f} effective draws.")
+    _print_curves(curves, "Bayesian/classical")
     return 0
+
+
+def _print_curves(curves: pd.DataFrame, ratio: str) -> None:
+    """Print the boundaries farthest from each other."""
+    if not len(curves):
+        return
+    areas = curves[["area_lower", "area_upper"]].max(axis=1)
+    worst = curves.loc[areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]]
+    print(f"\nThe {len(worst)} of {len(curves)} boundaries farthest apart. area: mean over log omega of")
+    print(f"abs(log({ratio})) of the lower and the upper curve; largest: log({ratio}) at that omega (rad/s).")
+    _print(worst)
+
+
+def _print(table: pd.DataFrame) -> None:
+    print(table.to_string(index=False, float_format="{:.4g}".format, na_rep="-"))
 
 
 def _print_json(parts: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.checks import add_check_arguments, print_checks
 from percept.commands.progress import SamplerProgress
 
 EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"
@@ -13,6 +14,7 @@ EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_analysis_arguments(parser)
+    add_check_arguments(parser)
     parser.add_argument("--out", default="fit", metavar="DIR", help="folder to write into (fit)")
     parser.add_argument("--json", action="store_true", help="print the intervals as JSON")
 
@@ -31,5 +33,6 @@ def run(arguments: argparse.Namespace) -> int:
     print(study.intervals[columns].to_string(index=False, float_format="{:.6g}".format))
     if study.fit is not None and not study.fit.run.gate.passed:
         print("The Bayesian intervals are withheld: " + " ".join(study.fit.run.gate.reasons))
+    print_checks(study)
     print(path)
     return 0

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 EXAMPLE = "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal"
+# By kind: what must be given, and what may be.
+_OPTIONS = {
+    "mean": (("half_width", "sd"), ("level", "family")),
+    "user": (("ratio",), ("level",)),
+    "share": (("ratio",), ("share", "confidence")),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,42 +26,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sd", type=float, metavar="X", help="kind mean: SD between users, or their coefficient of variation"
     )
     parser.add_argument(
+        "--family", choices=("normal", "lognormal"), help="kind mean: distribution between users (normal)"
+    )
+    parser.add_argument(
         "--ratio", type=float, metavar="X", help="kinds user and share: width over that of all users, above 1"
     )
-    parser.add_argument("--level", type=float, default=0.99, metavar="X", help="confidence level (0.99)")
-    parser.add_argument("--share", type=float, default=0.99, metavar="X", help="share of users held (0.99)")
-    parser.add_argument("--confidence", type=float, default=0.95, metavar="X", help="of kind share (0.95)")
+    parser.add_argument("--level", type=float, metavar="X", help="kinds mean and user: level (0.99)")
+    parser.add_argument("--share", type=float, metavar="X", help="kind share: share of users held (0.99)")
+    parser.add_argument("--confidence", type=float, metavar="X", help="kind share: confidence (0.95)")
     parser.add_argument(
         "--assurance", type=float, default=0.8, metavar="X", help="probability of the width (0.8)"
     )
-    parser.add_argument("--family", choices=("normal", "lognormal"), default="normal", help="of kind mean")
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the smallest number of subjects and what it promises."""
-    from percept.errors import UsageError
     from percept.planning import plan_mean, plan_share, plan_user
 
-    needed = ("half_width", "sd") if arguments.kind == "mean" else ("ratio",)
-    for name in needed:
-        if getattr(arguments, name) is None:
-            raise UsageError(f"kind {arguments.kind} needs --{name.replace('_', '-')}.", column=name)
-    assurance = arguments.assurance
+    asked = _asked(arguments)
     if arguments.kind == "mean":
-        found = plan_mean(
-            arguments.half_width,
-            sd=arguments.sd,
-            level=arguments.level,
-            assurance=assurance,
-            family=arguments.family,
-        )
+        found = plan_mean(asked.pop("half_width"), **asked)
     elif arguments.kind == "user":
-        found = plan_user(arguments.ratio, level=arguments.level, assurance=assurance)
+        found = plan_user(asked.pop("ratio"), **asked)
     else:
-        found = plan_share(
-            arguments.ratio, share=arguments.share, confidence=arguments.confidence, assurance=assurance
-        )
+        found = plan_share(asked.pop("ratio"), **asked)
     if arguments.json:
         from percept.report.plain import dumps, plain
 
@@ -62,3 +58,30 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(found.covers)
     return 0
+
+
+def _asked(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options given; refuse those that the kind lacks or has no use for."""
+    from percept.errors import UsageError
+
+    kind = arguments.kind
+    needed, useful = _OPTIONS[kind]
+    given = {
+        name: getattr(arguments, name)
+        for name in ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
+        if getattr(arguments, name) is not None
+    }
+    for name in needed:
+        if name not in given:
+            raise UsageError(f"kind {kind} needs {_flag(name)}.")
+    for name in given:
+        if name not in (*needed, *useful):
+            kinds = [other for other, parts in _OPTIONS.items() if name in (*parts[0], *parts[1])]
+            raise UsageError(
+                f"kind {kind} has no use for {_flag(name)}, which is of kind {' or '.join(kinds)}."
+            )
+    return {**given, "assurance": arguments.assurance}
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.checks import add_check_arguments
 from percept.commands.progress import SamplerProgress
 
 EXAMPLE = "percept report sessions/ --scene scene.toml --out results"
@@ -13,6 +14,7 @@ EXAMPLE = "percept report sessions/ --scene scene.toml --out results"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_analysis_arguments(parser)
+    add_check_arguments(parser)
     parser.add_argument("--out", default="report", metavar="DIR", help="folder to write into (report)")
     parser.add_argument("--pdf", action="store_true", help="also write report.pdf (needs Chromium)")
     parser.add_argument(

@@ -11,6 +11,9 @@ from percept.haptics._arrays import FloatArray
 _GOLDEN = (np.sqrt(5) - 1) / 2
 # A minimum is flat: a relative 1e-9 in its place is 1e-18 in its value.
 _NARROWINGS = 48
+# With sixteen places at once a bracket shrinks to 2/17: eleven rounds are worth as many narrowings.
+_PLACES = 16
+_ROUNDS = 11
 
 
 def local_minima(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
@@ -49,4 +52,22 @@ def golden_section(
         at_new = function(new)
         left, right = np.where(falls, new, right), np.where(falls, left, new)
         at_left, at_right = np.where(falls, at_new, at_right), np.where(falls, at_left, at_new)
+    return (low + high) / 2
+
+
+def wide_section(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Return a minimum of `function` inside each bracket (low, high), by many places at a time.
+
+    As near as `golden_section` in a quarter of the calls, for a function that costs little more at many
+    places; it takes and returns arrays of shape (places, n). Where several places are equally low, the first
+    decides.
+    """
+    shares = np.linspace(0.0, 1.0, _PLACES + 2)[:, None]
+    every = np.arange(low.size)
+    for _ in range(_ROUNDS):
+        places = low + shares * (high - low)
+        best = function(places[1:-1]).argmin(axis=0) + 1
+        low, high = places[best - 1, every], places[best + 1, every]
     return (low + high) / 2

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 from percept.haptics._arrays import LARGEST, BoolArray, FloatArray, ratio, real_array, times
-from percept.haptics._search import golden_section
+from percept.haptics._search import wide_section
 from percept.haptics._warp import warp
 from percept.haptics.ellipse import checked_centre, checked_factor
 from percept.haptics.parameters import AnyDevice
@@ -21,6 +21,7 @@ __all__ = ["magnitude_envelope_log_ellipse"]
 IntArray: TypeAlias = NDArray[np.intp]
 
 _ANGLES = 720
+_STEP = 2 * np.pi / _ANGLES
 
 
 def magnitude_envelope_log_ellipse(
@@ -95,24 +96,29 @@ def magnitude_envelope_log_ellipse(
             g, p, q, rate = (part[:, None] for part in (g, p, q, rate))
         return np.hypot(g * b + p, q - times(k, rate))
 
-    lower = _refined(distance, sign=1.0)
-    upper = -_refined(distance, sign=-1.0)
+    angles = np.asarray(_STEP * np.arange(_ANGLES), dtype=np.float64)
+    seen = distance(slice(None), angles)
+    lower = _refined(distance, angles, seen, sign=1.0)
+    upper = -_refined(distance, angles, -seen, sign=-1.0)
     inside = _holds_origin(log_k, log_b, factor, gain, per_rate, across, along)
     lower = np.where(inside, 0.0, lower)
     return lower.reshape(outer)[()], upper.reshape(outer)[()]
 
 
-def _refined(distance: Callable[[IntArray | slice, FloatArray], FloatArray], *, sign: float) -> FloatArray:
-    """Return the smallest sign·distance of every point over all angles."""
-    width = 2 * np.pi / _ANGLES
-    angles = np.asarray(width * np.arange(_ANGLES), dtype=np.float64)
-    seen = sign * distance(slice(None), angles)
+def _refined(
+    distance: Callable[[IntArray | slice, FloatArray], FloatArray],
+    angles: FloatArray,
+    seen: FloatArray,
+    *,
+    sign: float,
+) -> FloatArray:
+    """Return the smallest sign·distance of every point over all angles, from what was `seen` on the grid."""
     best = seen.min(axis=1)
     # All local extremes are refined: on the grid the wrong one may look better.
     dips = (seen <= np.roll(seen, 1, axis=1)) & (seen <= np.roll(seen, -1, axis=1)) & np.isfinite(seen)
     point, index = np.nonzero(dips)
-    angle = golden_section(
-        lambda angle: sign * distance(point, angle), angles[index] - width, angles[index] + width
+    angle = wide_section(
+        lambda angle: sign * distance(point, angle), angles[index] - _STEP, angles[index] + _STEP
     )
     np.minimum.at(best, point, sign * distance(point, angle))
     return best

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
 from percept.haptics._arrays import BoolArray, FloatArray, nonnegative_array, ratio
-from percept.haptics._search import golden_section
+from percept.haptics._search import golden_section, wide_section
 from percept.haptics._warp import Warp, warp
 from percept.haptics.design import max_coupling_stiffness, max_coupling_stiffness_at
 from percept.haptics.impedance import device_impedance, device_parts, environment_impedance
@@ -331,7 +331,8 @@ def _extreme(judge: _Judge, lines: FloatArray, cost: FloatArray, *, last: bool) 
         return np.array([-part.max(initial=-np.inf) if last else part.min(initial=np.inf) for part in sets])
 
     low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
-    candidates = np.append(golden_section(between, low, high), lines[best])
+    found = wide_section(lambda places: between(places[:, 0])[:, None], low, high)
+    candidates = np.append(found, lines[best])
     damping = candidates[int(np.argmin(between(candidates)))]
     intervals = judge.intervals(np.array([damping]))[0]
     low_k, high_k = intervals[-1] if last else intervals[0]

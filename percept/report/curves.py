@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from percept.report.plain import plain
-from percept.report.select import each_by_itself
+from percept.report.select import EACH_BY_ITSELF
 
 if TYPE_CHECKING:
+    from percept.boundary.records import Boundary
     from percept.scene import Scene
     from percept.study import Study
 
@@ -60,12 +61,15 @@ def close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[s
     list of dict
         Boundary records, of kind mean (or the first kind there is) and not widened for joint limits.
     """
-    found = []
+    found: list[Boundary] = []
     for environment, window in windows.items():
-        records = study.boundaries_at(np.linspace(window[0], window[1], _POINTS), (environment,))
-        kept = [record for record in map(plain, records) if each_by_itself(record)]
-        found += [record for record in kept if record["kind"] == study.scene.inference.kinds[0]]
-    return found
+        found += study.boundaries_at(
+            np.linspace(window[0], window[1], _POINTS),
+            (environment,),
+            kinds=study.scene.inference.kinds[:1],
+            joints=EACH_BY_ITSELF,
+        )
+    return [plain(record) for record in found]
 
 
 def readings(study: Study) -> list[dict[str, Any]]:
@@ -83,4 +87,4 @@ def readings(study: Study) -> list[dict[str, Any]]:
     table = study.scene.frequency
     inside = table.lower <= _LOOK_AT <= table.upper
     omega = _LOOK_AT if inside else float(np.sqrt(table.lower * table.upper))
-    return [record for record in map(plain, study.boundaries_at(np.array([omega]))) if each_by_itself(record)]
+    return [plain(record) for record in study.boundaries_at(np.array([omega]), joints=EACH_BY_ITSELF)]

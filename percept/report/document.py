@@ -7,17 +7,17 @@ from importlib import metadata
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from percept.report.checks import checks_of
 from percept.report.curves import close_views, readings, zoom_windows
 from percept.report.design import design_of
 from percept.report.findings import findings
 from percept.report.plain import plain
 from percept.report.select import distinct
-from percept.report.sensitivity import device_sensitivity
 
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["SCHEMA", "build_document"]
+__all__ = ["SCHEMA", "build_document", "provenance"]
 
 SCHEMA = "percept-report/1"
 
@@ -41,14 +41,14 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
     -------
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``boundaries`` with their ``zoom`` windows,
-        ``close`` views and ``readings`` at one frequency, ``coupling``, ``band``, ``design``, ``comparison``,
-        ``diagnostics``, ``skipped``, and what is worked out from them: ``sensitivity``, ``summary``. JSON
-        values only (see `percept.report.plain`), in the
-        units of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
+        ``close`` views and ``readings`` at one frequency, ``coupling``, ``band``, ``design``,
+        ``sensitivity``, ``comparison``, ``curve_comparison``, ``diagnostics``, ``checks``, ``skipped``, and
+        what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
+        of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
     document = {
         "schema": SCHEMA,
-        "provenance": _provenance(study, seed),
+        "provenance": provenance(study, seed),
         "data": _data(study),
         "intervals": plain(study.intervals),
         "boundaries": plain(study.boundaries) if curves else [],
@@ -58,8 +58,11 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         "coupling": plain(study.coupling) if curves else None,
         "band": plain(study.band) if curves else None,
         "design": None,
+        "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
+        "curve_comparison": plain(study.curve_comparison) if curves else [],
         "diagnostics": plain(study.diagnostics),
+        "checks": checks_of(study),
         "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
     }
     if document["boundaries"]:
@@ -67,12 +70,24 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         document["close"] = close_views(study, document["zoom"])
         document["readings"] = readings(study)
         document["design"] = design_of(study)
-    document["sensitivity"] = device_sensitivity(document)
     document["summary"] = findings(document)
     return document
 
 
-def _provenance(study: Study, seed: int | None) -> dict[str, Any]:
+def provenance(study: Study, seed: int | None = None) -> dict[str, Any]:
+    """Say what a result was made from: versions, seed, files and scene.
+
+    Parameters
+    ----------
+    study : Study
+    seed : int, optional
+        The seed that was used, where it is not the scene's.
+
+    Returns
+    -------
+    dict
+        ``versions``, ``seed``, ``files`` (name, sha256, rows), ``scene``.
+    """
     import percept
 
     scene = plain(study.scene.to_dict())

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from percept.durable import exclusive, shared
 from percept.errors import UsageError
 
 __all__ = ["filled_folder"]
@@ -20,7 +22,8 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
 
     An error inside leaves `out_dir` as it was. A list of the files and their hashes, in the form of
     ``sha256sum`` and named after `last`, goes with them: a file of an earlier list that is not written again
-    is removed if it still is what was written then. Every other file stays.
+    is removed if it still is what was written then. Every other file stays. Of two runs into one folder the
+    one that ends later leaves all its files; what a killed run left beside the folder goes with the next one.
 
     Parameters
     ----------
@@ -43,24 +46,50 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     if out.exists() and not out.is_dir():
         raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))
     missing = [parent for parent in out.parents if not parent.exists()]
+    held = ExitStack()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        # Beside the folder, because only within one file system is a move all or nothing.
-        aside = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+        _remove_abandoned(out)
+        aside = _make_aside(out, held)
     except OSError as error:
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
     try:
         yield aside
-        _move(aside, out, last)
+        out.mkdir(exist_ok=True)
+        with exclusive(out):
+            _move(aside, out, last)
     except OSError as error:
         if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
             raise
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
     finally:
         shutil.rmtree(aside, ignore_errors=True)
+        held.close()
         with suppress(OSError):
             for parent in missing:
                 parent.rmdir()  # only where nothing came of it: a folder with something in it stays
+
+
+def _make_aside(out: Path, held: ExitStack) -> Path:
+    """Make a folder beside `out`, because only within one file system is a move all or nothing."""
+    while True:
+        aside = Path(tempfile.mkdtemp(prefix=_aside_prefix(out), dir=out.parent))
+        with suppress(FileNotFoundError):
+            held.enter_context(shared(aside))
+            if aside.exists():  # nobody took it for an abandoned one before it was held
+                return aside
+
+
+def _remove_abandoned(out: Path) -> None:
+    """Remove folders beside `out` of runs that were killed: nobody holds them any more."""
+    for aside in out.parent.glob(f"{glob.escape(_aside_prefix(out))}*"):
+        with suppress(OSError), exclusive(aside, wait=False) as held:
+            if held:
+                shutil.rmtree(aside)
+
+
+def _aside_prefix(out: Path) -> str:
+    return f".{out.name}-unfinished-"
 
 
 def _move(aside: Path, out: Path, last: str) -> None:

@@ -8,6 +8,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 __all__ = ["dumps", "plain"]
 
 
@@ -44,6 +46,8 @@ def plain(value: Any) -> Any:
         return [plain(part) for part in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f" and np.isfinite(value).all():
+        return value.tolist()
     for method in ("model_dump", "tolist"):
         if hasattr(value, method):
             return plain(getattr(value, method)())

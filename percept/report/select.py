@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "EACH_BY_ITSELF",
     "KINDS",
     "METHODS",
     "METHOD_NAMES",
@@ -22,6 +23,8 @@ __all__ = [
 
 Record = Mapping[str, Any]
 
+#: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
+EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
 METHODS = ("classical", "bayesian")
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
@@ -45,7 +48,7 @@ def distinct(records: Iterable[Record], name: str) -> list[Any]:
 
 def each_by_itself(record: Record) -> bool:
     """Say whether a boundary is of the main account: not widened so that k and b hold together."""
-    return record["joint"] not in ("bonferroni", "hotelling")
+    return record["joint"] in EACH_BY_ITSELF
 
 
 def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:

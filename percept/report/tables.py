@@ -51,9 +51,10 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
         heads = {name: name for name in ("environment", "method", "kind")}
         heads |= {"impedance": "impedance (N·s/m)", "band": "band (N·s/m)", "relative": "relative"}
         tables["band.csv"] = _table(heads, band["rows"])
-    if document["comparison"]:
-        rows = document["comparison"]
-        tables["comparison.csv"] = _table({name: name for name in rows[0]}, rows)
+    for name, place in (("comparison", "comparison"), ("comparison_curves", "curve_comparison")):
+        if document[place]:
+            rows = document[place]
+            tables[f"{name}.csv"] = _table({head: head for head in rows[0]}, rows)
     return tables
 
 
@@ -66,24 +67,30 @@ def _boundaries(records: Sequence[Mapping[str, Any]]) -> str:
         "reference": "reference (N·s/m)",
         "coupled": "coupled (N·s/m)",
     }
-    rows = []
+    parts = [_line([*labels, *curves.values()])]
     for record in records:
-        columns = {name: record.get(name) or [None] * len(record["omega"]) for name in curves}
-        for point in zip(*columns.values(), strict=True):
-            rows.append({name: record[name] for name in labels} | dict(zip(curves, point, strict=True)))
-    return _table({name: name for name in labels} | curves, rows)
+        # The labels of a curve are quoted once; hundreds of points follow, in which nothing needs quotes.
+        head = _line([_cell(record[name]) for name in labels]).rstrip("\n") + ","
+        columns = [map(_cell, record.get(name) or [None] * len(record["omega"])) for name in curves]
+        parts += [f"{head}{','.join(point)}\n" for point in zip(*columns, strict=True)]
+    return "".join(parts)
 
 
 def _table(heads: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
+    lines = [_line(heads.values())]
+    lines += [_line(_cell(row.get(name)) for name in heads) for row in rows]
+    return "".join(lines)
+
+
+def _line(cells: Iterable[str]) -> str:
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(heads.values())
-    for row in rows:
-        writer.writerow(_cell(row.get(name)) for name in heads)
+    csv.writer(text, lineterminator="\n").writerow(cells)
     return text.getvalue()
 
 
 def _cell(value: Any) -> str:
+    if type(value) is float:
+        return repr(value)
     if value is None:
         return ""
     if isinstance(value, bool):

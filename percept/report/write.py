@@ -102,15 +102,14 @@ def _fill(
 
 def _figures(folder: Path, document: dict[str, object], formats: Sequence[str]) -> dict[str, Plate]:
     """Draw every figure once, write its files, and return what the page shows."""
-    from percept.report.figures.canvas import drawn, inline_svg, rendered
     from percept.report.figures.catalogue import drawings
+    from percept.report.figures.files import inline_svg, rendered
     from percept.report.page import Plate
 
     plates = {}
     for drawing in drawings(document):
-        figure = drawn(drawing)
         for form in formats:
             folder.mkdir(exist_ok=True)
-            (folder / f"{drawing.name}.{form}").write_bytes(rendered(figure, form))
-        plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(figure, drawing))
+            (folder / f"{drawing.name}.{form}").write_bytes(rendered(drawing, form))
+        plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(drawing))
     return plates

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,17 +17,22 @@ from percept.haptics import (
     stable_region,
 )
 from percept.report.figures.boundaries import Limits, draw_magnitude
-from percept.report.figures.canvas import COLOURS, Drawing, grid, legend_below, panels, plain_text
+from percept.report.figures.canvas import (
+    COLOURS,
+    Axes,
+    Drawing,
+    Figure,
+    grid,
+    legend_below,
+    panels,
+    plain_text,
+)
 from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
 from percept.reproduce import devices
 from percept.reproduce.adaptive import Adapted, TradeOff
 from percept.reproduce.devices import DAMPINGS, MASSES, over_devices
 from percept.reproduce.published import THEORETICAL, Published, Wall
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 __all__ = ["drawings"]
 
@@ -81,9 +85,6 @@ def _fig4(published: Published) -> Drawing:
             lines[label] = np.asarray(admittance).real
             binding[label] = float(required_damping(coupling, published.period).omega)
         draw_stability(ax, omega, bound, lines, binding=binding)
-        for number, mark in enumerate(ax.get_lines()):
-            # Two couplings have two marks, and on the page an id is one element's.
-            mark.set_gid(f"line-{number}")
 
     return Drawing(
         "fig-4",
@@ -229,16 +230,28 @@ def _maps(published: Published) -> Drawing:
 
 
 def _shade(ax: Axes, true: devices.BoolArray, *, alpha: float) -> None:
-    """Shade the devices of which something is true; contours need something to go round."""
-    if true.any():
-        ax.contourf(
-            _MAP_MASSES,
-            _MAP_DAMPINGS,
-            true.astype(float),
-            levels=[0.5, 1.5],
-            colors=[COLOURS["coupled"]],
+    """Shade the devices of which something is true, each as far as half way to the next."""
+    padded = np.pad(true, ((0, 0), (1, 1))).astype(int)
+    rows, starts = np.nonzero(np.diff(padded, axis=1) == 1)
+    _, ends = np.nonzero(np.diff(padded, axis=1) == -1)
+    if rows.size:
+        masses, dampings = _edges(_MAP_MASSES), _edges(_MAP_DAMPINGS)
+        ax.barh(
+            dampings[rows],
+            masses[ends] - masses[starts],
+            height=dampings[rows + 1] - dampings[rows],
+            left=masses[starts],
+            align="edge",
+            color=COLOURS["coupled"],
             alpha=alpha,
+            linewidth=0,
+            antialiased=False,
         )
+
+
+def _edges(places: devices.FloatArray) -> devices.FloatArray:
+    """Return the middles between places on a log axis, and the outer places themselves."""
+    return np.concatenate([places[:1], np.sqrt(places[1:] * places[:-1]), places[-1:]])
 
 
 def _mark_devices(ax: Axes, published: Published) -> None:
@@ -320,13 +333,11 @@ def _from_least(trade: TradeOff, row: int) -> tuple[devices.FloatArray, devices.
 
 
 def _logarithmic(ax: Axes) -> None:
-    from matplotlib.ticker import FuncFormatter
-
     ax.set_xscale("log")
     ax.set_yscale("log")
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.minorticks_off()
+        axis.minorticks_off()
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
 def _design(published: Published, adapted: Adapted) -> Drawing:

@@ -54,7 +54,7 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
     UsageError
         Where the folder is a file or cannot be written.
     """
-    from percept.report.figures.canvas import drawn, inline_svg, rendered
+    from percept.report.figures.files import inline_svg, rendered
     from percept.report.page import Plate
     from percept.reproduce.adaptive import adapted_couplings, trade_off
     from percept.reproduce.document import build_document, claims_csv, table_csv
@@ -75,9 +75,8 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
         (folder / "figures").mkdir()
         plates = {}
         for drawing in drawings(published, adapted, trade):
-            figure = drawn(drawing)
-            (folder / "figures" / f"{drawing.name}.svg").write_bytes(rendered(figure, "svg"))
-            plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(figure, drawing))
+            (folder / "figures" / f"{drawing.name}.svg").write_bytes(rendered(drawing, "svg"))
+            plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(drawing))
         page = render(document, claims, plates, date=date or datetime.date.today().isoformat())
         (folder / PAGE).write_text(page, encoding="utf-8")
     return Written(Path(out_dir), Path(out_dir) / PAGE, tuple(claims))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from percept.study.classical import Cell, cell_moments
 from percept.study.responses import ResponseScale, Trials, decades, references, trials
 from percept.study.units import NAMES, UNITS
 
-__all__ = ["Fit", "Prepared", "fit", "prepare"]
+__all__ = ["Fit", "Prepared", "RunStore", "fit", "prepare"]
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,13 @@ class Fit:
     estimate: Array
 
 
+class RunStore(Protocol):
+    """Keeps finished runs, so that none is sampled twice."""
+
+    def run(self, asked: tuple[object, ...], compute: Callable[[], Run]) -> Run:
+        """Return the kept run of what is asked, or compute and keep it."""
+
+
 def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Build the model that the data and the scene ask for.
 
@@ -119,7 +127,13 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
     return Prepared(Pooled(density), data.scale, counts, statistics.repeats, data)
 
 
-def fit(prepared: Prepared, scene: Scene, *, progress: Callable[[Progress], None] | None = None) -> Fit:
+def fit(
+    prepared: Prepared,
+    scene: Scene,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    store: RunStore | None = None,
+) -> Fit:
     """Sample a prepared model to the scene's tolerance.
 
     Parameters
@@ -130,13 +144,13 @@ def fit(prepared: Prepared, scene: Scene, *, progress: Callable[[Progress], None
         Kinds, levels, accuracy and seed.
     progress : callable, optional
         Told the state after every round.
+    store : RunStore, optional
+        Asked first, and given what was sampled.
 
     Returns
     -------
     Fit
     """
-    from percept.inference.sampling.run import sample
-
     asked = scene.inference
     estimands = IntervalEstimands(
         prepared.model,
@@ -148,7 +162,16 @@ def fit(prepared: Prepared, scene: Scene, *, progress: Callable[[Progress], None
     settings = Settings(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )
-    run = sample(prepared.model, estimands, settings, progress=progress)
+
+    def sampled() -> Run:
+        from percept.inference.sampling.run import sample
+
+        run = sample(prepared.model, estimands, settings, progress=progress)
+        # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
+        points, components = np.ascontiguousarray(run.points), np.ascontiguousarray(run.components)
+        return dataclasses.replace(run, points=points, components=components)
+
+    run = store.run((prepared.model, estimands, settings), sampled) if store is not None else sampled()
     laws = Laws.unpack(run.components.reshape(-1, run.components.shape[-1]))
     native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
     limits = {str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)}

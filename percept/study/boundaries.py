@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from percept import haptics
 from percept.boundary.draws import DrawBands, DrawCurves
-from percept.boundary.grid import TOLERANCE, adaptive_grid
+from percept.boundary.grid import TOLERANCE, Grid, adaptive_grid
 from percept.boundary.records import Boundary, Shape
 from percept.haptics import AnyDevice, Coupling, Environment
 from percept.study.regions import Draws, Region
@@ -167,6 +167,20 @@ class _Place:
 
     def __init__(self, bench: Bench, environment: str, frequencies: Range) -> None:
         self.bench, self.environment, self.frequencies = bench, environment, frequencies
+        self._known: dict[float, tuple[float, float]] = {}
+
+    def own(self, omega: Array) -> Array:
+        """abs(Z_h) of the reference, without and through the coupling, shape (2, M).
+
+        Grids halve the same intervals for one boundary after another: what was evaluated is kept.
+        """
+        places = omega.tolist()
+        new = np.array([place for place in places if place not in self._known])
+        if new.size:
+            pair = (self.bench.curve(self.environment, new, coupled=coupled) for coupled in (False, True))
+            values = zip(*(curve.tolist() for curve in pair), strict=True)
+            self._known.update(zip(new.tolist(), values, strict=True))
+        return np.array([self._known[place] for place in places]).T
 
     def sampled(
         self, curves: Callable[[Array], Array], smooth: tuple[bool, ...]
@@ -175,15 +189,13 @@ class _Place:
         bench = self.bench
 
         def stacked(omega: Array) -> Array:
-            own = [bench.curve(self.environment, omega, coupled=coupled) for coupled in (False, True)]
-            return np.concatenate([own, curves(omega)])
+            return np.concatenate([self.own(omega), curves(omega)])
 
         wanted = self.frequencies
         if wanted.omega is not None:
-            omega = wanted.omega
-            values = stacked(omega)
+            grid = Grid(wanted.omega, stacked(wanted.omega), np.nan)
         else:
-            omega, values = adaptive_grid(
+            grid = adaptive_grid(
                 stacked,
                 wanted.lower,
                 wanted.upper,
@@ -191,14 +203,15 @@ class _Place:
                 including=bench.resonances(self.environment),
                 followed=np.array((True, True, *smooth)),
             )
-        reference, coupled = values[:2]
+        reference, coupled = grid.values[:2]
         shared = {
             "environment": self.environment,
-            "omega": omega,
+            "omega": grid.omega,
             "reference": reference,
             "coupled": coupled if bench.coupling is not None else None,
+            "departure": grid.departure if wanted.omega is None else None,
         }
-        return shared, values[2:]
+        return shared, grid.values[2:]
 
 
 def _around(place: _Place, region: Region, shape: Shape) -> Boundary:

@@ -15,8 +15,10 @@ from scipy import special
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.laws import Laws
+from percept.inference.hierarchy.laws import Laws, Model
 from percept.inference.hierarchy.least_squares import factor
+from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.product import Product
 
 __all__ = ["NewEnvironment", "new_environment"]
 
@@ -57,14 +59,14 @@ class NewEnvironment:
 
 
 def new_environment(
-    density: CollapsedDensity, points: Array, x: Array, *, repeats: int, rng: np.random.Generator
+    model: Model, points: Array, x: Array, *, repeats: int, rng: np.random.Generator
 ) -> NewEnvironment:
     """Work out the laws of a new environment at posterior draws.
 
     Parameters
     ----------
-    density : CollapsedDensity
-        The model and the study.
+    model : Pooled or Product
+        The model of the study; one of models of single parameters leaves stiffness and damping uncorrelated.
     points : ndarray, shape (W, d)
         Draws of the coordinates.
     x : ndarray, shape (P,)
@@ -82,14 +84,38 @@ def new_environment(
     Raises
     ------
     RefusalError
-        With one tested environment, from which no trend can be learnt.
+        With one tested environment, from which no trend can be learnt, or a model without pooling.
     """
+    if isinstance(model, Product):
+        parts = [
+            new_environment(part, own, x[[p]], repeats=repeats, rng=rng)
+            for p, (part, own) in enumerate(zip(model.models, model.split(points), strict=True))
+        ]
+        return NewEnvironment(
+            np.concatenate([part.mean for part in parts], axis=1),
+            _side_by_side([part.covariance for part in parts]),
+            _side_by_side([part.population for part in parts]),
+        )
+    if not isinstance(model, Pooled):
+        raise RefusalError(
+            "environments without pooling say nothing on others.",
+            hint='Set pooling = "partial" in [model].',
+        )
+    density = model.density
     if not density.layout.trend:
         raise RefusalError(
             "one environment says nothing on others.", hint="Add sessions with more reference environments."
         )
-    parts = [_chunk(density, points[i : i + _CHUNK], x, repeats, rng) for i in range(0, len(points), _CHUNK)]
-    return NewEnvironment(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    chunks = [_chunk(density, points[i : i + _CHUNK], x, repeats, rng) for i in range(0, len(points), _CHUNK)]
+    return NewEnvironment(*(np.concatenate(chunk) for chunk in zip(*chunks, strict=True)))
+
+
+def _side_by_side(variances: list[Array]) -> Array:
+    """Covariances (S, P, P) of uncorrelated parameters from one variance (S, 1, 1) each."""
+    joined = np.zeros((len(variances[0]), len(variances), len(variances)))
+    for p, variance in enumerate(variances):
+        joined[:, p, p] = variance[:, 0, 0]
+    return joined
 
 
 def _chunk(

@@ -6,10 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from percept.inference.checks.prior import draw_prior, log_prior
+from percept.inference.checks.subjects import SubjectDensity, batches
+from percept.inference.hierarchy.pooled import Pooled
+
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
 
-__all__ = ["posterior_tree", "thinned_points"]
+__all__ = ["full_tree", "posterior_tree", "subject_density", "thinned_points"]
+
+Array = np.ndarray[Any, Any]
+#: Log likelihoods (draws times subjects) that a tree holds; larger studies keep fewer draws.
+_MOST = 1 << 24
+_PRIOR_DRAWS = 4000
+_CELL = ["parameter", "environment"]
 
 
 def thinned_points(fit: Fit) -> tuple[np.ndarray[Any, Any], int]:
@@ -19,6 +29,14 @@ def thinned_points(fit: Fit) -> tuple[np.ndarray[Any, Any], int]:
     flat = run.points.reshape(run.points.shape[0], -1, run.points.shape[-1])
     chosen = flat[np.arange(len(flat))[:, None], index]
     return chosen.reshape(-1, chosen.shape[-1]), index.shape[1]
+
+
+def subject_density(fit: Fit) -> SubjectDensity | None:
+    """Densities of the subjects' data; None for models other than the pooled one of sessions."""
+    model, data = fit.prepared.model, fit.prepared.trials
+    if not isinstance(model, Pooled) or data is None:
+        return None
+    return SubjectDensity(model.density, data.response, data.subject, data.environment)
 
 
 def posterior_tree(fit: Fit, *, seed: int) -> Any:
@@ -37,37 +55,120 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
         Groups `posterior` (scales on the response scale; `population_mean` in N/m and N·s/m),
         `posterior_predictive` (`new_user`), `sample_stats` (`lp`).
     """
-    import arviz_base
-
-    model, scale = fit.prepared.model, fit.prepared.scale
     points, per_chain = thinned_points(fit)
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(101,)))
-    means, users = model.draw(points, rng)
-    cells = model.cells
-    parameters = list(dict.fromkeys(p for p, _ in cells))
-    environments = list(dict.fromkeys(e for _, e in cells))
+    means, users = _draws(fit, points, seed)
+    return _tree(fit, *_posterior(fit, points, per_chain, means, users))
 
-    def by_chain(values: np.ndarray[Any, Any], *shape: int) -> np.ndarray[Any, Any]:
+
+def full_tree(fit: Fit, *, seed: int) -> Any:
+    """Build the DataTree with what model checks by ArviZ need beside the posterior.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior of the pooled model of sessions.
+    seed : int
+        As for `posterior_tree`; the draws are the same.
+
+    Returns
+    -------
+    DataTree
+        Beside the groups of `posterior_tree`: `population_sd` (SD between users, response scale) in
+        `posterior`; `log_likelihood` (`trials`, per subject, given locations and scales, on the response
+        scale); `log_prior` (of every top-level prior); `prior` and `prior_predictive`, with the names and
+        units of their posterior twins. Studies of very many subjects keep fewer draws.
+    """
+    subjects = subject_density(fit)
+    assert subjects is not None
+    density = subjects.density
+    points, per_chain = thinned_points(fit)
+    gap = -(-len(points) * subjects.subjects // _MOST)
+    points = points.reshape(-1, per_chain, points.shape[1])[:, ::gap].reshape(-1, points.shape[1])
+    per_chain = -(-per_chain // gap)
+    means, users = _draws(fit, points, seed)
+    groups, dims = _posterior(fit, points, per_chain, means, users)
+    grid = (len(density.statistics.parameters), len(density.statistics.environments))
+    spread = fit.prepared.model.laws(points).spread
+    groups["posterior"]["population_sd"] = spread.reshape(-1, per_chain, *grid)
+    dims["population_sd"] = _CELL
+    beta = means.reshape(-1, *grid)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(113,)))
+    likelihood, priors = [], []
+    for cut in batches(len(points), subjects):
+        scales = density.layout.scales(np.ascontiguousarray(points[cut].T))
+        at = np.moveaxis(beta[cut], 0, -1)
+        likelihood.append(subjects.given_locations(scales, at))
+        priors.append(log_prior(density, scales, at, rng))
+    groups["log_likelihood"] = {
+        "trials": np.concatenate(likelihood).reshape(-1, per_chain, subjects.subjects)
+    }
+    dims["trials"] = ["subject"]
+    groups["log_prior"] = {}
+    for name, (dimensions, value) in priors[0].items():
+        joined = np.concatenate([part[name][1] for part in priors])
+        groups["log_prior"][name] = joined.reshape(-1, per_chain, *value.shape[1:])
+        dims[name] = list(dimensions)
+    drawn, prior_means, prior_users = draw_prior(density, _PRIOR_DRAWS, rng)
+    groups["prior"] = {name: value[None] for name, (_, value) in drawn.items()}
+    # Far tails of the priors' spread are beyond what a double holds in N/m.
+    with np.errstate(over="ignore"):
+        native_means, native_users = (fit.prepared.scale.native(v) for v in (prior_means, prior_users))
+    groups["prior"]["population_mean"] = native_means.reshape(1, -1, *grid)
+    groups["prior_predictive"] = {"new_user": native_users.reshape(1, -1, *grid)}
+    return _tree(fit, groups, dims, {"subject": list(density.statistics.subjects)})
+
+
+def _draws(fit: Fit, points: Array, seed: int) -> tuple[Array, Array]:
+    """Draw locations and one new user each, on the response scale."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(101,)))
+    return fit.prepared.model.draw(points, rng)
+
+
+def _posterior(
+    fit: Fit, points: Array, per_chain: int, means: Array, users: Array
+) -> tuple[dict[str, dict[str, Array]], dict[str, list[str]]]:
+    """Collect the groups that every model has, with the dimensions of their variables."""
+    model, scale = fit.prepared.model, fit.prepared.scale
+    parameters, environments = _labels(fit)
+
+    def by_chain(values: Array, *shape: int) -> Array:
         return values.reshape(-1, per_chain, *shape)
 
     grid = (len(parameters), len(environments))
     posterior = {"population_mean": by_chain(scale.native(means), *grid)}
-    dims: dict[str, list[str]] = {"population_mean": ["parameter", "environment"]}
+    dims = {"population_mean": _CELL, "new_user": _CELL}
     for name, (dimensions, values) in model.scales(points).items():
         posterior[name] = by_chain(values, *values.shape[1:])
         dims[name] = list(dimensions)
-    predictive = {"new_user": by_chain(scale.native(users), *grid)}
-    dims["new_user"] = ["parameter", "environment"]
+    groups = {
+        "posterior": posterior,
+        "posterior_predictive": {"new_user": by_chain(scale.native(users), *grid)},
+        "sample_stats": {"lp": by_chain(model(points))},
+    }
+    return groups, dims
+
+
+def _labels(fit: Fit) -> tuple[list[str], list[str]]:
+    cells = fit.prepared.model.cells
+    return list(dict.fromkeys(p for p, _ in cells)), list(dict.fromkeys(e for _, e in cells))
+
+
+def _tree(
+    fit: Fit,
+    groups: dict[str, dict[str, Array]],
+    dims: dict[str, list[str]],
+    coords: dict[str, list[str]] | None = None,
+) -> Any:
+    import arviz_base
+
+    parameters, environments = _labels(fit)
     tree = arviz_base.from_dict(
-        {
-            "posterior": posterior,
-            "posterior_predictive": predictive,
-            "sample_stats": {"lp": by_chain(model(points))},
-        },
+        groups,
         coords={
             "parameter": parameters,
             "environment": environments,
-            "cell": [f"{p} in {e}" for p, e in cells],
+            "cell": [f"{p} in {e}" for p, e in fit.prepared.model.cells],
+            **(coords or {}),
         },
         dims=dims,
     )

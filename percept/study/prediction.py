@@ -14,7 +14,6 @@ from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.intervals import Interval
 from percept.scene import Scene
 from percept.study.bayesian import Fit
@@ -28,7 +27,7 @@ from percept.study.units import NAMES, UNITS
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-__all__ = ["Prediction", "predict"]
+__all__ = ["Prediction", "expected_users", "predict"]
 
 Array = NDArray[np.float64]
 _DRAWS = 16_384
@@ -55,7 +54,8 @@ class Prediction:
         environment, parameter, reference, what `Interval.as_dict` holds, and monte_carlo: standard error of
         the limits over the half-width, on the model's scale.
     boundaries : tuple of Boundary
-        Of abs(Z_h); empty without a device or with one parameter.
+        Of abs(Z_h); empty without a device or with one parameter. Around rectangles only where published
+        limits hold no correlation of stiffness and damping.
     """
 
     environment: str
@@ -96,6 +96,7 @@ def predict(
     damping: float | None = None,
     name: str = "new",
     kinds: tuple[str, ...] | None = None,
+    curves: bool = True,
 ) -> Prediction:
     """Predict intervals and boundaries of an untested environment.
 
@@ -109,6 +110,8 @@ def predict(
         What to call it.
     kinds : tuple of str, optional
         Kinds of intervals; the scene's by default.
+    curves : bool
+        Whether boundaries are wanted.
 
     Returns
     -------
@@ -119,22 +122,21 @@ def predict(
     UsageError
         A reference that is missing or not positive.
     RefusalError
-        Without a passed fit, with one environment, with published limits, without pooling, or where a tested
-        reference is zero.
+        Without a passed fit, with one environment, without pooling, or where a tested reference is zero.
     """
-    fit = _fit(study)
     scene = study.scene
     given = {"k": stiffness, "b": damping}
     reference = np.array([_positive(p, given[p]) for p in study.parameters])
     tested = np.array([[study.reference[p, e] for e in study.environments] for p in study.parameters])
     if (tested <= 0).any():
         raise RefusalError("a reference of zero has no place on the scale that environments are compared on.")
+    fit = _fit(study)
     logs = np.log10(tested)
     at = np.log10(reference)
     x = at - logs.mean(axis=1)
     beyond = np.maximum(at - logs.max(axis=1), 0.0) + np.minimum(at - logs.min(axis=1), 0.0)
     far = np.hypot.reduce(logs - at[:, None], axis=0)
-    expected = _expected(fit, x, scene)
+    expected = expected_users(fit, x, scene)
     scale = ResponseScale(scene.inference.family == "lognormal", reference, _unit(scene, reference))
     intervals = _intervals(study, fit, expected, scale, kinds or scene.inference.kinds, name)
     return Prediction(
@@ -144,8 +146,36 @@ def predict(
         nearest=study.environments[int(far.argmin())],
         distance=float(far.min()),
         intervals=intervals,
-        boundaries=_boundaries(study, fit, expected, scale, intervals, reference, name),
+        boundaries=_boundaries(study, fit, expected, scale, intervals, reference, name) if curves else (),
     )
+
+
+def expected_users(fit: Fit, x: Array, scene: Scene) -> NewEnvironment:
+    """Work out what a fit expects of the users of a new environment.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior of at least two environments.
+    x : ndarray, shape (P,)
+        Decades of the new reference above the geometric mean of the tested ones, by parameter.
+    scene : Scene
+        Seed.
+
+    Returns
+    -------
+    NewEnvironment
+        On the response scale; some 16 000 draws.
+
+    Raises
+    ------
+    RefusalError
+        As `new_environment`.
+    """
+    points, _ = thinned_points(fit)
+    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(105,)))
+    repeats = max(4, round(_DRAWS / len(points)))
+    return new_environment(fit.prepared.model, points, x, repeats=repeats, rng=rng)
 
 
 def _fit(study: Study) -> Fit:
@@ -156,16 +186,17 @@ def _fit(study: Study) -> Fit:
         )
     if not study.fit.run.gate.passed:
         raise RefusalError("the posterior is withheld: " + " ".join(study.fit.run.gate.reasons))
-    if not isinstance(study.fit.prepared.model, Pooled):
-        raise RefusalError(
-            "an untested environment is predicted from the sessions of a pooled model.",
-            hint='Give sessions rather than published limits, and pooling = "partial".',
-        )
     return study.fit
 
 
 def _positive(parameter: str, value: float | None) -> float:
-    if value is None or not (np.isfinite(value) and value > 0):
+    if value is None:
+        raise UsageError(
+            f"the {NAMES[parameter]} of the new environment is missing.",
+            column=parameter,
+            hint=f"The study analyses it: give a positive number of {UNITS[parameter]}.",
+        )
+    if not (np.isfinite(value) and value > 0):
         raise UsageError(
             f"the {NAMES[parameter]} of the new environment must be a positive number of {UNITS[parameter]}.",
             value=value,
@@ -175,15 +206,6 @@ def _positive(parameter: str, value: float | None) -> float:
 
 def _unit(scene: Scene, reference: Array) -> Array:
     return np.ones_like(reference) if scene.inference.family == "lognormal" else reference
-
-
-def _expected(fit: Fit, x: Array, scene: Scene) -> NewEnvironment:
-    model = fit.prepared.model
-    assert isinstance(model, Pooled)
-    points, _ = thinned_points(fit)
-    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(105,)))
-    repeats = max(4, round(_DRAWS / len(points)))
-    return new_environment(model.density, points, x, repeats=repeats, rng=rng)
 
 
 def _intervals(
@@ -222,6 +244,7 @@ def _intervals(
                 share=asked.held_share if kind == "share" else None,
                 confidence=asked.confidence if kind == "share" else None,
                 repeats=fit.prepared.repeats,
+                approximate=study.sessions.form == "summary" and asked.family == "lognormal",
                 unit=UNITS[parameter],
             )
             rows.append(
@@ -267,7 +290,7 @@ def _boundaries(
             pairs={name: (native[:, 0], native[:, 1])},
         )
         for kind, responses in drawn.items()
-        if kind in asked.kinds
+        if kind in asked.kinds and study.sessions.form == "trials"
         for native in [displayable(_native(scale, responses))]
     ]
     regions: list[Region] = list(rectangles(intervals))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,32 +13,29 @@ from numpy.typing import NDArray
 
 from percept import haptics
 from percept.errors import RefusalError
-from percept.inference.intervals import Interval
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.classical import FAMILIES, cell_interval, cell_moments
 from percept.study.responses import references
-from percept.study.units import NAMES, UNITS
+from percept.study.units import NAMES
 
 if TYPE_CHECKING:
     from percept.boundary.band import BandStudy
     from percept.boundary.realism import Realism
     from percept.boundary.records import Boundary
     from percept.inference.sampling.run import Progress
-    from percept.study.bayesian import Fit
+    from percept.study.bayesian import Fit, RunStore
     from percept.study.boundaries import Bench, Range
     from percept.study.coupling import CouplingStudy
+    from percept.study.model_checks import ModelChecks
+    from percept.study.model_choice import ModelChoice
+    from percept.study.device_sensitivity import DeviceSensitivity
     from percept.study.regions import Draws, Region
 
 __all__ = ["Study"]
 
 Array = NDArray[np.float64]
-_COLUMNS = (
-    "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
-    "lower", "upper", "estimate", "n", "unit", "reference", "covers",
-)  # fmt: skip
 _BAND_OMEGA = 10.0
-#: Frequencies of a grid where the scene leaves their number open.
+#: Frequencies of an even grid where the scene leaves their number open.
 DEFAULT_POINTS = 241
 _REALISM_POINTS = 80
 
@@ -57,6 +54,8 @@ class Study:
         What to analyse; defaults throughout.
     progress : callable, optional
         Told the state of the sampler after every round.
+    store : RunStore, optional
+        Where finished runs of the sampler are kept, such as `percept.cache.PosteriorCache`; none by default.
 
     Raises
     ------
@@ -70,10 +69,16 @@ class Study:
         scene: Scene | None = None,
         *,
         progress: Callable[[Progress], None] | None = None,
+        store: RunStore | None = None,
     ) -> None:
         self.sessions = sessions
         self.scene = scene or Scene()
         self._progress = progress
+        self._store = store
+
+    def over(self, sessions: Sessions) -> Study:
+        """Analyse other sessions under the same scene, with the same progress and store."""
+        return Study(sessions, self.scene, progress=self._progress, store=self._store)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -107,54 +112,9 @@ class Study:
     @cached_property
     def intervals(self) -> pd.DataFrame:
         """Intervals of every method, kind and family, one row each, in N/m and N·s/m."""
-        rows = []
-        if self.scene.inference.method != "bayesian":
-            rows += list(self._classical_rows())
-        if self.fit is not None and self.fit.run.gate.passed:
-            rows += list(self._bayesian_rows(self.fit))
-        return pd.DataFrame(rows, columns=list(_COLUMNS))
+        from percept.study.interval_table import interval_table
 
-    def _classical_rows(self) -> Iterator[dict[str, Any]]:
-        joints = ("marginal", "bonferroni") if len(self.parameters) == 2 else ("marginal",)
-        for family in FAMILIES:
-            for cell in cell_moments(self.sessions, self.parameters, family):
-                if cell.moments is None:
-                    continue
-                for kind in self.scene.inference.kinds:
-                    for joint in joints:
-                        interval = cell_interval(
-                            cell.moments, kind, family, self.scene, cell.parameter, joint
-                        )
-                        yield self._row(interval, cell.parameter, cell.environment)
-
-    def _bayesian_rows(self, fit: Fit) -> Iterator[dict[str, Any]]:
-        asked = self.scene.inference
-        for kind, (lower, upper) in fit.limits.items():
-            for c, (parameter, environment) in enumerate(fit.prepared.model.cells):
-                interval = Interval(
-                    kind=kind,  # type: ignore[arg-type]
-                    method="bayesian",
-                    family=asked.family,
-                    level=asked.level,
-                    lower=float(lower[c]),
-                    upper=float(upper[c]),
-                    estimate=float(fit.estimate[c]),
-                    n=int(fit.prepared.counts[c]),
-                    share=asked.held_share if kind == "share" else None,
-                    confidence=asked.confidence if kind == "share" else None,
-                    repeats=fit.prepared.repeats,
-                    approximate=self.sessions.form == "summary" and asked.family == "lognormal",
-                    unit=UNITS[parameter],
-                )
-                yield self._row(interval, parameter, environment)
-
-    def _row(self, interval: Interval, parameter: str, environment: str) -> dict[str, Any]:
-        return {
-            "environment": environment,
-            "parameter": parameter,
-            "reference": self.reference[parameter, environment],
-            **interval.as_dict(),
-        }
+        return interval_table(self)
 
     @cached_property
     def fit(self) -> Fit | None:
@@ -163,16 +123,36 @@ class Study:
             return None
         from percept.study.bayesian import fit, prepare
 
-        return fit(prepare(self.sessions, self.scene, self.parameters), self.scene, progress=self._progress)
+        prepared = prepare(self.sessions, self.scene, self.parameters)
+        return fit(prepared, self.scene, progress=self._progress, store=self._store)
 
     @cached_property
     def posterior(self) -> Any:
         """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
         if self.fit is None or not self.fit.run.gate.passed:
             return None
-        from percept.study.posterior import posterior_tree
+        from percept.study.posterior import full_tree, posterior_tree, subject_density
 
-        return posterior_tree(self.fit, seed=self.scene.inference.seed)
+        full = self.scene.checks is not None and subject_density(self.fit) is not None
+        return (full_tree if full else posterior_tree)(self.fit, seed=self.scene.inference.seed)
+
+    @cached_property
+    def checks(self) -> ModelChecks | None:
+        """Checks of the hierarchical model; None without a passed fit that pools sessions."""
+        if self.fit is None or not self.fit.run.gate.passed:
+            return None
+        from percept.study.model_checks import model_checks
+
+        return model_checks(self.fit, self.scene, progress=self._progress)
+
+    @cached_property
+    def model_choice(self) -> ModelChoice:
+        """Smaller models against the full one, by leave-one-subject-out; samples each of them."""
+        from percept.study.model_choice import compare_models
+
+        return compare_models(
+            self.sessions, self.scene, self.parameters, progress=self._progress, store=self._store
+        )
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:
@@ -213,7 +193,7 @@ class Study:
 
     @cached_property
     def omega(self) -> Array:
-        """A grid of the scene's frequencies, rad/s: as many as it says, or as `DEFAULT_POINTS`."""
+        """Even grid of the scene's frequencies, rad/s: as many as it says, or `DEFAULT_POINTS`."""
         table = self.scene.frequency
         return np.geomspace(table.lower, table.upper, table.points or DEFAULT_POINTS)
 
@@ -231,7 +211,12 @@ class Study:
         return self._boundaries(self.frequencies, self.environments)
 
     def boundaries_at(
-        self, omega: Array, environments: tuple[str, ...] | None = None
+        self,
+        omega: Array,
+        environments: tuple[str, ...] | None = None,
+        *,
+        kinds: tuple[str, ...] | None = None,
+        joints: tuple[str, ...] | None = None,
     ) -> tuple[Boundary, ...]:
         """Boundaries at frequencies of one's own.
 
@@ -241,6 +226,9 @@ class Study:
             rad/s, up to Nyquist.
         environments : tuple of str, optional
             Which environments; all by default.
+        kinds, joints : tuple of str, optional
+            Of which kinds, and with which treatment of k and b together ("joint" for curves through draws);
+            all by default.
 
         Returns
         -------
@@ -249,19 +237,29 @@ class Study:
         from percept.study.boundaries import Range
 
         chosen = self.environments if environments is None else environments
-        return self._boundaries(Range(float(omega[0]), float(omega[-1]), omega), chosen)
+        return self._boundaries(Range(float(omega[0]), float(omega[-1]), omega), chosen, kinds, joints)
 
-    def _boundaries(self, frequencies: Range, environments: tuple[str, ...]) -> tuple[Boundary, ...]:
+    def _boundaries(
+        self,
+        frequencies: Range,
+        environments: tuple[str, ...],
+        kinds: tuple[str, ...] | None = None,
+        joints: tuple[str, ...] | None = None,
+    ) -> tuple[Boundary, ...]:
         if self.bench is None:
             return ()
         from percept.study.boundaries import environment_boundaries
+        from percept.study.regions import Region
 
+        def wanted(one: Region | Draws) -> bool:
+            joint = one.joint if isinstance(one, Region) else "joint"
+            return (kinds is None or one.kind in kinds) and (joints is None or joint in joints)
+
+        drawn = [draws for draws in self.curve_draws if wanted(draws)]
         found = []
         for environment in environments:
-            regions = [region for region in self.regions if region.environment == environment]
-            found += environment_boundaries(
-                self.bench, environment, regions, list(self.curve_draws), frequencies
-            )
+            regions = [one for one in self.regions if one.environment == environment and wanted(one)]
+            found += environment_boundaries(self.bench, environment, regions, drawn, frequencies)
         return tuple(found)
 
     @cached_property
@@ -382,6 +380,13 @@ class Study:
         return design_by_method(self.bench, self.regions, self.scene.inference.family, self.omega)
 
     @cached_property
+    def sensitivity(self) -> DeviceSensitivity | None:
+        """How the verdicts move with the device's mass and damping; None without a device that has them."""
+        from percept.study.device_sensitivity import device_sensitivity
+
+        return device_sensitivity(self)
+
+    @cached_property
     def comparison(self) -> pd.DataFrame | None:
         """Intervals of both methods in equal family and kind, with the reasons; None with one method."""
         if self.fit is None or self.scene.inference.method != "both" or not self.fit.run.gate.passed:
@@ -401,38 +406,9 @@ class Study:
     @cached_property
     def skipped(self) -> tuple[tuple[str, str], ...]:
         """What was not computed, and why."""
-        found = []
-        if self.scene.inference.method == "classical":
-            found.append(("hierarchical model", "only the classical method was asked for"))
-        elif self.fit is not None and not self.fit.run.gate.passed:
-            found.append(("Bayesian intervals", " ".join(self.fit.run.gate.reasons)))
-        if len(self.parameters) == 1:
-            found.append(("boundaries and band", f"only {NAMES[self.parameters[0]]} was adjusted"))
-        elif self.device is None:
-            found.append(("boundaries of Z_h", "the scene has no [device]"))
-        if self.scene.coupling is None:
-            found.append(("coupling: Z_h_vc and stability", "the scene has no [coupling]"))
-        elif self.device is None:
-            found.append(("coupling: Z_h_vc and stability", "the scene has no [device]"))
-        if len(self.environments) == 1:
-            found.append(("trend over environments and band law", "there is one environment"))
-        if self.sessions.form == "summary":
-            found.append(("subject effects and k-b correlation", "published limits do not hold them"))
-        if len(self.parameters) == 2:
-            found.append(("ellipse of kind share", "there is no exact ellipse of a share of users"))
-            if self.device is not None:
-                found.append(("curves through draws, kind share", "a share of users has no curve of its own"))
-                if self.sessions.form == "summary":
-                    why = "published limits hold no correlation of k and b"
-                    found.append(("ellipses and curves through draws", why))
-        if self.scene.inference.method != "bayesian":
-            found += [
-                (f"classical {family} intervals of {NAMES[cell.parameter]} in {cell.environment}", cell.why)
-                for family in FAMILIES
-                for cell in cell_moments(self.sessions, self.parameters, family)
-                if cell.moments is None
-            ]
-        return tuple(found)
+        from percept.study.skipped import skipped
+
+        return tuple(skipped(self))
 
     def _repr_html_(self) -> str:
         shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from percept.boundary.grid import adaptive_grid, departure
+from percept.boundary.grid import FLOOR, adaptive_grid, departure
 from percept.errors import UsageError
 from percept.haptics import Device, magnitude_envelope
 
@@ -16,7 +16,7 @@ def dense_error(omega: np.ndarray, values: np.ndarray) -> float:
     """Independent of the module's own measure: log-log interpolation on a fine grid, curve by curve."""
     fine = np.geomspace(omega[0], omega[-1], 20_011)
     true = envelope(fine)
-    floor = 0.02 * true.max(axis=0)
+    floor = FLOOR * true.max(axis=0)
     worst = 0.0
     for curve, points in zip(true, values, strict=True):
         line = np.exp(np.interp(np.log(fine), np.log(omega), np.log(np.maximum(points, 1e-300))))
@@ -26,15 +26,14 @@ def dense_error(omega: np.ndarray, values: np.ndarray) -> float:
 
 
 def test_lines_between_the_points_follow_a_resonant_envelope() -> None:
-    omega, values = adaptive_grid(envelope, 0.1, 1000.0)
-    assert dense_error(omega, values) < 1e-3
-    uniform = np.geomspace(0.1, 1000.0, omega.size)
+    grid = adaptive_grid(envelope, 0.1, 1000.0)
+    assert dense_error(grid.omega, grid.values) < grid.departure <= 1e-3
+    uniform = np.geomspace(0.1, 1000.0, grid.omega.size)
     assert dense_error(uniform, envelope(uniform)) > 3e-3  # the same number of points, evenly spread
 
 
 def test_fewer_points_for_a_looser_tolerance() -> None:
-    loose, _ = adaptive_grid(envelope, 0.1, 1000.0, tolerance=1e-2)
-    tight, _ = adaptive_grid(envelope, 0.1, 1000.0, tolerance=1e-4)
+    loose, tight = (adaptive_grid(envelope, 0.1, 1000.0, tolerance=t).omega for t in (1e-2, 1e-4))
     assert loose.size < tight.size / 2
 
 
@@ -42,8 +41,8 @@ def test_a_narrow_peak_is_found_where_it_is_pointed_at() -> None:
     def peak(omega: np.ndarray) -> np.ndarray:
         return 1.0 + 5.0 / (1.0 + (np.log(omega / 3.21) / 1e-3) ** 2)[None]
 
-    blind, _ = adaptive_grid(peak, 0.1, 100.0)
-    seen, _ = adaptive_grid(peak, 0.1, 100.0, including=np.array([3.21, 1e9]))
+    blind = adaptive_grid(peak, 0.1, 100.0).omega
+    seen = adaptive_grid(peak, 0.1, 100.0, including=np.array([3.21, 1e9])).omega
     assert seen.size > blind.size + 10
     assert 3.21 in seen
     assert seen[-1] == 100.0
@@ -53,9 +52,30 @@ def test_rows_that_are_not_followed_ask_for_no_points() -> None:
     def rough(omega: np.ndarray) -> np.ndarray:
         return np.stack([omega, omega * (1.0 + 0.1 * np.sin(1e4 * omega))])
 
-    omega, values = adaptive_grid(rough, 0.1, 100.0, followed=np.array([True, False]))
-    assert omega.size < 60
-    np.testing.assert_array_equal(values, rough(omega))
+    grid = adaptive_grid(rough, 0.1, 100.0, followed=np.array([True, False]))
+    assert grid.omega.size < 60
+    np.testing.assert_array_equal(grid.values, rough(grid.omega))
+
+
+def test_a_corner_anywhere_in_an_interval_stays_within_the_tolerance() -> None:
+    fine = np.geomspace(0.1, 100.0, 200_001)
+    for corner in np.geomspace(2.0, 2.7, 40):
+
+        def bent(omega: np.ndarray, corner: float = corner) -> np.ndarray:
+            return np.maximum(1.0, omega / corner)[None]
+
+        grid = adaptive_grid(bent, 0.1, 100.0)
+        line = np.interp(np.log(fine), np.log(grid.omega), np.log(grid.values[0]))
+        assert np.abs(line - np.log(bent(fine)[0])).max() <= grid.departure <= 1e-3
+
+
+def test_what_no_number_of_points_can_follow_is_admitted() -> None:
+    def rough(omega: np.ndarray) -> np.ndarray:
+        return (1.0 + 0.1 * np.sin(1e6 * omega))[None]
+
+    grid = adaptive_grid(rough, 0.1, 100.0)
+    assert grid.departure > 1e-2
+    assert 4096 <= grid.omega.size < 3 * 4096
 
 
 def test_departure_of_a_known_bend() -> None:

@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from percept.errors import UsageError
 from percept.report.figures.band import Widths, draw_band
 from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio
-from percept.report.figures.canvas import COLOURS, drawn, grid, inline_svg, panels, plain_text, rendered
+from percept.report.figures.canvas import COLOURS, grid, panels, plain_text
 from percept.report.figures.catalogue import drawings
 from percept.report.figures.design import draw_design
+from percept.report.figures.files import inline_svg, rendered
 from percept.report.figures.intervals import Bar, draw_intervals
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -36,31 +37,31 @@ def test_every_environment_has_its_three_views(found):
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
 def test_the_same_drawing_gives_the_same_bytes(found, form):
-    once, again = (rendered(drawn(found["boundary_1_zoom"]), form) for _ in range(2))
+    once, again = (rendered(found["boundary_1_zoom"], form) for _ in range(2))
     assert once == again
     assert once.startswith({"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}[form])
 
 
 def test_a_file_has_its_size_in_millimetres(found):
     drawing = found["band"]
-    root = ET.fromstring(rendered(drawn(drawing), "svg"))
+    root = ET.fromstring(rendered(drawing, "svg"))
     for side, length in zip(("width", "height"), drawing.size, strict=True):
         assert float(root.get(side).removesuffix("pt")) == pytest.approx(length * 72 / 25.4, rel=1e-6)
 
 
 def test_another_format_is_refused(found):
     with pytest.raises(UsageError, match="figures come as svg, pdf, png"):
-        rendered(drawn(found["band"]), "eps")
+        rendered(found["band"], "eps")
 
 
 def test_embedded_fonts_in_a_pdf(found):
     # Type 42 keeps the outlines of the font; Type 3 is what journals refuse.
-    assert b"/FontFile2" in rendered(drawn(found["band"]), "pdf")
+    assert b"/FontFile2" in rendered(found["band"], "pdf")
 
 
 def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
     drawing = found["boundary_2_ratio"]
-    text = inline_svg(drawn(drawing), drawing)
+    text = inline_svg(drawing)
     root = ET.fromstring(text)
     assert root.tag == f"{SVG}svg"
     assert root.find(f"{SVG}title").text == drawing.title
@@ -75,7 +76,7 @@ def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
 
 def test_the_page_s_svg_takes_its_colours_from_the_page(found):
     drawing = found["intervals_k"]
-    text = inline_svg(drawn(drawing), drawing)
+    text = inline_svg(drawing)
     assert "var(--classical)" in text
     assert "var(--bayesian)" in text
     left = set(re.findall(r"#[0-9a-fA-F]{6}\b", text))
@@ -91,7 +92,7 @@ def test_hostile_names_are_drawn_as_text(both):
     document["zoom"][HOSTILE] = document["zoom"]["VE1"]
     by_name = {drawing.name: drawing for drawing in drawings(document)}
     for name in ("intervals_k", "boundary_1_range"):
-        text = inline_svg(drawn(by_name[name]), by_name[name])
+        text = inline_svg(by_name[name])
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
         assert 'alert("$x$")' in seen

@@ -201,6 +201,14 @@ def test_a_section_not_needed_is_absent(classical):
     assert "emcee" not in re.sub(r'<script.*?</script>|"emcee.*', "", page.split('<h2 id="provenance')[0])
 
 
+def test_curves_of_both_methods_are_compared_on_the_page(both, read):
+    rows = both["curve_comparison"]
+    shown = {at.split("/")[2] for at, *_ in read.numbers if at.startswith("/curve_comparison/")}
+    kept = {str(i) for i, row in enumerate(rows) if row["joint"] not in ("bonferroni", "hotelling")}
+    assert shown == kept
+    assert len(kept) == 3 * (3 * 2 + 2 * 2)
+
+
 def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
     scene = scene_of(method="both", tolerance=0.0001, most_steps=200)
     tables = {name: table for name, table in scene.to_dict().items() if name not in ("device", "coupling")}

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
+from percept.boundary.grid import FLOOR
 from percept.boundary.membership import magnitude_membership
+from percept.boundary.records import Boundary
+from percept.haptics import perceived_magnitude
 from percept.inference.classical.joint import ellipse_region
 from percept.study.boundaries import Range, environment_boundaries, region_curves
 from percept.study.coupling import study_coupling
+from percept.study.study import DEFAULT_POINTS
 
-ADAPTIVE = Range(0.1, 100.0)
+SHOWN = {"reference": False, "coupled": True}
 
 
 def keys(study: Study, omega: np.ndarray) -> set[tuple[str, str, str, str]]:
@@ -82,20 +86,73 @@ def test_bonferroni_is_wider_and_leaves_out_half_as_many_draws(fitted: Study) ->
                 assert abs(outside - 0.005) < 4 * np.sqrt(0.005 / 2500)
 
 
-def test_chosen_frequencies_follow_boundaries_of_the_study(fitted: Study) -> None:
+def departure_of(boundary: Boundary, omega: np.ndarray, true: dict[str, np.ndarray]) -> float:
+    """Farthest that lines between a boundary's points lie from curves, in logarithms."""
+    lines = {side: getattr(boundary, side) for side in true}
+    raised = []
+    for curves in (lines, true):
+        floor = FLOOR * np.max(list(curves.values()), axis=0)
+        raised.append({side: np.log(np.maximum(curve, floor)) for side, curve in curves.items()})
+    x, at = np.log(boundary.omega), np.log(omega)
+    return max(float(np.abs(np.interp(at, x, raised[0][s]) - raised[1][s]).max()) for s in true)
+
+
+def test_chosen_frequencies_follow_every_boundary_around_a_region(fitted: Study) -> None:
     assert fitted.bench is not None
-    regions = [r for r in fitted.regions if r.environment == "VE2" and r.joint != "bonferroni"]
-    found = environment_boundaries(fitted.bench, "VE2", regions, [], ADAPTIVE)
-    fine = np.geomspace(0.1, 100.0, 1501)
-    true = environment_boundaries(fitted.bench, "VE2", regions, [], Range(0.1, 100.0, fine))
-    for boundary, exact in zip(found, true, strict=True):
-        floor = 0.02 * np.maximum(exact.upper, exact.reference)
-        for side in ("lower", "upper", "reference", "coupled"):
-            points = np.maximum(getattr(boundary, side), 1e-9)
-            line = np.exp(np.interp(np.log(fine), np.log(boundary.omega), np.log(points)))
-            curve = getattr(exact, side)
-            assert np.abs(line / curve - 1.0)[curve > floor].max() < 1e-3
-        assert boundary.omega.size < 400
+    fine = np.exp(np.sort(np.random.default_rng(1).uniform(np.log(0.1), np.log(100.0), 400)))
+    for environment in fitted.environments:
+        regions = [r for r in fitted.regions if r.environment == environment]
+        found = [b for b in fitted.boundaries if b.environment == environment and b.joint != "joint"]
+        exact = environment_boundaries(fitted.bench, environment, regions, [], Range(0.1, 100.0, fine))
+        assert len(exact) == 42
+        for boundary, true in zip(found, exact, strict=True):
+            curves = {side: getattr(true, side) for side in ("lower", "upper", "reference", "coupled")}
+            assert departure_of(boundary, fine, curves) < 1e-3
+            assert boundary.departure is not None
+            assert boundary.departure <= 1e-3
+            assert true.departure is None
+    # Fewer altogether than the even grid, which misses the sharpest bends by more than they may.
+    assert sum(b.points for b in fitted.boundaries) < len(fitted.boundaries) * DEFAULT_POINTS
+
+
+def test_chosen_frequencies_follow_every_band_through_draws(fitted: Study) -> None:
+    assert fitted.bench is not None
+    fine = np.exp(np.sort(np.random.default_rng(2).uniform(np.log(0.1), np.log(100.0), 120)))
+    known = {(b.environment, b.kind, b.method, b.family, b.shape): b for b in fitted.boundaries}
+    for drawn in fitted.curve_draws:
+        tail = 0.5 * (1.0 - drawn.level)
+        for environment, pair in drawn.pairs.items():
+            key = (environment, drawn.kind, drawn.method, drawn.family)
+            curves = perceived_magnitude(fine[:, None], fitted.bench.device, *pair, fitted.bench.period)
+            whole = known[*key, "simultaneous"]
+            logs = np.log(curves)
+            mean, sd = logs.mean(axis=1), logs.std(axis=1, ddof=1)
+            # Its reach in SDs is one number, here that of its own frequencies.
+            ends = np.log([whole.lower, whole.upper])
+            reach = np.interp(np.log(fine), np.log(whole.omega), 0.5 * (ends[1] - ends[0])) / sd
+            shown = {side: fitted.bench.curve(environment, fine, coupled=c) for side, c in SHOWN.items()}
+            middle = float(np.median(reach))
+            true = {"lower": np.exp(mean - middle * sd), "upper": np.exp(mean + middle * sd), **shown}
+            assert departure_of(whole, fine, true) < 1.1e-3
+            inside = (np.abs(logs - mean[:, None]) <= middle * sd[:, None]).all(axis=0)
+            # At frequencies it was not chosen at the band still holds whole curves.
+            assert inside.mean() > drawn.level - 2e-3
+            # Quantiles are rough: the lines keep within one standard error of as many independent draws.
+            point = known[*key, "pointwise"]
+            slack = np.sqrt(tail * (1.0 - tail) / pair[0].size)
+            for side, at in (("lower", tail), ("upper", 1.0 - tail)):
+                low, high = np.quantile(curves, [at - slack, at + slack], axis=1)
+                line = np.exp(np.interp(np.log(fine), np.log(point.omega), np.log(getattr(point, side))))
+                assert ((low * (1 - 1e-3) <= line) & (line <= high * (1 + 1e-3))).all()
+
+
+def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
+    tables = fitted.scene.with_inference(method="classical").to_dict()
+    tables["frequency"]["points"] = 7
+    few = Study(fitted.sessions, Scene.from_tables(tables))
+    for boundary in few.boundaries:
+        np.testing.assert_array_equal(boundary.omega, np.geomspace(0.1, 100.0, 7))
+        assert boundary.departure is None
 
 
 def test_realism_shares_are_those_of_membership(fitted: Study) -> None:

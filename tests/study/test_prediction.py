@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.product import Product
 from percept.study.new_environment import new_environment
 from percept.study.posterior import thinned_points
 from percept.study.prediction import predict
@@ -51,7 +54,7 @@ def test_location_equals_dense_conditioning(fitted: Study) -> None:
     model = fitted.fit.prepared.model  # type: ignore[union-attr]
     assert isinstance(model, Pooled)
     x = np.array([0.7, -1.3])
-    found = new_environment(model.density, points, x, repeats=1, rng=np.random.default_rng(0))
+    found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
     for s, point in enumerate(points):
         mean, covariance = dense_trend(fitted, point, x)
         np.testing.assert_allclose(found.mean[s], mean, rtol=1e-9, atol=1e-12)
@@ -63,7 +66,7 @@ def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> Non
     assert isinstance(model, Pooled)
     points = thinned_points(fitted.fit)[0][:3]  # type: ignore[arg-type]
     x, repeats = np.array([0.5, 0.5]), 400
-    found = new_environment(model.density, points, x, repeats=repeats, rng=np.random.default_rng(1))
+    found = new_environment(model, points, x, repeats=repeats, rng=np.random.default_rng(1))
     named = {name: values for name, (_, values) in model.scales(points).items()}
     between = (
         np.diagonal(found.population, axis1=1, axis2=2).reshape(3, repeats, 2)
@@ -109,13 +112,63 @@ def test_boundaries_hold_draws_of_their_kind(fitted: Study) -> None:
     assert np.abs(np.log(ends / [row["lower"], row["upper"]])).max() < 0.15 * half
 
 
+@pytest.fixture(scope="module")
+def published() -> Study:
+    scene = Scene.load("datasets/hbfd.toml").with_inference(tolerance=0.05)
+    return Study(read_sessions("datasets/hbfd_table1.csv"), scene)
+
+
+def test_published_limits_are_predicted_parameter_by_parameter(published: Study) -> None:
+    assert published.fit is not None
+    model = published.fit.prepared.model
+    assert isinstance(model, Product)
+    points = thinned_points(published.fit)[0][:40]
+    x = np.array([0.7, -1.3])
+    found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)
+    for p, (part, own) in enumerate(zip(model.models, model.split(points), strict=True)):
+        assert isinstance(part, Pooled)
+        statistics = part.density.statistics
+        priors, named = part.density.priors, {n: v for n, (_, v) in part.scales(own).items()}
+        response = np.array([pattern.mean[0, 0] for pattern in statistics.patterns])
+        count = statistics.df[0] + 1.0
+        decades = statistics.x[0]
+        for s in range(len(points)):
+            # One Gaussian of the means of all environments: trend, own bias, and the mean of n users.
+            tau, sigma = named["tau"][s, 0], named["sigma"][s, 0]
+            joint = priors.alpha_sd**2 + priors.gamma_sd**2 * np.outer(decades, decades)
+            joint += np.diag(tau**2 + sigma**2 / count)
+            cross = priors.alpha_sd**2 + priors.gamma_sd**2 * x[p] * decades
+            weights = np.linalg.solve(joint, cross)
+            own_variance = priors.alpha_sd**2 + priors.gamma_sd**2 * x[p] ** 2 + tau**2
+            assert found.mean[s, p] == pytest.approx(weights @ response, rel=1e-9, abs=1e-12)
+            assert found.covariance[s, p, p] == pytest.approx(own_variance - weights @ cross, rel=1e-8)
+
+
+def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(published: Study) -> None:
+    found = predict(published, stiffness=15_000, damping=12)
+    assert {(b.joint, b.shape) for b in found.boundaries} == {
+        ("marginal", "corner"),
+        ("marginal", "envelope"),
+    }
+    assert set(found.intervals["kind"]) == {"mean", "user", "share"}
+    assert found.intervals["covers"].str.contains("moment matching").all()
+
+
 def test_refused(fitted: Study) -> None:
-    with pytest.raises(UsageError, match="damping of the new environment must be a positive number"):
+    with pytest.raises(UsageError, match="damping of the new environment is missing"):
         predict(fitted, stiffness=100.0)
+    with pytest.raises(UsageError, match="stiffness of the new environment must be a positive number"):
+        predict(fitted, stiffness=-100.0, damping=1.0)
     classical = Study(fitted.sessions, fitted.scene.with_inference(method="classical"))
     with pytest.raises(RefusalError, match="classical method has no model"):
         predict(classical, stiffness=100.0, damping=1.0)
-    scene = Scene.load("datasets/hbfd.toml").with_inference(tolerance=0.2)
-    limits = Study(read_sessions("datasets/hbfd_table1.csv"), scene)
-    with pytest.raises(RefusalError, match="from the sessions of a pooled model"):
-        predict(limits, stiffness=100.0, damping=1.0)
+    alone = fitted.scene.to_dict()
+    alone["model"] |= {"pooling": "none", "prior": "reference"}
+    alone["inference"] |= {"tolerance": 0.2}
+    with pytest.raises(RefusalError, match="environments without pooling say nothing on others"):
+        predict(Study(fitted.sessions, Scene.from_tables(alone)), stiffness=100.0, damping=1.0)
+    table = fitted.sessions.table
+    one = dataclasses.replace(fitted.sessions, table=table[table["environment"] == "VE3"])
+    with pytest.raises(RefusalError, match="one environment says nothing on others"):
+        predict(Study(one, fitted.scene.with_inference(tolerance=0.2)), stiffness=100.0, damping=1.0)

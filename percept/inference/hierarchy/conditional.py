@@ -63,11 +63,26 @@ class Conditional:
         self.mean: Vector = tuple(
             c + np.einsum("qjw,qw->jw", rows, latents) for c, rows in zip(constant, on_latents, strict=True)
         )
-        spread = [self._solved.solve_transposed(rows) for rows in on_latents]
-        self.covariance = _gram(spread) if self._own is None else _gram(spread) + self._own
+        self._spread = [self._solved.solve_transposed(rows) for rows in on_latents]
+        own = self._own
+        self.covariance = _gram(self._spread) if own is None else _gram(self._spread) + own
         self.population = scales.between
         if scales.shared is not None:
             self.population = _broadcast(scales.shared, shape) + scales.between
+
+    def joint_columns(self) -> Array:
+        """Columns whose outer products sum to the covariance of beta over all cells: shape (R, P, J, W)."""
+        columns = np.stack(self._spread, axis=1)
+        if self._own is None:
+            return columns
+        own = self._own.factor_columns()
+        _, size, environments, width = columns.shape
+        apart = np.zeros((len(own), environments, size, environments, width))
+        at = np.arange(environments)
+        for c, column in enumerate(own):
+            for p, part in enumerate(column):
+                apart[c, at, p, at] = part
+        return np.concatenate([columns, apart.reshape(-1, size, environments, width)])
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Draw beta of all environments jointly, once per set of scales.

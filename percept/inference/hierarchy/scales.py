@@ -93,6 +93,7 @@ class Layout:
     def __init__(self, statistics: Statistics, priors: Priors, options: Options) -> None:
         self.statistics = statistics
         self.priors = priors
+        self.options = options
         self.parameters = len(statistics.parameters)
         self.environments = len(statistics.environments)
         self.trend = self.environments > 1

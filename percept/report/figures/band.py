@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, plain_text
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from percept.report.figures.canvas import COLOURS, Axes, plain_text
 
 __all__ = ["Widths", "draw_band"]
 
@@ -50,7 +47,7 @@ def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None
 
     Parameters
     ----------
-    ax : matplotlib Axes
+    ax : Axes
         Where to draw.
     impedance : ndarray, shape (m,)
         Where the laws are drawn, N·s/m.

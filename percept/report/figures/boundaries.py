@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from percept.report.figures.canvas import COLOURS, Axes
 
 __all__ = ["Limits", "draw_magnitude", "draw_ratio"]
 
@@ -60,7 +56,7 @@ def draw_magnitude(
 
     Parameters
     ----------
-    ax : matplotlib Axes
+    ax : Axes
         Where to draw.
     omega : ndarray, shape (n,)
         rad/s.
@@ -98,7 +94,7 @@ def draw_ratio(
 
     Parameters
     ----------
-    ax : matplotlib Axes
+    ax : Axes
         Where to draw.
     omega : ndarray, shape (n,)
         rad/s.
@@ -142,8 +138,6 @@ def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:
 
 
 def _log_axis(ax: Axes) -> None:
-    from matplotlib.ticker import FuncFormatter
-
     ax.set_xscale("log")
     ax.xaxis.minorticks_off()
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")

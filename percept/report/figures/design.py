@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from percept.report.figures.canvas import COLOURS, Axes
 
 __all__ = ["draw_design"]
 
@@ -30,7 +26,7 @@ def draw_design(
 
     Parameters
     ----------
-    ax : matplotlib Axes
+    ax : Axes
         Where to draw; stiffness in kN/m to the right, damping in N·s/m upward.
     damping : ndarray, shape (n,)
         b_c of each line, N·s/m.

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio
-from percept.report.figures.canvas import Drawing, legend_below, panels, plain_text
+from percept.report.figures.canvas import Drawing, Figure, legend_below, panels, plain_text
 from percept.report.select import (
     KINDS,
     METHOD_NAMES,
@@ -23,9 +23,6 @@ from percept.report.select import (
     first,
     matching,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["boundary_drawings"]
 

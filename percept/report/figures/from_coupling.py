@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from percept.report.figures.canvas import Drawing, grid, legend_below, panels, plain_text
+from percept.report.figures.canvas import Drawing, Figure, grid, legend_below, panels, plain_text
 from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
 from percept.report.select import METHOD_NAMES, METHODS, array
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["coupling_drawings"]
 

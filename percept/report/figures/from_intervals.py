@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import Drawing, legend_below, panels
+from percept.report.figures.canvas import Drawing, Figure, legend_below, panels
 from percept.report.figures.intervals import Bar, draw_intervals
 from percept.report.select import KINDS, METHODS, array, distinct, family_of, first, matching
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["interval_drawings"]
 

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, plain_text
+from percept.report.figures.canvas import COLOURS, Axes, plain_text
 from percept.report.select import KINDS, METHOD_NAMES, METHODS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["Bar", "draw_intervals"]
 
@@ -55,7 +51,7 @@ def draw_intervals(
 
     Parameters
     ----------
-    ax : matplotlib Axes
+    ax : Axes
         Where to draw.
     environments : sequence of str
         From top to bottom.
@@ -100,7 +96,7 @@ def draw_intervals(
             linestyle="none",
             label="one subject" if environment == environments[0] and len(seen) else None,
         )
-    ax.axvline(1.0, color=COLOURS["ink"], dashes=(7, 3), linewidth=0.8)
+    ax.axvline(1.0, color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
     if log:
         ax.set_xscale("log")
         ax.set_xlim(ends.min() / 1.15, ends.max() * 1.15)
@@ -118,14 +114,15 @@ def _offset(kind: str, method: str, present: Sequence[str]) -> float:
 
 
 def _plain_ticks(ax: Axes) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
-
     low, high = ax.get_xlim()
     decades = np.log10(high / low)
-    marks: list[float] = [1.0, 2.0, 5.0] if decades < 3 else [1.0]
+    marks = np.array([1.0, 2.0, 5.0] if decades < 3 else [1.0])
     if decades < 0.7:
-        marks = np.arange(1, 10, 0.5 if decades > 0.3 else 0.2).tolist()
-    ax.xaxis.set_major_locator(LogLocator(base=10, subs=marks))
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
+        marks = np.arange(1, 10, 0.5 if decades > 0.3 else 0.2)
+    powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)))
+    places = (powers[:, None] * marks).ravel()
+    # Twelve at the most, or the labels touch; a range of many decades keeps every second or third.
+    places = places[(places >= low) & (places <= high)]
+    places = places[:: -(-len(places) // 12)] if len(places) else places
+    ax.set_xticks(places.tolist(), [f"{place:g}" for place in places])
+    ax.xaxis.minorticks_off()

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from percept.report.figures.canvas import COLOURS, Axes
 
 __all__ = ["draw_stability"]
 
 # Long and short dashes as in the paper's figure; more couplings go on with other patterns.
+_COLOURS = ("classical", "bayesian", "coupled", "warn")
 _DASHES = ((0, (9, 3)), (0, (3, 2)), (0, (6, 2, 1, 2)), (0, (1, 1.5)))
 
 
@@ -32,7 +31,7 @@ def draw_stability(
 
     Parameters
     ----------
-    ax : matplotlib Axes
+    ax : Axes
         Where to draw.
     omega : array_like, shape (n,)
         rad/s, positive and increasing.
@@ -61,13 +60,18 @@ def draw_stability(
     if unknown:
         raise UsageError("binding names a coupling that is not drawn.", value=sorted(unknown))
 
-    (line,) = ax.plot(omega, _drawable(bound), color="black", linewidth=1.4, label="lower bound (Eq. 10)")
+    (line,) = ax.plot(
+        omega, _drawable(bound), color=COLOURS["ink"], linewidth=1.4, label="lower bound (Eq. 10)"
+    )
     line.set_gid("bound")
-    for (label, curve), dashes in zip(curves.items(), cycle(_DASHES), strict=False):
-        (line,) = ax.plot(omega, _drawable(curve), linestyle=dashes, linewidth=1.4, label=label)
+    styles = zip(cycle(_DASHES), cycle(_COLOURS), strict=False)
+    for (label, curve), (dashes, colour) in zip(curves.items(), styles, strict=False):
+        (line,) = ax.plot(
+            omega, _drawable(curve), color=COLOURS[colour], linestyle=dashes, linewidth=1.4, label=label
+        )
         line.set_gid(f"coupling:{label}")
         if binding and label in binding:
-            times = _mark(ax, omega, curve, bound, float(binding[label]), line.get_color())
+            times = _mark(ax, omega, curve, bound, float(binding[label]), COLOURS[colour])
             # In the legend, because the marks of like couplings lie on top of each other.
             line.set_label(f"{label}: {times:.3g} × bound at {binding[label]:.4g} rad/s")
     ax.set_xscale("log")

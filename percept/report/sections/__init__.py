@@ -8,6 +8,7 @@ from typing import Any
 from percept.report.sections import (
     band,
     boundaries,
+    checks,
     comparison,
     coupling,
     data,
@@ -34,6 +35,7 @@ _ORDER = (
     band,
     comparison,
     diagnostics,
+    checks,
     data,
     methods,
     provenance,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from percept.report.sections.part import Part
-from percept.report.select import METHODS, distinct
+from percept.report.select import METHODS, distinct, each_by_itself
 
 __all__ = ["build"]
 
@@ -36,7 +36,7 @@ _PERCENTAGES = ("shift", "overlap")
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the pairs of intervals with measures of how they differ, and of why.
+    """Return the pairs of intervals with measures of how they differ and of why, and the pairs of curves.
 
     Parameters
     ----------
@@ -58,8 +58,22 @@ def build(document: Mapping[str, Any]) -> Part | None:
             "measures": _columns(rows, _MEASURES),
             "reasons": _columns(rows, _REASONS),
             "rows": rows,
+            "curves": _curves(document["curve_comparison"]),
         },
     )
+
+
+def _curves(rows: list[dict[str, Any]]) -> list[dict[str, str]]:
+    return [
+        {
+            "environment": row["environment"],
+            "kind": row["kind"],
+            "shape": row["shape"],
+            "place": f"/curve_comparison/{i}",
+        }
+        for i, row in enumerate(rows)
+        if each_by_itself(row)
+    ]
 
 
 def _columns(rows: list[dict[str, Any]], known: Mapping[str, tuple[str, str]]) -> list[dict[str, str]]:

@@ -1,0 +1,74 @@
+"""The way to workers: a cluster of this machine, or a scheduler somewhere."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from percept.errors import UsageError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["connected"]
+
+_SECONDS = 20.0
+
+
+@contextmanager
+def connected(workers: int | None = None, scheduler: str | None = None) -> Iterator[Client]:
+    """Connect to a scheduler, or start one with workers of its own and end them afterwards.
+
+    Every worker has one thread, and its BLAS one: the matrices are a few tens wide.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Processes on this machine, one per core by default.
+    scheduler : str, optional
+        Address of a running scheduler, such as "tcp://10.0.0.5:8786", in place of workers here.
+
+    Yields
+    ------
+    distributed.Client
+
+    Raises
+    ------
+    UsageError
+        A number of workers below one, both given, no scheduler answering, or distributed not installed.
+    """
+    if workers is not None and scheduler is not None:
+        raise UsageError("a scheduler has workers of its own.", hint="Give --workers or --scheduler.")
+    if workers is not None and workers < 1:
+        raise UsageError("must be at least 1.", column="--workers", value=workers)
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise UsageError(
+            "dask.distributed is not installed.", hint="Install percept with its extra: percept[cluster]."
+        ) from None
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=_SECONDS, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise UsageError(
+                f"no scheduler answers ({error}).",
+                value=scheduler,
+                hint="Start one with `dask scheduler`, and workers with `dask worker ADDRESS --nthreads 1`.",
+            ) from error
+        with client:
+            yield client
+        return
+    with (
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client

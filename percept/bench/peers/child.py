@@ -1,0 +1,66 @@
+"""One process for one engine: a first run from the start of the process, then runs of every budget.
+
+``python -m percept.bench.peers.child TASK.json`` prints JSON; `percept.bench.peers.measure` writes the task.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+from percept.bench.peers.engines import Fitted, engine
+from percept.bench.peers.responses import Responses
+
+__all__ = ["main"]
+
+
+def main(task_file: str) -> None:
+    """Run an engine and print what it gave.
+
+    Parameters
+    ----------
+    task_file : str
+        JSON with engine, study (as written by `Responses.save`), source (session file), budgets (pairs of
+        size and repeats, smallest first), started (wall clock, s, when the process was asked for), seconds
+        (no run is begun later than this after the start) and seed.
+    """
+    task = json.loads(Path(task_file).read_text(encoding="utf-8"))
+    warnings.simplefilter("ignore")  # samplers warn about runs as short as some of these are meant to be
+    sampler = engine(task["engine"]).prepare(Responses.load(task["study"]), task["source"])
+    seed, runs = task["seed"], []
+    first = sampler(task["budgets"][0][0], seed)
+    # What the first run took beyond sampling: imports, reading, building and compiling.
+    startup = time.time() - task["started"] - first.seconds
+    startup_processor = _processor()
+    for size, repeats in task["budgets"]:
+        for _ in range(repeats):
+            if time.time() - task["started"] > task["seconds"]:
+                break
+            seed += 1
+            before = _processor()
+            found = sampler(size, seed)
+            runs.append({"size": size, "processor": _processor() - before} | _plain(found))
+    json.dump({"startup": startup, "startup_processor": startup_processor, "runs": runs}, sys.stdout)
+
+
+def _processor() -> float:
+    """Processor seconds of this process and of those it has waited for."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def _plain(run: Fitted) -> dict[str, Any]:
+    limits = {
+        how: {"value": found.value.tolist(), "error": found.error.tolist(), "effective": found.effective}
+        for how, found in run.limits.items()
+    }
+    return {"seconds": run.seconds, "notes": run.notes, "limits": limits}
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

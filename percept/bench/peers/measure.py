@@ -1,0 +1,208 @@
+"""Run every engine in processes of its own and reduce what they gave to one table."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from percept.bench.peers.engines import Engine
+from percept.bench.peers.reference import Reference
+from percept.bench.peers.responses import Responses
+from percept.errors import RefusalError
+
+__all__ = ["Measured", "Startup", "measure"]
+
+_SPACING = 1000  # seeds between processes
+
+
+@dataclasses.dataclass(frozen=True)
+class Startup:
+    """From the start of a process to a model that can be sampled.
+
+    Attributes
+    ----------
+    engine : str
+    seconds : tuple of float
+        Wall time of every process.
+    processor : float
+        Median processor time, the first run included.
+    """
+
+    engine: str
+    seconds: tuple[float, ...]
+    processor: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """One engine at one budget, limits worked out in one way; medians over repeats.
+
+    Attributes
+    ----------
+    engine, how : str
+        Who, and "mixture" or "draws".
+    size : float
+        Budget in the engine's unit.
+    repeats : int
+        Runs.
+    warm, cold : float
+        Wall time, s: sampling and limits; the same with the start-up of a process.
+    warm_range : tuple of float
+        Shortest and longest warm time.
+    processor : float
+        Processor time of a warm run, s.
+    error : float
+        Root mean square over all limits of the difference from the reference, over half-widths.
+    error_range : tuple of float
+        Smallest and largest.
+    effective_per_second : float
+        Effective draws of the slowest quantity, per second of a warm run.
+    effective_per_processor_second : float
+        The same per second of processor time.
+    agreement : float
+        Root mean square of (limit - reference) over the Monte Carlo error of both; about 1 where they
+        agree and the errors are right.
+    notes : dict of str to float
+        Medians of what the engine said.
+    """
+
+    engine: str
+    how: str
+    size: float
+    repeats: int
+    warm: float
+    cold: float
+    warm_range: tuple[float, float]
+    processor: float
+    error: float
+    error_range: tuple[float, float]
+    effective_per_second: float
+    effective_per_processor_second: float
+    agreement: float
+    notes: dict[str, float]
+
+
+def measure(
+    engines: Sequence[Engine],
+    source: str,
+    reference: Reference,
+    *,
+    starts: int = 3,
+    seconds: float = 150.0,
+    quick: bool = False,
+    told: Callable[[str], None] = lambda line: None,
+) -> tuple[list[Startup], list[Measured]]:
+    """Measure engines one after the other.
+
+    Parameters
+    ----------
+    engines : sequence of Engine
+    source : str
+        Session file.
+    reference : Reference
+        Limits of that file.
+    starts : int
+        Processes per engine; the first runs all budgets, the others the smallest one.
+    seconds : float
+        No run of an engine's first process is begun later than this.
+    quick : bool
+        Whether to run the quick sizes, once each.
+    told : callable
+        Told one line per process.
+
+    Returns
+    -------
+    startups : list of Startup
+    measured : list of Measured
+    """
+    startups: list[Startup] = []
+    measured: list[Measured] = []
+    with tempfile.TemporaryDirectory() as folder:
+        study = str(Path(folder, "study.npz"))
+        Responses.of_sessions(source).save(study)
+        for one in engines:
+            sizes = [[size, 1] for size in one.quick] if quick else [[b.size, b.repeats] for b in one.budgets]
+            found = []
+            for start in range(1 if quick else starts):
+                told(f"{one.title}: process {start + 1}")
+                task = {
+                    "engine": one.name, "study": study, "source": str(Path(source).resolve()),
+                    "budgets": sizes if start == 0 else [[sizes[0][0], 0]], "seconds": seconds,
+                    "seed": 1 + _SPACING * start,
+                }  # fmt: skip
+                found.append(_child(task, Path(folder, "task.json")))
+            startup = Startup(
+                one.name,
+                tuple(child["startup"] for child in found),
+                statistics.median(child["startup_processor"] for child in found),
+            )
+            startups.append(startup)
+            measured += _reduced(one.name, found[0]["runs"], startup, reference)
+    return startups, measured
+
+
+def _child(task: dict[str, Any], file: Path) -> dict[str, Any]:
+    file.write_text(json.dumps(task | {"started": time.time()}), encoding="utf-8")
+    command = [sys.executable, "-m", "percept.bench.peers.child", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        last = done.stderr.strip().splitlines()[-1:] or ["no message"]
+        raise RefusalError(
+            f"the process of {task['engine']} failed: {last[0]}",
+            hint="The other samplers come with the extra: pip install 'percept[peers]'.",
+        )
+    # Some libraries print their progress to standard output, before the result.
+    found: dict[str, Any] = json.loads(done.stdout[done.stdout.index('{"startup"') :])
+    return found
+
+
+def _reduced(name: str, runs: list[dict[str, Any]], startup: Startup, reference: Reference) -> list[Measured]:
+    begin = statistics.median(startup.seconds)
+    rows = []
+    for size in dict.fromkeys(run["size"] for run in runs):
+        group = [run for run in runs if run["size"] == size]
+        seconds = [run["seconds"] for run in group]
+        warm, processor = statistics.median(seconds), statistics.median(run["processor"] for run in group)
+        for how in group[0]["limits"]:
+            limits = [run["limits"][how] for run in group]
+            errors = [reference.relative_error(np.array(one["value"])) for one in limits]
+            effective = statistics.median(one["effective"] for one in limits)
+            notes = group[0]["notes"]
+            rows.append(
+                Measured(
+                    engine=name,
+                    how=how,
+                    size=size,
+                    repeats=len(group),
+                    warm=warm,
+                    cold=begin + warm,
+                    warm_range=(min(seconds), max(seconds)),
+                    processor=processor,
+                    error=statistics.median(errors),
+                    error_range=(min(errors), max(errors)),
+                    effective_per_second=effective / warm,
+                    effective_per_processor_second=effective / processor,
+                    agreement=_agreement(limits, reference),
+                    notes={key: statistics.median(run["notes"][key] for run in group) for key in notes},
+                )
+            )
+    return rows
+
+
+def _agreement(limits: list[dict[str, Any]], reference: Reference) -> float:
+    """Pooled over the repeats, whose errors are independent."""
+    apart = [
+        (np.array(one["value"]) - reference.own.value) / np.hypot(np.array(one["error"]), reference.own.error)
+        for one in limits
+    ]
+    return float(np.sqrt(np.mean(np.square(apart))))

@@ -1,0 +1,150 @@
+"""Whole commands beside the import of what people use today: the wall time of processes."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from percept.errors import RefusalError
+
+__all__ = ["COMMANDS", "Comparison", "Whole", "comparisons", "whole_commands"]
+
+_NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"
+#: Name to arguments of Python; SESSIONS, SCENE and OUT are filled in.
+COMMANDS = {
+    "import pymc": ("-c", "import pymc"),
+    "import what percept fit needs": ("-c", f"import {_NEEDED}"),
+    "percept report": ("-m", "percept", "report", "SESSIONS", "--scene", "SCENE", "--out", "OUT"),
+    "percept fit": ("-m", "percept", "fit", "SESSIONS", "--out", "OUT"),
+    "percept fit, 2 %": ("-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--tolerance", "0.02"),
+    "percept fit, classical": ("-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--method", "classical"),
+}
+#: Command, what it is compared with, and the largest ratio promised.
+_PROMISES = (
+    ("percept report", "import pymc", 2.0),
+    ("percept fit", "import pymc", 1.0),
+    ("percept fit, classical", "import pymc", 0.35),
+    ("percept fit, 2 %", "import what percept fit needs", 1.6),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Whole:
+    """Wall times of one command, each in a new process.
+
+    Attributes
+    ----------
+    name : str
+    command : str
+        As typed.
+    seconds : tuple of float
+        Every run, s, in order.
+    median : float
+        Their median.
+    processor : float
+        Median processor time, s.
+    """
+
+    name: str
+    command: str
+    seconds: tuple[float, ...]
+    median: float
+    processor: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """A command's median time over another's.
+
+    Attributes
+    ----------
+    command, against : str
+        Names.
+    ratio, processor_ratio : float
+        Of wall and of processor times.
+    promised : float
+        Largest ratio promised.
+    """
+
+    command: str
+    against: str
+    ratio: float
+    processor_ratio: float
+    promised: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the wall time keeps the promise."""
+        return self.ratio <= self.promised
+
+
+def whole_commands(sessions: str, scene: str, *, repeats: int = 5) -> list[Whole]:
+    """Run every command in turn, round by round, so that all see the machine alike.
+
+    Parameters
+    ----------
+    sessions, scene : str
+        Files.
+    repeats : int
+        Rounds that count; one round before them warms the file cache.
+
+    Returns
+    -------
+    list of Whole
+    """
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in COMMANDS}
+    for round_ in range(repeats + 1):
+        for name, arguments in COMMANDS.items():
+            with tempfile.TemporaryDirectory() as out:
+                spent = _run(_filled(arguments, sessions, scene, str(Path(out, "out"))))
+            if round_:
+                times[name].append(spent)
+    found = []
+    for name, arguments in COMMANDS.items():
+        wall, processor = zip(*times[name], strict=True)
+        typed = " ".join(_quoted(part) for part in _filled(arguments, "SESSIONS", "SCENE", "DIR"))
+        typed = f"python {typed}".replace("python -m percept", "percept")
+        found.append(Whole(name, typed, wall, statistics.median(wall), statistics.median(processor)))
+    return found
+
+
+def comparisons(found: Sequence[Whole]) -> list[Comparison]:
+    """Return the ratios that are promised."""
+    by_name = {one.name: one for one in found}
+    rows = []
+    for command, against, promised in _PROMISES:
+        one, other = by_name[command], by_name[against]
+        ratios = one.median / other.median, one.processor / other.processor
+        rows.append(Comparison(command, against, *ratios, promised))
+    return rows
+
+
+def _filled(arguments: Sequence[str], sessions: str, scene: str, out: str) -> list[str]:
+    places = {"SESSIONS": sessions, "SCENE": scene, "OUT": out}
+    return [places.get(part, part) for part in arguments]
+
+
+def _quoted(part: str) -> str:
+    return f'"{part}"' if " " in part else part
+
+
+def _run(arguments: Sequence[str]) -> tuple[float, float]:
+    """Wall and processor seconds of one process; percept finds no posterior kept from an earlier one."""
+    before, started = os.times(), time.perf_counter()
+    environment = os.environ | {"PERCEPT_CACHE": "off"}
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, check=False, env=environment
+    )
+    wall, after = time.perf_counter() - started, os.times()
+    if done.returncode:
+        last = done.stderr.strip().splitlines()[-1:] or ["no message"]
+        raise RefusalError(f"{' '.join(arguments[:3])} failed: {last[0]}")
+    processor = after.children_user + after.children_system - before.children_user - before.children_system
+    return wall, processor

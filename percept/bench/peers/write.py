@@ -1,0 +1,53 @@
+"""Write a benchmark: benchmark.json, figures and the page."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from percept.bench.peers.figures import drawings
+from percept.bench.peers.page import render
+from percept.report.figures.files import inline_svg, rendered
+from percept.report.folder import filled_folder
+from percept.report.page import Plate
+from percept.report.plain import dumps
+
+__all__ = ["PAGE", "write_benchmark"]
+
+PAGE = "index.html"
+
+
+def write_benchmark(document: Mapping[str, Any], out_dir: str | Path, *, date: str | None = None) -> Path:
+    """Write a benchmark's document, figures and page.
+
+    Parameters
+    ----------
+    document : mapping
+        As `percept.bench.peers.document.build_document` returns it.
+    out_dir : str or Path
+        Folder, made where it does not exist; files of other names in it stay.
+    date : str, optional
+        Printed on the page; today where not given.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    UsageError
+        Where the folder is a file or cannot be written.
+    """
+    with filled_folder(out_dir, last=PAGE) as folder:
+        (folder / "benchmark.json").write_text(dumps(document), encoding="utf-8")
+        (folder / "figures").mkdir()
+        plates = {}
+        for drawing in drawings(document):
+            (folder / "figures" / f"{drawing.name}.svg").write_bytes(rendered(drawing, "svg"))
+            plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(drawing))
+        page = render(document, plates, date=date or datetime.date.today().isoformat())
+        (folder / PAGE).write_text(page, encoding="utf-8")
+    return Path(out_dir) / PAGE

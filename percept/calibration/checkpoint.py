@@ -1,0 +1,94 @@
+"""Results of simulated studies kept line by line, so that an interrupted run goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from percept.errors import UsageError
+
+__all__ = ["Checkpoint"]
+
+Result = TypeVar("Result")
+# How every line starts: what is left of one cut short is told from a file of something else.
+_START = '{"plan": "'
+
+
+class Checkpoint(Generic[Result]):
+    """A file of JSON lines, one per study of a plan; those of other plans stand beside them.
+
+    Parameters
+    ----------
+    path : path or None
+        The file, made where there is none; None keeps nothing.
+    plan : str
+        Key of the plan: other plans' lines are left alone.
+    what : str
+        What the lines hold, for messages.
+    pack : callable
+        A result to named JSON values.
+    unpack : callable
+        The way back; raises KeyError, TypeError or ValueError where the values are not a result's.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str] | None,
+        plan: str,
+        *,
+        what: str,
+        pack: Callable[[Result], Mapping[str, Any]],
+        unpack: Callable[[Mapping[str, Any]], Result],
+    ) -> None:
+        self._path = None if path is None else Path(path)
+        self._plan, self._what, self._pack, self._unpack = plan, what, pack, unpack
+
+    def read(self, studies: int) -> dict[int, Result]:
+        """Read the results of the plan's first studies by index; cut off a last line that is not whole.
+
+        Parameters
+        ----------
+        studies : int
+            How many studies are wanted; later ones stay in the file.
+
+        Returns
+        -------
+        dict of int to result
+
+        Raises
+        ------
+        UsageError
+            A line that is not one of results, with its place.
+        """
+        if self._path is None or not self._path.exists():
+            return {}
+        whole, newline, rest = self._path.read_text(encoding="utf-8").rpartition("\n")
+        if rest:
+            if not (rest.startswith(_START) or _START.startswith(rest)):
+                raise self._strange(1 + whole.count("\n") + len(newline))
+            # Cut off, or the next line would be written behind it.
+            self._path.write_text(whole + newline, encoding="utf-8")
+        results = {}
+        for row, line in enumerate(whole.splitlines(), start=1):
+            try:
+                found = json.loads(line)
+                if found["plan"] == self._plan and int(found["index"]) < studies:
+                    results[int(found["index"])] = self._unpack(found)
+            except (ValueError, KeyError, TypeError) as error:
+                raise self._strange(row) from error
+        return results
+
+    def append(self, index: int, result: Result) -> None:
+        """Write the result of study `index` behind the others."""
+        if self._path is None:
+            return
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        line = {"plan": self._plan, "index": index, **self._pack(result)}
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+
+    def _strange(self, row: int) -> UsageError:
+        return UsageError(f"not a line of {self._what} studies.", file=str(self._path), row=row)

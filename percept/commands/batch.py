@@ -1,0 +1,100 @@
+"""Fit many studies on the cores of this machine or on a dask cluster; one bad study is reported, not fatal.
+
+Each STUDY is a session file, a folder of them (with a scene.toml of its own where it differs), or a quoted
+pattern. DIR/batch.parquet has the intervals of all; an interrupted batch goes on when started again.
+Exit code 1: some study was refused or failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from percept.commands.analysis import add_setting_arguments, settings
+
+if TYPE_CHECKING:
+    from percept.batch import Summary
+
+EXAMPLE = "percept batch studies/* --scene scene.toml --workers 8 --out results"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "studies", nargs="*", metavar="STUDY", help="a session file, folder or quoted pattern"
+    )
+    parser.add_argument("--from", dest="listed", metavar="FILE", help="a text file with one STUDY per line")
+    add_setting_arguments(parser)
+    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (all cores)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a running dask scheduler, in their place")
+    parser.add_argument("--out", default="batch", metavar="DIR", help="folder to write into (batch)")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Analyse the studies and print what became of them."""
+    import json
+
+    from percept.errors import UsageError
+
+    try:
+        from percept.batch import connected, run_batch, sources
+    except ImportError as error:
+        raise UsageError(
+            f"{error.name} is not installed.", hint="Install percept with its extra: percept[cluster]."
+        ) from None
+    from percept.report.plain import plain
+    from percept.scene import Scene
+
+    scene = Scene.load(arguments.scene) if arguments.scene else Scene()
+    changes = settings(arguments)
+    scene.with_inference(**changes)  # a wrong setting is wrong once, not once per study
+    studies = sources(_named(arguments), scene=scene, changes=changes)
+    with connected(arguments.workers, arguments.scheduler) as client:
+        summary = run_batch(studies, arguments.out, client, progress=_Progress(shown=not arguments.quiet))
+    if arguments.json:
+        print(json.dumps(plain({**vars(summary), "table": str(summary.table)}), indent=1))
+    else:
+        _print(summary)
+    return int(bool(summary.failures))
+
+
+def _named(arguments: argparse.Namespace) -> list[str]:
+    if not arguments.listed:
+        return list(arguments.studies)
+    lines = Path(arguments.listed).read_text(encoding="utf-8").splitlines()
+    return [*arguments.studies, *(line.strip() for line in lines if line.strip())]
+
+
+def _print(summary: Summary) -> None:
+    analysed = sum(summary.counts.values())
+    for name, message in summary.failures:
+        print(message if message.startswith(name) else f"{name}: {message}", file=sys.stderr)
+    words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
+    print(f"{summary.studies} studies: {summary.skipped} finished before, {analysed} now ({words or 'none'})")
+    if analysed:
+        print(f"{summary.seconds / analysed:.2f} s of a worker per study")
+    print(summary.table)
+
+
+class _Progress:
+    """A line on the terminal: how many studies, how many of them not done, and the time left."""
+
+    def __init__(self, *, shown: bool) -> None:
+        self._shown = shown and sys.stderr.isatty()
+        self._started = time.monotonic()
+        self._before: int | None = None
+
+    def __call__(self, done: int, studies: int, failed: int) -> None:
+        if not self._shown:
+            return
+        if self._before is None:
+            self._before = done - 1
+        rate = (done - self._before) / max(time.monotonic() - self._started, 1e-9)
+        left = (studies - done) / rate
+        end = "\n" if done == studies else ""
+        text = f"\r{done} of {studies} studies, {failed} refused or failed, {left:.0f} s left   "
+        print(text, end=end, file=sys.stderr, flush=True)

@@ -1,0 +1,154 @@
+"""Files that are whole or not there, and folders that one run has to itself."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+__all__ = ["exclusive", "remove_abandoned", "shared", "whole_file", "write_whole"]
+
+_SUFFIX = ".part"
+# What a file system says that has no locks; those of NFS before version 4 among them.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
+
+    `path` is never seen in part, whatever stops the process or the machine: the bytes go to the disk first.
+
+    Parameters
+    ----------
+    path : Path
+        File to make or to replace; its folder exists.
+
+    Yields
+    ------
+    Path
+        An empty file to fill.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be written; what stood there before stays, as it does after any error inside.
+    """
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", suffix=_SUFFIX, dir=path.parent)
+    os.close(handle)
+    aside = Path(name)
+    try:
+        yield aside
+        _sync(aside, os.O_RDWR)
+        aside.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            aside.unlink()
+        raise
+    _sync_folder(path.parent)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file by `whole_file`.
+
+    Parameters
+    ----------
+    path : Path
+        File to make or to replace; its folder exists.
+    data : bytes
+        All of it.
+    """
+    with whole_file(path) as aside:
+        aside.write_bytes(data)
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove what `whole_file` left in a folder when its process was killed.
+
+    To be called by the one who holds the folder by `exclusive`: nobody is writing then.
+    """
+    for path in folder.glob(f".*-*{_SUFFIX}"):
+        with suppress(OSError):
+            path.unlink()
+
+
+@contextmanager
+def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
+    """Hold a folder alone, among those who ask by this function or `shared`.
+
+    The lock is the operating system's, on the folder itself: it ends with the process however that ends, and
+    neither a process number nor a clock is trusted.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder that exists.
+    wait : bool
+        Wait for those who hold it.
+
+    Yields
+    ------
+    bool
+        False where the file system or the operating system has no such locks.
+
+    Raises
+    ------
+    BlockingIOError
+        Where somebody else holds it and `wait` is false.
+    """
+    with _locked(folder, alone=True, wait=wait) as held:
+        yield held
+
+
+@contextmanager
+def shared(folder: Path) -> Iterator[bool]:
+    """Hold a folder together with others; `exclusive` waits, or fails, as long as it lasts."""
+    with _locked(folder, alone=False, wait=True) as held:
+        yield held
+
+
+def _sync(path: Path, mode: int) -> None:
+    handle = os.open(path, mode)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+if sys.platform == "win32":
+
+    @contextmanager
+    def _locked(folder: Path, *, alone: bool, wait: bool) -> Iterator[bool]:
+        yield False
+
+    def _sync_folder(folder: Path) -> None:
+        """Do nothing: a folder cannot be opened here."""
+
+else:
+    import fcntl
+
+    @contextmanager
+    def _locked(folder: Path, *, alone: bool, wait: bool) -> Iterator[bool]:
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            how = fcntl.LOCK_EX if alone else fcntl.LOCK_SH
+            try:
+                fcntl.flock(handle, how if wait else how | fcntl.LOCK_NB)
+                held = True
+            except BlockingIOError:
+                raise
+            except OSError as error:
+                if error.errno not in _NO_LOCKS:
+                    raise
+                held = False
+            yield held
+        finally:
+            os.close(handle)
+
+    def _sync_folder(folder: Path) -> None:
+        with suppress(OSError):  # some network file systems refuse it
+            _sync(folder, os.O_RDONLY)

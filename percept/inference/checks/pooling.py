@@ -1,0 +1,117 @@
+"""What pooling did: how far environments moved to their trend, and how k and b go together."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.checks.prior import draw_trend
+from percept.inference.hierarchy.blocks import Block, Pair
+from percept.inference.hierarchy.conditional import Conditional
+from percept.inference.hierarchy.density import CollapsedDensity
+
+__all__ = ["Shrinkage", "correlation_draws", "shrinkage"]
+
+Array = NDArray[np.float64]
+_CHUNK = 512
+#: Raw mean and trend this close, in posterior SDs of the centre, leave nothing to move through.
+_APART = 0.1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Shrinkage:
+    """Centres of the environments before and after pooling, on the response scale; all (P, J).
+
+    Attributes
+    ----------
+    raw : ndarray
+        Mean over subjects of their cell means.
+    centre, trend : ndarray
+        Posterior means of the location and of its trend alpha + gamma x.
+    sd : ndarray
+        Posterior SD of the location.
+    moved : ndarray
+        Share of the way from `raw` to `trend` at which `centre` lies: 0 where it stayed, 1 where it went
+        all the way; NaN where raw mean and trend coincide. Outside [0, 1] where subjects who are missing
+        from the environment move it otherwise.
+    """
+
+    raw: Array
+    centre: Array
+    trend: Array
+    sd: Array
+    moved: Array
+
+
+def shrinkage(density: CollapsedDensity, points: Array) -> Shrinkage | None:
+    """How far each environment's centre was drawn to the trend over environments.
+
+    Parameters
+    ----------
+    density : CollapsedDensity
+        The model of a study with subjects.
+    points : ndarray, shape (S, d)
+        Posterior draws of the coordinates.
+
+    Returns
+    -------
+    Shrinkage or None
+        None with one environment, which has no trend.
+    """
+    if not density.layout.trend:
+        return None
+    sums = [0.0, 0.0, 0.0]
+    x = density.statistics.x[..., None]
+    for start in range(0, len(points), _CHUNK):
+        scales = density.layout.scales(np.ascontiguousarray(points[start : start + _CHUNK].T))
+        law = Conditional(density, scales)
+        beta = np.stack(law.mean)
+        # Level and slope are linear in the locations: their mean follows from the locations' mean.
+        alpha, gamma = draw_trend(density, scales, beta)
+        trend = alpha[:, None] + gamma[:, None] * x
+        square = np.square(beta) + np.stack(law.covariance.diagonal())
+        sums = [total + part.sum(axis=-1) for total, part in zip(sums, (beta, trend, square), strict=True)]
+    centre, trend, square = (np.asarray(total) / len(points) for total in sums)
+    raw = np.nanmean(density.statistics.cell_means, axis=0)
+    sd = np.sqrt(np.maximum(square - np.square(centre), 0.0))
+    way = trend - raw
+    moved = np.divide(centre - raw, way, out=np.full_like(raw, np.nan), where=np.abs(way) > _APART * sd)
+    return Shrinkage(raw, centre, trend, sd, moved)
+
+
+def correlation_draws(density: CollapsedDensity, points: Array) -> dict[str, Array]:
+    """Draws of the correlations of stiffness and damping between users.
+
+    Parameters
+    ----------
+    density : CollapsedDensity
+        The model.
+    points : ndarray, shape (S, d)
+        Posterior draws of the coordinates.
+
+    Returns
+    -------
+    dict of str to ndarray
+        "within": of a subject's deviations in one environment, Sigma_w, shape (S,). "shared": of the
+        subject effect, Sigma_u, shape (S,), where the model has one. "population": of users in each
+        environment, Sigma_u + Sigma_w, shape (S, J). Empty with one parameter.
+    """
+    scales = density.layout.scales(np.ascontiguousarray(points.T))
+    if not isinstance(scales.between, Pair):
+        return {}
+    found = {"within": scales.named["rho_w"]}
+    population: Block = scales.between
+    if isinstance(scales.shared, Pair):
+        found["shared"] = scales.named["rho_u"]
+        ones = np.ones((len(density.statistics.environments), 1))
+        population = population + scales.shared[None].scaled(ones)
+    return found | {"population": _correlation(population).T}
+
+
+def _correlation(block: Block) -> Array:
+    """Slope times the ratio of SDs, from the regression a pair is kept as."""
+    assert isinstance(block, Pair)
+    first, second = block.diagonal()
+    return block.g * np.sqrt(first / second)

@@ -1,0 +1,178 @@
+"""The model before the data: draws from its priors, and the density of each prior at given draws."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.scales import Layout, Scales
+
+__all__ = ["GROUPS", "draw_prior", "draw_trend", "log_prior"]
+
+Array = NDArray[np.float64]
+Named = dict[str, tuple[tuple[str, ...], Array]]
+_LOG_2PI = float(np.log(2.0 * np.pi))
+_DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
+#: Which priors speak of what.
+GROUPS = {
+    "bias": ("alpha", "gamma", "tau"),
+    "spread": ("s", "kappa", "omega", "sigma"),
+    "subjects": ("sigma_u",),
+    "trials": ("s_e", "kappa_e", "omega_e", "sigma_e"),
+    "correlation": ("rho_w", "rho_u", "rho_e"),
+}
+
+
+def prior_layout(density: CollapsedDensity) -> Layout:
+    """Layout of the same model without data, in which every coordinate is standard normal a priori."""
+    statistics = density.statistics
+    # Only the observed scatter sets the coordinates of log sigma off their prior.
+    blank = dataclasses.replace(
+        statistics, sd=np.zeros_like(statistics.sd), trial_rows=np.zeros_like(statistics.trial_rows)
+    )
+    return Layout(blank, density.priors, density.layout.options)
+
+
+def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) -> tuple[Named, Array, Array]:
+    """Draw scales, population means and new users before any data.
+
+    Parameters
+    ----------
+    density : CollapsedDensity
+        The model.
+    draws : int
+        How many, W.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    scales : dict of str to (dimensions, ndarray)
+        Scales and correlations, draws first.
+    mean, user : ndarray, shape (W, P J)
+        Population means, and one user of each, on the response scale.
+    """
+    layout, priors = prior_layout(density), density.priors
+    scales = layout.scales(rng.standard_normal((layout.dimension, draws)))
+    size, environments = layout.parameters, layout.environments
+    beta = np.repeat(priors.alpha_sd * rng.standard_normal((size, 1, draws)), environments, axis=1)
+    if scales.tau is not None:
+        gamma = priors.gamma_sd * rng.standard_normal((size, 1, draws))
+        beta += gamma * density.statistics.x[..., None]
+        beta += np.stack(scales.tau)[:, None] * rng.standard_normal(beta.shape)
+    user = beta.copy()
+    for column in scales.between.factor_columns():
+        user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+    for column in scales.shared.factor_columns() if scales.shared is not None else ():
+        user += np.stack(column)[:, None] * rng.standard_normal(beta.shape[1:])
+    named = {
+        name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in scales.named.items()
+    }
+    return named, beta.reshape(-1, draws).T, user.reshape(-1, draws).T
+
+
+def draw_trend(
+    density: CollapsedDensity, scales: Scales, beta: Array, rng: np.random.Generator | None = None
+) -> tuple[Array, Array]:
+    """Level alpha and slope gamma per decade given the locations: a regression of its own per parameter.
+
+    Parameters
+    ----------
+    density : CollapsedDensity
+        The model, with several environments.
+    scales : Scales
+        W sets of scales.
+    beta : ndarray, shape (P, J, W)
+        Locations.
+    rng : numpy.random.Generator, optional
+        Source of randomness; without one the conditional means are given.
+
+    Returns
+    -------
+    alpha, gamma : ndarray, shape (P, W)
+    """
+    assert scales.tau is not None
+    priors = density.priors
+    pull = 1.0 / np.stack(scales.tau) ** 2
+    found = []
+    # x is centred, so level and slope are independent given the locations.
+    for x, prior_sd in (
+        (np.ones_like(density.statistics.x), priors.alpha_sd),
+        (density.statistics.x, priors.gamma_sd),
+    ):
+        precision = pull * np.square(x).sum(axis=1)[:, None] + prior_sd**-2.0
+        value = pull * np.einsum("pj,pjw->pw", x, beta) / precision
+        if rng is not None:
+            value = value + rng.standard_normal(value.shape) / np.sqrt(precision)
+        found.append(value)
+    return found[0], found[1]
+
+
+def log_prior(
+    density: CollapsedDensity, scales: Scales, beta: Array, rng: np.random.Generator
+) -> dict[str, tuple[tuple[str, ...], Array]]:
+    """Log density of each top-level prior, on the scale the prior is stated on.
+
+    The laws of the environments' own biases and SDs about their trends are part of the model, not priors:
+    raising those to a power would ask what another model says.
+
+    Parameters
+    ----------
+    density : CollapsedDensity
+        The model.
+    scales : Scales
+        W sets of scales.
+    beta : ndarray, shape (P, J, W)
+        Locations drawn with them; level and slope are drawn given these.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    dict of str to (dimensions, ndarray)
+        By name (see `GROUPS`), draws first.
+    """
+    priors, named = density.priors, scales.named
+    found: dict[str, Array] = {}
+    if scales.tau is None:
+        found["alpha"] = _normal(beta[:, 0], 0.0, priors.alpha_sd)
+    else:
+        alpha, gamma = draw_trend(density, scales, beta, rng)
+        found |= {
+            "alpha": _normal(alpha, 0.0, priors.alpha_sd),
+            "gamma": _normal(gamma, 0.0, priors.gamma_sd),
+        }
+    for name in ("tau", "sigma_u", "omega", "omega_e"):
+        if name in named:
+            found[name] = np.log(2.0) + _normal(named[name], 0.0, getattr(priors, f"{name}_scale"))
+    for suffix in ("", "_e"):
+        mean, sd = getattr(priors, f"log_s{suffix}_mean"), getattr(priors, f"log_s{suffix}_sd")
+        # With one environment sigma itself has the prior that s has with several.
+        level = ("s" if density.layout.trend else "sigma") + suffix
+        if level in named:
+            found[level] = _normal(np.log(named[level]), mean, sd)
+        if "kappa" + suffix in named:
+            found["kappa" + suffix] = _normal(
+                named["kappa" + suffix], 0.0, getattr(priors, f"kappa{suffix}_sd")
+            )
+    for name in ("rho_w", "rho_u", "rho_e"):
+        if name in named:
+            found[name] = _beta(named[name], priors)
+    return {name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in found.items()}
+
+
+def _normal(value: Array, mean: float, sd: float) -> Array:
+    standard = (value - mean) / sd
+    return -0.5 * (standard * standard + _LOG_2PI) - np.log(sd)
+
+
+def _beta(rho: Array, priors: Priors) -> Array:
+    shape = priors.rho_shape
+    # Draws at ±1 to the last digit have a density of zero when the shape is above one.
+    inside = np.maximum((1.0 - rho) * (1.0 + rho) / 4.0, np.finfo(float).tiny)
+    return (shape - 1.0) * np.log(inside) - special.betaln(shape, shape) - np.log(2.0)

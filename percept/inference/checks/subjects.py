@@ -1,0 +1,257 @@
+"""Density of one subject's data: given the locations, and given everybody else's data.
+
+Subjects are what a study samples, so a subject is what is left out. Given locations and scales the
+subjects are independent; with the locations integrated out, a subject's predictive law given the others
+follows from the conditional law N(m, BB') of the locations given everybody. With V the covariance of the
+subject's cell means y about the locations, G = V^(-1/2) B and r = y - m,
+
+    y | others ~ N(m - B K⁻¹ B'V⁻¹ r, V + B K⁻¹ B'),    K = I - G'G,
+
+so nothing is fitted anew. K is near (1 - 1/N) I whatever the scales; V - BB', its other form, would lose
+all digits where the subject effect dwarfs the rest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.hierarchy.blocks import Block, Pair
+from percept.inference.hierarchy.conditional import Conditional
+from percept.inference.hierarchy.covariance import SharedCovariance
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.scales import Scales
+
+__all__ = ["LeftOut", "SubjectDensity", "batches"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+_LOG_2PI = math.log(2.0 * math.pi)
+#: Numbers in the largest temporary of a batch of draws.
+_BATCH = 1 << 20
+#: Smallest eigenvalue of K, which is 1 - 1/N or so, that is not rounding.
+_LEAST = 1e-12
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LeftOut:
+    """What W sets of scales and the other subjects' data say of the I subjects asked for.
+
+    All NaN at scales for which doubles cannot tell a subject's share of what is known of a location: a
+    scatter below some 1e-7 of the locations' prior.
+
+    Attributes
+    ----------
+    log_density : ndarray, shape (W, I)
+        Of the subject's trials, on the response scale.
+    distance : ndarray, shape (W, I)
+        Squared Mahalanobis distance of the subject's cell means; chi-squared under the model, with as many
+        degrees of freedom as the subject has cells and parameters.
+    standard : ndarray, shape (W, I, P, J)
+        Each cell mean less its predictive mean, in predictive SDs; NaN where there is none.
+    """
+
+    log_density: Array
+    distance: Array
+    standard: Array
+
+
+class SubjectDensity:
+    """Densities of subjects' data under a hierarchical model.
+
+    Parameters
+    ----------
+    density : CollapsedDensity
+        The model, with the statistics of all subjects.
+    response : ndarray, shape (M, P)
+        Unit-free responses the statistics were made from.
+    subject, environment : ndarray of int, shape (M,)
+        Their subjects and environments, as codes.
+    """
+
+    def __init__(
+        self, density: CollapsedDensity, response: Array, subject: Indices, environment: Indices
+    ) -> None:
+        self.density = density
+        statistics = density.statistics
+        self._means = statistics.cell_means
+        subjects, self.parameters, self.environments = self._means.shape
+        cell = subject * self.environments + environment
+        cells = subjects * self.environments
+        self._counts = np.bincount(cell, minlength=cells).reshape(subjects, self.environments)
+        self._trials = _trial_scatter(response - self._means[subject, :, environment], cell, cells)
+        self._trials = [part.reshape(subjects, self.environments) for part in self._trials]
+
+    @property
+    def subjects(self) -> int:
+        """Number of subjects."""
+        return len(self._means)
+
+    @property
+    def degrees(self) -> Array:
+        """Numbers a subject contributes: cells times parameters, shape (N,)."""
+        return (self._counts > 0).sum(axis=1) * float(self.parameters)
+
+    def given_locations(self, scales: Scales, beta: Array) -> Array:
+        """Log density of each subject's trials given locations and scales, its own effects integrated out.
+
+        Parameters
+        ----------
+        scales : Scales
+            W sets of scales.
+        beta : ndarray, shape (P, J, W)
+            Locations on the response scale.
+
+        Returns
+        -------
+        ndarray, shape (W, N)
+        """
+        value = np.empty((beta.shape[-1], self.subjects))
+        for pattern, cell in zip(
+            self.density.statistics.patterns, self.density.cell_blocks(scales), strict=True
+        ):
+            covariance = SharedCovariance(cell, scales.shared)
+            apart = [
+                self._means[pattern.members, p][:, pattern.environments, None] - beta[p, pattern.environments]
+                for p in range(self.parameters)
+            ]
+            squares = sum(
+                np.square(component).reshape(pattern.subjects, -1, component.shape[-1]).sum(axis=1)
+                for piece in covariance.whiten(tuple(apart))
+                for component in piece
+            )
+            value[:, pattern.members] = -0.5 * (squares + covariance.log_determinant()).T
+        return value + self._between_trials(scales, slice(None)) - 0.5 * _LOG_2PI * self.degrees
+
+    def left_out(self, scales: Scales, members: Indices | None = None) -> LeftOut:
+        """Predictive law of each subject's data given scales and the other subjects' data.
+
+        Parameters
+        ----------
+        scales : Scales
+            W sets of scales.
+        members : ndarray of int, shape (I,), optional
+            Subjects wanted, in ascending order; all by default.
+
+        Returns
+        -------
+        LeftOut
+            NaN at scales for which doubles cannot tell the subject's share of what is known of a location.
+        """
+        wanted = np.arange(self.subjects) if members is None else members
+        law = Conditional(self.density, scales)
+        mean, columns = np.stack(law.mean), law.joint_columns()
+        width = scales.log_prior.size
+        found = LeftOut(
+            np.empty((width, wanted.size)),
+            np.empty((width, wanted.size)),
+            np.full((width, wanted.size, self.parameters, self.environments), np.nan),
+        )
+        cells = self.density.cell_blocks(scales)
+        for pattern, cell in zip(self.density.statistics.patterns, cells, strict=True):
+            at = np.flatnonzero(np.isin(wanted, pattern.members))
+            if at.size:
+                present = pattern.environments
+                apart = self._means[wanted[at]][..., present, None] - mean[:, present]
+                _leave_out(found, at, present, apart, columns[:, :, present], cell, scales.shared)
+        found.log_density[...] += self._between_trials(scales, wanted) - 0.5 * _LOG_2PI * self.degrees[wanted]
+        return found
+
+    def _between_trials(self, scales: Scales, members: Indices | slice) -> Array | float:
+        """Log density of trials about their cell means, and of turning means into trials: (W, I) or zero."""
+        trial = self.density.trial_block(scales)
+        if trial is None:
+            return 0.0
+        counts = self._counts[members]
+        first, slope, left = (part[members][..., None] for part in self._trials)
+        if isinstance(trial, Pair):
+            tilt = slope - trial.g
+            squares = (first / trial.v + (left + first * tilt * tilt) / trial.w).sum(axis=1)
+        else:
+            squares = (first / trial.v).sum(axis=1)
+        extra = np.maximum(counts - 1.0, 0.0)
+        constant = self.parameters * (
+            extra.sum(axis=1) * _LOG_2PI + np.log(np.maximum(counts, 1)).sum(axis=1)
+        )
+        return -0.5 * (squares + extra @ trial.log_determinant() + constant[:, None]).T
+
+
+def _leave_out(
+    found: LeftOut,
+    at: Indices,
+    present: Indices,
+    apart: Array,
+    columns: Array,
+    cell: Block,
+    shared: Block | None,
+) -> None:
+    """Fill in the subjects of one pattern: `apart` (I, P, E, W) and `columns` (R, P, E, W) are r and B."""
+    covariance = SharedCovariance(cell, shared)
+    whitened, spread = _whitened(covariance, apart), _whitened(covariance, columns)
+    known = np.matmul(spread.transpose(0, 2, 1), spread)
+    factor, lost = _factor(np.eye(len(columns)) - known)
+    flat = columns.reshape(len(columns), -1, columns.shape[-1]).transpose(2, 0, 1)
+    right = np.concatenate([np.matmul(spread.transpose(0, 2, 1), whitened), flat], axis=2)
+    solved = np.linalg.solve(factor, right)
+    pull, root = solved[..., : at.size], solved[..., at.size :]
+    distance = np.square(whitened).sum(axis=1) + np.square(pull).sum(axis=1)
+    log_determinant = covariance.log_determinant() - 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(
+        axis=1
+    )
+    found.log_density[:, at] = -0.5 * (log_determinant[:, None] + distance)
+    found.distance[:, at] = distance
+    variances = [cell.diagonal()] if shared is None else [cell.diagonal(), shared.diagonal()]
+    own = np.stack([np.broadcast_to(sum(parts), apart.shape[2:]) for parts in zip(*variances, strict=True)])
+    shape = (len(factor), *apart.shape[1:3], -1)
+    off = apart.transpose(3, 1, 2, 0) + np.matmul(root.transpose(0, 2, 1), pull).reshape(shape)
+    variance = own.transpose(2, 0, 1) + np.square(root).sum(axis=1).reshape(shape[:3])
+    standard = off / np.sqrt(variance)[..., None]
+    found.standard[:, at[:, None], :, present] = standard.transpose(3, 2, 0, 1)
+    for values in (found.log_density, found.distance, found.standard):
+        values[np.ix_(lost, at)] = np.nan
+
+
+def _factor(matrices: Array) -> tuple[Array, Indices]:
+    """Lower factors of (W, R, R) matrices, and the indices of those that rounding left without one."""
+    lost: Indices = np.empty(0, dtype=np.intp)
+    try:
+        factor = np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        lost = np.flatnonzero(~(np.linalg.eigvalsh(matrices)[:, 0] > _LEAST))
+        matrices[lost] = np.eye(matrices.shape[-1])
+        factor = np.linalg.cholesky(matrices)
+    return np.asarray(factor, dtype=float), lost
+
+
+def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:
+    """Rows of V^(-1/2) times vectors (n, P, E, W): (W, rows, n)."""
+    count, width = len(vectors), vectors.shape[-1]
+    pieces = covariance.whiten(tuple(vectors.transpose(1, 0, 2, 3)))
+    rows = [part.reshape(count, -1, width) for piece in pieces for part in piece]
+    return np.concatenate(rows, axis=1).transpose(2, 1, 0)
+
+
+def batches(draws: int, density: SubjectDensity) -> Iterator[slice]:
+    """Cut draws so that temporaries stay small, however many subjects and environments there are."""
+    cells = density.parameters * density.environments
+    step = max(1, _BATCH // (cells * (density.subjects + 4 * cells)))
+    for start in range(0, draws, step):
+        yield slice(start, min(start + step, draws))
+
+
+def _trial_scatter(deviation: Array, cell: Indices, cells: int) -> list[Array]:
+    """Scatter between trials per cell: of the first parameter, slope of the second on it, what is left."""
+
+    def total(values: Array) -> Array:
+        return np.asarray(np.bincount(cell, weights=values, minlength=cells), dtype=float)
+
+    first = total(deviation[:, 0] ** 2)
+    if deviation.shape[1] == 1:
+        return [first, np.zeros(cells), np.zeros(cells)]
+    cross = total(deviation[:, 0] * deviation[:, 1])
+    slope = np.divide(cross, first, out=np.zeros(cells), where=first > 0)
+    return [first, slope, total((deviation[:, 1] - slope[cell] * deviation[:, 0]) ** 2)]

@@ -1,0 +1,93 @@
+"""Environments predicted from the others: the document, and its page in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from percept.report.document import provenance
+from percept.report.plain import plain
+
+if TYPE_CHECKING:
+    from percept.study import Study
+    from percept.study.left_out import LeftOut
+
+__all__ = ["SCHEMA", "left_out_document", "left_out_markdown"]
+
+SCHEMA = "percept-leave-one-out/1"
+
+
+def left_out_document(study: Study, found: LeftOut) -> dict[str, Any]:
+    """Build what leave_one_out.json holds.
+
+    Parameters
+    ----------
+    study : Study
+        The whole study.
+    found : LeftOut
+        Its environments, each predicted from the others.
+
+    Returns
+    -------
+    dict
+        ``schema``, ``provenance`` (as in report.json), ``simulated``, ``sentence`` and the fields of
+        `LeftOut`; JSON values only.
+    """
+    return {
+        "schema": SCHEMA,
+        "provenance": provenance(study),
+        "simulated": study.sessions.simulated,
+        "sentence": found.sentence,
+        **plain(found),
+    }
+
+
+def left_out_markdown(document: Mapping[str, Any]) -> str:
+    """Write the document as a page.
+
+    Parameters
+    ----------
+    document : mapping
+        As `left_out_document` returns it.
+
+    Returns
+    -------
+    str
+    """
+    mean = "geometric mean" if document["family"] == "lognormal" else "mean"
+    files = ", ".join(one["name"] for one in document["provenance"]["files"])
+    lines = [
+        "# Each environment predicted from the others",
+        "",
+        f"{files}, {document['family']} family. {document['sentence']}",
+        *(["", "The sessions are simulated."] if document["simulated"] else []),
+        "",
+        f"| environment | parameter | reference | observed {mean} | predicted, average user | inside | place "
+        "| predicted, next user | users inside | extrapolation |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in document["rows"]:
+        beyond = row["beyond"]
+        cells = [
+            row["environment"],
+            row["parameter"],
+            f"{row['reference']:g}",
+            f"{row['observed']:.5g}",
+            f"{row['lower']:.4g} to {row['upper']:.4g}",
+            "yes" if row["inside"] else "no",
+            f"{row['place']:.3f}",
+            f"{row['user_lower']:.4g} to {row['user_upper']:.4g}",
+            f"{row['users_inside']:.1%}",
+            f"{abs(beyond):.2g} decades {'above' if beyond > 0 else 'below'}" if beyond else "",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    lines += [f"\nNo prediction of {name}: {why}" for name, why in document["skipped"]]
+    return "\n".join([*lines, "", _LEGEND])
+
+
+_LEGEND = (
+    "k in N/m, b in N·s/m. Place: predictive probability that as many new users have a lower mean; even over "
+    "(0, 1) where the predictions mean what they say. Users inside: of a population with the observed mean "
+    "and SD, the share between the limits of the next user. Extrapolation: how far the reference lies "
+    "outside those the model had seen.\n"
+)

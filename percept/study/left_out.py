@@ -1,0 +1,169 @@
+"""Every environment predicted from the others, and set against what its own users did."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.errors import RefusalError
+from percept.inference.classical.moments import Moments
+from percept.inference.covers import percent
+from percept.study.classical import cell_moments
+from percept.study.prediction import Prediction, expected_users, predict
+
+if TYPE_CHECKING:
+    from percept.inference.hierarchy.laws import Laws
+    from percept.study.study import Study
+
+__all__ = ["LeftOut", "leave_one_environment_out"]
+
+Array = NDArray[np.float64]
+_FEWEST = 3
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Predictions of environments that the model had not seen, against what was found there.
+
+    Attributes
+    ----------
+    family : str
+        Of the model; under lognormal means are geometric.
+    level : float
+        Of the intervals.
+    rows : DataFrame
+        environment, parameter; reference, lower, upper, estimate (predicted, of the average user), observed
+        (mean of the users), user_lower, user_upper (predicted, of the next user), N/m or N·s/m; n; inside
+        (whether the observed mean lies between the limits of the average user); place (predictive probability
+        that the mean of n new users is lower, even over (0, 1) if the predictions mean what they say);
+        users_inside (share of users between the limits of the next user, of a population with the observed
+        mean and SD); beyond (decades outside the range of the others, 0 inside).
+    skipped : tuple of (str, str)
+        Environments without a prediction, and why.
+    """
+
+    family: str
+    level: float
+    rows: pd.DataFrame
+    skipped: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """How many observed means the predictions hold."""
+        held = sum(inside for *_, inside in self._verdicts())
+        said = (
+            f"{held} of {len(self.rows)} observed means lie inside the {percent(self.level)} interval of the "
+            "average user predicted from the other environments."
+        )
+        outside = [
+            f"{row.parameter} of {row.environment}" for row in self.rows.itertuples() if not row.inside
+        ]
+        return f"{said} Outside: {', '.join(outside)}." if outside else said
+
+    def _verdicts(self) -> list[tuple[str, str, bool]]:
+        return [(row["parameter"], row["environment"], row["inside"]) for _, row in self.rows.iterrows()]
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(self.sentence)}</p>{self.rows.to_html(index=False, escape=True)}"
+
+
+def leave_one_environment_out(study: Study) -> LeftOut:
+    """Predict each environment from a fit to all others, and compare with its users.
+
+    Parameters
+    ----------
+    study : Study
+        Of three environments or more, in either form; fitted once per environment.
+
+    Returns
+    -------
+    LeftOut
+
+    Raises
+    ------
+    RefusalError
+        Fewer than three environments, or the classical method alone, which has no model of others.
+    """
+    if len(study.environments) < _FEWEST:
+        raise RefusalError(
+            f"leaving one of {len(study.environments)} environments out leaves no trend to predict from; "
+            f"{_FEWEST} are needed."
+        )
+    if study.scene.inference.method == "classical":
+        raise RefusalError(
+            "the classical method has no model of environments nobody tested.",
+            hint='Set method = "both" or "bayesian".',
+        )
+    asked = study.scene.inference
+    observed = {
+        (cell.parameter, cell.environment): cell.moments
+        for cell in cell_moments(study.sessions, study.parameters, asked.family)
+    }
+    rows: list[dict[str, Any]] = []
+    skipped = []
+    for environment in study.environments:
+        table = study.sessions.table
+        others = study.over(
+            dataclasses.replace(study.sessions, table=table[table["environment"] != environment])
+        )
+        given = {p: study.reference[p, environment] for p in study.parameters}
+        try:
+            found = predict(
+                others,
+                stiffness=given.get("k"),
+                damping=given.get("b"),
+                name=environment,
+                kinds=("mean", "user"),
+                curves=False,
+            )
+        except RefusalError as refused:
+            skipped.append((environment, str(refused)))
+            continue
+        assert others.fit is not None
+        laws = expected_users(others.fit, np.array(list(found.decades.values())), study.scene).laws
+        rows += _against(found, laws, observed)
+    return LeftOut(asked.family, asked.level, pd.DataFrame(rows), tuple(skipped))
+
+
+def _against(
+    found: Prediction, laws: Laws, observed: dict[tuple[str, str], Moments | None]
+) -> Iterator[dict[str, Any]]:
+    limits = {(row["parameter"], row["kind"]): row for row in found.intervals.to_dict("records")}
+    for p, (parameter, beyond) in enumerate(found.beyond.items()):
+        mean, user = (limits[parameter, kind] for kind in ("mean", "user"))
+        log = mean["family"] == "lognormal"
+        moments = observed[parameter, found.environment]
+        if moments is None:
+            continue
+        if log and moments.scale == "linear":
+            moments = moments.lognormal()
+        centre, sd, n = float(moments.mean), float(moments.sd), int(moments.n)
+        reference = float(mean["reference"])
+        response = centre - np.log(reference) if log else (centre - reference) / reference
+        spread = np.hypot(laws.sd[:, p], laws.spread[:, p] / np.sqrt(n))
+        ends = np.array([user["lower"], user["upper"]], dtype=float)
+        held = np.diff(special.ndtr(((np.log(ends) if log else ends) - centre) / sd))
+        value = float(np.exp(centre)) if log else centre
+        yield {
+            "environment": found.environment,
+            "parameter": parameter,
+            "reference": reference,
+            "lower": float(mean["lower"]),
+            "upper": float(mean["upper"]),
+            "estimate": float(mean["estimate"]),
+            "observed": value,
+            "n": n,
+            "inside": bool(mean["lower"] <= value <= mean["upper"]),
+            "place": float(special.ndtr((response - laws.mean[:, p]) / spread).mean()),
+            "user_lower": float(ends[0]),
+            "user_upper": float(ends[1]),
+            "users_inside": float(held[0]),
+            "beyond": beyond,
+        }

@@ -1,0 +1,209 @@
+"""Checks of the hierarchical fit for the analyst, in N/m and N·s/m and with names."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from percept.inference.checks.pooling import correlation_draws, shrinkage
+from percept.inference.checks.prior import draw_prior
+from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.sampling.records import Progress
+from percept.scene import Scene
+from percept.study.bands import weber_trend
+from percept.study.bayesian import Fit
+from percept.study.posterior import full_tree, subject_density, thinned_points
+from percept.study.sensitivity import power_scaling
+from percept.study.subject_checks import SubjectChecks, check_statistics, check_subjects
+from percept.study.units import UNITS
+
+__all__ = ["ModelChecks", "correlation_table", "model_checks", "prior_quantiles", "shrinkage_table"]
+
+Array = NDArray[np.float64]
+_PRIOR_DRAWS = 40_000
+_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ModelChecks:
+    """Checks of a hierarchical fit.
+
+    Attributes
+    ----------
+    loo : SubjectChecks
+        Each subject against the others.
+    statistics : DataFrame
+        Posterior predictive check of each environment (see `check_statistics`).
+    prior : DataFrame
+        What the priors say before any data (see `prior_quantiles`).
+    sensitivity : DataFrame
+        Power-scaling of priors and likelihood (see `percept.study.sensitivity.power_scaling`).
+    shrinkage : DataFrame or None
+        How far each environment moved to the trend (see `shrinkage_table`); None with one environment.
+    correlation : DataFrame or None
+        of ("within" an environment, "shared" over environments, "population"), environment ("" for all),
+        lower, value (posterior mean), upper, positive (probability): the correlation of k and b between
+        users on the response scale; None with one parameter.
+    weber : DataFrame or None
+        parameter, lower, value, upper, positive (probability): kappa, the change of log spread per decade of
+        the reference, zero under Weber's law; None where the model has none.
+    """
+
+    loo: SubjectChecks
+    statistics: pd.DataFrame
+    prior: pd.DataFrame
+    sensitivity: pd.DataFrame
+    shrinkage: pd.DataFrame | None
+    correlation: pd.DataFrame | None
+    weber: pd.DataFrame | None
+
+
+def model_checks(
+    fit: Fit,
+    scene: Scene,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+) -> ModelChecks | None:
+    """Check a fit against its data, its priors and its own assumptions.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior.
+    scene : Scene
+        Level, seed, caps, and whether to sample anew without influential subjects.
+    progress : callable, optional
+        Told the state of that sampling.
+
+    Returns
+    -------
+    ModelChecks or None
+        None for models other than the pooled one of sessions: published limits hold no subjects, and cells
+        that are fitted apart predict nothing of each other.
+    """
+    subjects = subject_density(fit)
+    if subjects is None:
+        return None
+    level, seed = scene.inference.level, scene.inference.seed
+    return ModelChecks(
+        loo=check_subjects(fit, subjects, scene, progress=progress),
+        statistics=check_statistics(fit, subjects, scene),
+        prior=prior_quantiles(fit, subjects, seed=seed),
+        sensitivity=power_scaling(full_tree(fit, seed=seed)),
+        shrinkage=shrinkage_table(fit, subjects),
+        correlation=correlation_table(fit, subjects, level=level),
+        weber=_weber(fit, level),
+    )
+
+
+def prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.DataFrame:
+    """Quantiles of the average and the next user before any data.
+
+    Parameters
+    ----------
+    fit : Fit
+        For its priors and units.
+    subjects : SubjectDensity
+        The model.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    DataFrame
+        environment, parameter, kind ("mean": average user; "user": next user), q0.5, q5, q25, q50, q75, q95,
+        q99.5 (N/m or N·s/m, by percentage), unit.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(131,)))
+    _, means, users = draw_prior(subjects.density, _PRIOR_DRAWS, rng)
+    scale = fit.prepared.scale
+    rows: list[dict[str, Any]] = []
+    for kind, drawn in (("mean", means), ("user", users)):
+        # The map to N/m is increasing, so quantiles pass through it; far tails may be infinite there.
+        with np.errstate(over="ignore"):
+            found = scale.native(np.quantile(drawn, _QUANTILES, axis=0))
+        for c, (parameter, environment) in enumerate(fit.prepared.model.cells):
+            at = {"environment": environment, "parameter": parameter, "kind": kind}
+            quantiles = {f"q{100 * q:g}": found[i, c] for i, q in enumerate(_QUANTILES)}
+            rows.append({**at, **quantiles, "unit": UNITS[parameter]})
+    return pd.DataFrame(rows)
+
+
+def shrinkage_table(fit: Fit, subjects: SubjectDensity) -> pd.DataFrame | None:
+    """How far the centre of each environment moved from its raw mean to the trend over environments.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior.
+    subjects : SubjectDensity
+        Its model and subjects.
+
+    Returns
+    -------
+    DataFrame or None
+        environment, parameter, raw (mean of the subjects' means, geometric in the lognormal family), centre,
+        trend (all N/m or N·s/m), moved (share of the way from raw to trend; NaN where they coincide), unit;
+        None with one environment.
+    """
+    found = shrinkage(subjects.density, thinned_points(fit)[0])
+    if found is None:
+        return None
+    native = fit.prepared.scale.native
+    rows = [
+        {
+            "environment": environment,
+            "parameter": parameter,
+            "raw": native(found.raw.ravel())[c],
+            "centre": native(found.centre.ravel())[c],
+            "trend": native(found.trend.ravel())[c],
+            "moved": found.moved.ravel()[c],
+            "unit": UNITS[parameter],
+        }
+        for c, (parameter, environment) in enumerate(fit.prepared.model.cells)
+    ]
+    return pd.DataFrame(rows)
+
+
+def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd.DataFrame | None:
+    """Correlations of stiffness and damping between users, with intervals.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior.
+    subjects : SubjectDensity
+        Its model.
+    level : float
+        Of the equal-tailed intervals.
+
+    Returns
+    -------
+    DataFrame or None
+        As `ModelChecks.correlation`; None with one parameter.
+    """
+    draws = correlation_draws(subjects.density, thinned_points(fit)[0])
+    rows = []
+    for name, values in draws.items():
+        labels = subjects.density.statistics.environments if values.ndim == 2 else ("",)
+        for label, column in zip(labels, values.reshape(len(values), -1).T, strict=True):
+            rows.append({"of": name, "environment": label, **_summary(column, level)})
+    return pd.DataFrame(rows) if rows else None
+
+
+def _summary(draws: Array, level: float) -> dict[str, float]:
+    lower, upper = np.quantile(draws, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+    positive = float((draws > 0.0).mean())
+    return {"lower": lower, "value": float(draws.mean()), "upper": upper, "positive": positive}
+
+
+def _weber(fit: Fit, level: float) -> pd.DataFrame | None:
+    found = weber_trend(fit, level=level)
+    if found is None:
+        return None
+    return found.drop(columns="below_zero").assign(positive=1.0 - found["below_zero"])

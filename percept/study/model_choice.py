@@ -1,0 +1,161 @@
+"""Smaller hierarchical models against the full one, by how well they predict a subject left out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.hierarchy.scales import Options
+from percept.inference.sampling.records import Progress
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.bayesian import RunStore, fit, prepare
+from percept.study.posterior import subject_density
+from percept.study.subject_checks import SubjectChecks, check_subjects
+
+__all__ = ["MODELS", "ModelChoice", "compare_models"]
+
+#: Models compared, by what they leave out of the full one.
+MODELS = {
+    "full": Options(),
+    "Weber trend": Options(weber=True),
+    "common spread": Options(common_spread=True),
+    "exact Weber": Options(weber=True, common_spread=True),
+    "no subject effect": Options(subject_effect=False),
+}
+#: Differences below this many nats are too small for their standard error to be believed
+#: (Sivula, Magnusson & Vehtari 2020, arXiv:2008.10296).
+_SMALL = 4.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ModelChoice:
+    """Models in the order of their predictive density.
+
+    Attributes
+    ----------
+    table : DataFrame
+        model; elpd, se (expected log predictive density of subjects left out, response scale); difference
+        (to the first model, at most 0), difference_se (of the paired difference); rough (subjects
+        whose share is). Models whose sampling failed its gate are absent.
+    failed : tuple of str
+        Those, with the reason.
+    sentence : str
+        What can be told.
+    """
+
+    table: pd.DataFrame
+    failed: tuple[str, ...]
+    sentence: str
+
+
+def compare_models(
+    sessions: Sessions,
+    scene: Scene,
+    parameters: tuple[str, ...],
+    *,
+    models: tuple[str, ...] = tuple(MODELS),
+    progress: Callable[[Progress], None] | None = None,
+    store: RunStore | None = None,
+) -> ModelChoice:
+    """Fit models of `MODELS` and compare them by leave-one-subject-out predictive density.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        The study.
+    scene : Scene
+        Everything but the model's options, which are set in turn; whether to sample anew without influential
+        subjects.
+    parameters : tuple of str
+        "k", "b" or both.
+    models : tuple of str, optional
+        Which models, of the names in `MODELS`; all by default.
+    progress : callable, optional
+        Told the state of every sampling.
+    store : RunStore, optional
+        Asked for finished runs first.
+
+    Returns
+    -------
+    ModelChoice
+
+    Raises
+    ------
+    UsageError
+        If there is no model of a name.
+    RefusalError
+        One environment, published limits, cells fitted apart, or no model passes its gate.
+    """
+    if len(sessions.environments) == 1:
+        raise RefusalError(
+            "with one environment there is one model only.",
+            hint="Models differ in how they join several environments.",
+        )
+    unknown = [name for name in models if name not in MODELS]
+    if unknown:
+        raise UsageError(f"no such model; there are {', '.join(MODELS)}.", column="models", value=unknown[0])
+    if sessions.form == "summary" or scene.model.pooling == "none":
+        raise RefusalError(
+            "models are compared on the sessions of subjects, pooled over environments.",
+            hint='Give sessions instead of published limits, and pooling = "partial".',
+        )
+    found: dict[str, SubjectChecks] = {}
+    failed = []
+    for name in models:
+        tables = scene.model_dump(exclude_none=True)
+        tables["model"] |= dataclasses.asdict(MODELS[name])
+        asked = Scene.from_tables(tables)
+        sampled = fit(prepare(sessions, asked, parameters), asked, progress=progress, store=store)
+        if sampled.run.gate.passed:
+            subjects = subject_density(sampled)
+            assert subjects is not None
+            found[name] = check_subjects(sampled, subjects, asked, progress=progress)
+        else:
+            failed.append(f"{name}: {' '.join(sampled.run.gate.reasons)}")
+    if not found:
+        raise RefusalError("no model passes the gate of the sampler.", hint=" ".join(failed))
+    table = _table(found)
+    return ModelChoice(table, tuple(failed), _sentence(table))
+
+
+def _table(found: dict[str, SubjectChecks]) -> pd.DataFrame:
+    order = sorted(found, key=lambda name: -found[name].elpd)
+    best = found[order[0]].subjects["elpd"].to_numpy()
+    rows = []
+    for name in order:
+        checks = found[name]
+        rough = checks.subjects["influential"] & ~checks.subjects["refitted"]
+        apart = checks.subjects["elpd"].to_numpy() - best
+        rows.append(
+            {
+                "model": name,
+                "elpd": checks.elpd,
+                "se": checks.se,
+                "difference": float(apart.sum()),
+                "difference_se": float(np.sqrt(apart.size * apart.var(ddof=1))),
+                "rough": int(rough.sum()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _sentence(table: pd.DataFrame) -> str:
+    behind = table.iloc[1:]
+    clear = behind[(behind["difference"] < -_SMALL) & (behind["difference"] < -2.0 * behind["difference_se"])]
+    told = f'"{table["model"].iloc[0]}" predicts a subject left out best'
+    close = [name for name in behind["model"] if name not in set(clear["model"])]
+    if close:
+        told += f", not distinguishable from {', '.join(close)}"
+    if len(clear):
+        told += f"; {', '.join(clear['model'])} clearly worse"
+    rough = int(table["rough"].sum())
+    if rough:
+        told += (
+            f". {rough} of the left-out densities are rough (Pareto index too high): use --refit to be sure"
+        )
+    return told + "."

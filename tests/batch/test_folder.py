@@ -1,0 +1,74 @@
+import os
+import sys
+
+import pyarrow.parquet as pq
+import pytest
+
+from percept.batch.folder import BatchFolder
+from percept.batch.work import nothing_read
+from percept.errors import UsageError
+
+KEYS = [f"{i:02x}" + "0" * 62 for i in range(300)]
+
+
+def saved(folder, key, status="refused"):
+    folder.save(key, nothing_read(f"study {key[:2]}", key, "because", status=status))
+
+
+def test_the_table_has_the_studies_in_the_order_asked_for(tmp_path):
+    with BatchFolder.opened(tmp_path / "out") as folder:
+        for key in KEYS:
+            saved(folder, key)
+        table = folder.combine(reversed(KEYS))
+    assert pq.read_table(table)["key"].to_pylist() == KEYS[::-1]
+    assert pq.ParquetFile(table).num_row_groups == 3
+
+
+def test_a_failed_study_is_not_finished_until_it_is(tmp_path):
+    with BatchFolder.opened(tmp_path) as folder:
+        saved(folder, KEYS[0], "failed")
+        assert not folder.finished(KEYS[0])
+        saved(folder, KEYS[0])
+        assert folder.finished(KEYS[0])
+    assert sorted(p.name for p in tmp_path.rglob("*.parquet")) == [f"{KEYS[0]}.parquet"]
+
+
+def test_what_killed_batches_left_is_removed(tmp_path):
+    with BatchFolder.opened(tmp_path) as folder:
+        saved(folder, KEYS[0])
+        saved(folder, KEYS[1], "failed")
+    left = [tmp_path / ".batch.parquet-x.part", tmp_path / "studies/00/.k.parquet-x.part"]
+    left.append(tmp_path / "failed/01/.k.parquet-x.part")
+    for path in left:
+        path.write_bytes(b"half")
+    with BatchFolder.opened(tmp_path) as folder:
+        assert folder.finished(KEYS[0])
+    assert not any(path.exists() for path in left)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
+def test_a_second_batch_is_told_to_wait(tmp_path):
+    with (
+        BatchFolder.opened(tmp_path),
+        pytest.raises(UsageError, match="another batch is writing into this folder"),
+        BatchFolder.opened(tmp_path),
+    ):
+        raise AssertionError("both hold the folder")
+    with BatchFolder.opened(tmp_path) as folder:
+        saved(folder, KEYS[0])
+
+
+def test_a_file_in_the_way_is_said(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(UsageError, match="a folder is needed here"):
+        BatchFolder.opened(tmp_path / "out").__enter__()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_folder_is_said(tmp_path):
+    (tmp_path / "out").mkdir(mode=0o500)
+    with (
+        BatchFolder.opened(tmp_path / "out") as folder,
+        pytest.raises(UsageError, match="cannot be written: Permission denied"),
+    ):
+        saved(folder, KEYS[0])

@@ -1,0 +1,75 @@
+import dataclasses
+
+import pytest
+
+from percept import Scene
+from percept.batch.inputs import StudySource, sources
+from percept.errors import UsageError
+from tests.batch.conftest import study_text
+
+
+def source(path, scene=None, **changes):
+    return StudySource(str(path), scene or Scene(), changes)
+
+
+def test_a_file_goes_with_its_bytes_and_its_own_name(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(study_text(1))
+    files = source(path).read()
+    assert files.files == (("s.csv", path.read_bytes()),)
+    assert files.root + files.files[0][0] == str(path)
+    assert files.size == path.stat().st_size
+
+
+def test_a_folder_goes_with_the_files_below_it_and_a_scene_of_its_own(tmp_path):
+    (tmp_path / "lab" / "day1").mkdir(parents=True)
+    (tmp_path / "lab" / "day1" / "s.csv").write_text("a")
+    (tmp_path / "lab" / "t.csv").write_text("b")
+    (tmp_path / "lab" / "scene.toml").write_text("[inference]\nlevel = 0.9\nseed = 4\n")
+    files = source(tmp_path / "lab", Scene().with_inference(level=0.5), seed=7, level=None).read()
+    assert dict(files.files) == {"day1/s.csv": b"a", "t.csv": b"b"}
+    assert all((tmp_path / "lab" / name).read_bytes() == data for name, data in files.files)
+    assert files.root == f"{tmp_path / 'lab'}/"
+    assert files.scene["inference"]["level"] == 0.9
+    assert files.scene["inference"]["seed"] == 7
+
+
+def test_a_pattern_keeps_apart_files_of_one_name(tmp_path):
+    for day in ("a", "b"):
+        (tmp_path / day).mkdir()
+        (tmp_path / day / "s.csv").write_text(day)
+    files = source(tmp_path / "*" / "s.csv").read()
+    assert dict(files.files) == {"a/s.csv": b"a", "b/s.csv": b"b"}
+    assert files.root == f"{tmp_path}/"
+
+
+def test_everything_the_rows_depend_on_is_in_the_key(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(study_text(1))
+    files = source(path).read()
+    assert source(path).read().key == files.key
+    others = [
+        source(path, seed=2).read(),
+        source(path, Scene().with_inference(level=0.9)).read(),
+        dataclasses.replace(files, name="other"),
+        dataclasses.replace(files, version="other"),
+        dataclasses.replace(files, files=(("s.csv", path.read_bytes() + b" "),)),
+        dataclasses.replace(files, files=(("t.csv", path.read_bytes()),)),
+    ]
+    assert len({files.key, *(one.key for one in others)}) == 7
+
+
+def test_what_cannot_be_read_names_the_path(tmp_path):
+    with pytest.raises(UsageError, match=r"nowhere\.csv: there is no such file"):
+        source(tmp_path / "nowhere.csv").read()
+    (tmp_path / "scene.toml").write_text("[inference]\nlevel = 2\n")
+    with pytest.raises(UsageError, match=r"scene.toml, column 'inference.level'"):
+        source(tmp_path).read()
+
+
+def test_no_study_and_standard_input_are_wrong_usage():
+    with pytest.raises(UsageError, match="no study was given"):
+        sources([])
+    with pytest.raises(UsageError, match="standard input"):
+        sources(["a.csv", "-"])
+    assert [one.path for one in sources(["a", "b", "a"])] == ["a", "b"]

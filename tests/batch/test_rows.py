@@ -1,0 +1,86 @@
+import io
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+
+from percept import Scene, Study, read_sessions
+from percept.batch.inputs import StudySource
+from percept.batch.rows import SCHEMA, to_parquet
+from percept.batch.work import analyse
+from tests.batch.conftest import study_text
+
+
+def read(data):
+    return pq.read_table(io.BytesIO(data))
+
+
+def files_of(path, **changes):
+    return StudySource(str(path), Scene(), {"tolerance": 0.3, **changes}).read()
+
+
+def test_rows_are_the_study_s_own_intervals_in_every_digit(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(study_text(1))
+    outcome = analyse(files_of(path))
+    assert outcome.status == "done"
+    study = Study(read_sessions(path), Scene().with_inference(tolerance=0.3))
+    table = read(outcome.table)
+    assert table.schema.equals(SCHEMA)
+    found = table.to_pandas()
+    for column in ("lower", "upper", "estimate", "reference", "level", "n"):
+        np.testing.assert_array_equal(found[column], study.intervals[column])
+    for column in ("environment", "parameter", "kind", "method", "family", "joint", "unit"):
+        assert list(found[column]) == list(study.intervals[column])
+    assert set(found["steps"]) == {study.fit.run.steps}
+    assert set(found["rhat"]) == {study.fit.run.gate.rhat}
+    assert set(found["subjects"]) == {3}
+    assert set(found["study"]) == {str(path)}
+    assert found["share"].isna().sum() == (found["kind"] != "share").sum()
+
+
+def test_equal_studies_give_equal_bytes(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(study_text(1))
+    assert analyse(files_of(path)).table == analyse(files_of(path)).table
+
+
+def test_a_refusal_is_a_row_that_names_the_file_as_the_user_did(tmp_path):
+    (tmp_path / "lab").mkdir()
+    path = tmp_path / "lab" / "s.csv"
+    path.write_text("subject,environment,k_ref,b_ref,k_adj,b_adj\nS1,A,10,1,9,x\n")
+    for given in (path, tmp_path / "lab"):
+        outcome = analyse(files_of(given))
+        (row,) = read(outcome.table).to_pylist()
+        assert row["status"] == outcome.status == "refused"
+        assert row["message"].startswith(f"{path}:2, column 'b_adj', value 'x'")
+        assert row["lower"] is None
+
+
+def test_a_gate_that_fails_leaves_the_classical_rows_and_says_why(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(study_text(1))
+    scene = Scene.from_tables({"inference": {"tolerance": 1e-4, "most_steps": 200}})
+    outcome = analyse(StudySource(str(path), scene, {}).read())
+    found = read(outcome.table).to_pandas()
+    assert set(found["status"]) == {"withheld"}
+    assert set(found["method"]) == {"classical"}
+    assert "Monte Carlo error" in found["message"][0]
+
+
+def test_a_worker_of_another_version_does_not_answer(tmp_path):
+    import dataclasses
+
+    path = tmp_path / "s.csv"
+    path.write_text(study_text(1))
+    outcome = analyse(dataclasses.replace(files_of(path), version="percept 0.0.0"))
+    assert outcome.status == "failed"
+    assert "another version" in outcome.message
+
+
+def test_infinite_limits_survive_and_missing_numbers_are_null():
+    frame = pd.DataFrame({"lower": [-np.inf, 1.0], "share": [np.nan, 0.9]})
+    rows = read(to_parquet({"study": "a"}, frame)).to_pylist()
+    assert [row["lower"] for row in rows] == [-np.inf, 1.0]
+    assert [row["share"] for row in rows] == [None, 0.9]
+    assert [row["study"] for row in rows] == ["a", "a"]

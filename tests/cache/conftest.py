@@ -1,0 +1,25 @@
+import numpy as np
+import pytest
+
+from percept.inference.sampling.estimands import Estimates
+from percept.inference.sampling.records import Gate, Run, Settings
+
+
+@pytest.fixture
+def run():
+    """A run with every kind of value a record can hold, among them infinity and the smallest double."""
+    rng = np.random.default_rng(5)
+    points = rng.standard_normal((4, 6, 8, 3))
+    components = np.concatenate([points, np.full((4, 6, 8, 1), 5e-324)], axis=3)
+    influence = rng.standard_normal((192, 2))
+    return Run(
+        points=points,
+        components=components,
+        estimates=Estimates(("lower", "größer"), np.array([0.1, -0.0]), np.array([1.0, np.inf]), influence),
+        errors=np.array([1e-3, 2e-3]),
+        times=np.array([12.5, 1.0 / 3.0]),
+        gate=Gate(False, ("too short.", "stuck."), None, 12.5, 9.9, 61.4, 0.3, 0.1, float("inf"), "lower"),
+        steps=280,
+        stride=6,
+        settings=Settings(tolerance=0.05, seed=7),
+    )

@@ -1,0 +1,79 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from percept import Scene, Study, read_sessions
+from percept.cache import PosteriorCache
+from percept.cli import main
+from percept.report.document import build_document
+from percept.report.plain import dumps
+from tests.cache.test_key import sessions_file
+
+SCENE = {
+    "device": {"mass": 1.0, "damping": 5.0, "period": 0.001},
+    "frequency": {"lower": 1.0, "upper": 50.0, "points": 3},
+    "inference": {"tolerance": 0.2, "kinds": ["user"], "method": "bayesian"},
+}
+# Whether the sampler was imported is asked of a process that did nothing else.
+FOUND = """
+import sys
+from pathlib import Path
+from tests.cache.test_command import document
+from percept.cache import PosteriorCache
+text = document(Path(sys.argv[1]), PosteriorCache(Path(sys.argv[2])))
+assert "emcee" not in sys.modules, "the sampler was imported"
+sys.stdout.buffer.write(text)
+"""
+
+
+def document(path, store):
+    """Give the bytes of report.json."""
+    study = Study(read_sessions(path), Scene.from_tables(SCENE), store=store)
+    return dumps(build_document(study)).encode()
+
+
+def test_report_json_is_the_same_in_every_byte_from_the_cache_which_imports_no_sampler(tmp_path):
+    path = sessions_file(tmp_path)
+    kept = PosteriorCache(tmp_path / "kept")
+    computed = document(path, None)
+    assert document(path, kept) == computed
+    assert len(kept.entries()) == 1
+    root = Path(__file__).resolve().parents[2]
+    found = subprocess.run(
+        [sys.executable, "-c", FOUND, str(path), str(kept.folder)], cwd=root, capture_output=True, check=False
+    )
+    assert found.stderr == b""
+    assert found.stdout == computed
+    assert b'"passed": true' in computed
+
+
+def test_show_and_clear(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PERCEPT_CACHE", str(tmp_path / "kept"))
+    path = sessions_file(tmp_path)
+    wanted = ["fit", str(path), "--tolerance", "0.3", "--quiet", "--out", str(tmp_path / "out")]
+    assert main(wanted) == 0
+    capsys.readouterr()
+    assert main(["cache", "--json"]) == 0
+    state = json.loads(capsys.readouterr().out)
+    assert state["folder"] == str(tmp_path / "kept")
+    (entry,) = state["entries"]
+    assert entry["bytes"] == state["bytes"] == next(Path(state["folder"]).iterdir()).stat().st_size
+    assert main(["cache"]) == 0
+    shown = capsys.readouterr().out
+    assert "1 posteriors" in shown
+    assert entry["key"][:16] in shown
+    assert main(["cache", "clear"]) == 0
+    assert "1 posteriors removed" in capsys.readouterr().out
+    assert list((tmp_path / "kept").iterdir()) == []
+    assert main(["cache", "clear", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["removed"] == 0
+
+
+@pytest.mark.parametrize("action", ["show", "clear"])
+def test_a_cache_that_is_off_is_said(monkeypatch, capsys, action):
+    monkeypatch.setenv("PERCEPT_CACHE", "off")
+    assert main(["cache", action]) == 2
+    assert "turned off" in capsys.readouterr().err

@@ -1,0 +1,154 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from percept import Scene, Study, read_sessions
+from percept.cache.key import numbers_version, run_key
+from percept.study.bayesian import prepare
+
+HEADER = "subject,environment,k_ref,b_ref,trial,k_adj,b_adj\n"
+
+
+def sessions_file(folder, change=0.0, *, extra=""):
+    rng = np.random.default_rng(3)
+    rows = []
+    for subject in range(4):
+        for name, k, b in (("A", 100.0, 1.0), ("B", 1000.0, 9.0)):
+            for trial in (1, 2):
+                k_adj, b_adj = k * np.exp(rng.normal(0, 0.1)), b * np.exp(rng.normal(0, 0.2))
+                if subject == 2 and name == "B" and trial == 2:
+                    k_adj += change
+                rows.append(
+                    f"S{subject},{name},{k},{b},{trial},{k_adj!r},{b_adj!r}".replace("np.float64", "")
+                )
+    path = folder / "study.csv"
+    text = HEADER + "\n".join(rows).replace("(", "").replace(")", "") + "\n" + extra
+    path.write_text(text)
+    return path
+
+
+def question(path, **model):
+    """What a study's fit asks a store, taken from the study itself."""
+    asked = []
+
+    class Listening:
+        def run(self, question, compute):
+            asked.append(run_key(*question))
+            raise StopIteration
+
+    inference = model.pop("inference", {})
+    scene = Scene.from_tables({"inference": {"tolerance": 0.2, **inference}, "model": model})
+    with pytest.raises(StopIteration):
+        _ = Study(read_sessions(path), scene, store=Listening()).fit
+    return asked[0]
+
+
+def test_equal_questions_have_equal_keys_in_any_process(tmp_path):
+    path = sessions_file(tmp_path)
+    key = question(path)
+    assert key == question(path)
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[2])\n"
+        "from test_key import question\nprint(question(sys.argv[1]))"
+    )
+    here = str(Path(__file__).parent)
+    found = subprocess.run(
+        [sys.executable, "-c", script, str(path), here], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.strip() == key
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"inference": {"seed": 2}},
+        {"inference": {"tolerance": 0.1}},
+        {"inference": {"level": 0.95}},
+        {"inference": {"confidence": 0.9}},
+        {"inference": {"kinds": ["mean"]}},
+        {"inference": {"family": "normal"}},
+        {"inference": {"parameters": ["k"]}},
+        {"inference": {"walkers": 80}},
+        {"inference": {"most_steps": 400}},
+        {"priors": {"tau_scale": 0.4}},
+        {"weber": True},
+        {"common_spread": True},
+        {"subject_effect": False},
+        {"resolution": {"k": 1.0}},
+        {"pooling": "none", "prior": "reference"},
+    ],
+    ids=str,
+)
+def test_every_setting_that_moves_a_number_moves_the_key(tmp_path, changed):
+    path = sessions_file(tmp_path)
+    assert question(path, **changed) != question(path)
+
+
+def test_the_last_bit_of_one_adjustment_moves_the_key(tmp_path):
+    first = question(sessions_file(tmp_path))
+    assert question(sessions_file(tmp_path, change=1e-9)) != first
+
+
+def test_what_moves_no_number_leaves_the_key(tmp_path):
+    path = sessions_file(tmp_path)
+    first = question(path)
+    text = path.read_text()
+    path.write_text(text.replace(",", ";"))
+    assert question(path) == first
+
+
+def test_types_and_shapes_tell_values_apart():
+    values = [1, 1.0, True, "1", None, (1,), [1], ((1,),), np.array(1.0), np.array([1.0]), np.array([[1.0]])]
+    values += [np.array([1]), np.array([1], dtype=np.int32), np.float64(1.0), {"a": 1}, {"a": "1"}, ("a", 1)]
+    values += [np.array([0.0]), np.array([-0.0]), slice(1), slice(0, 1)]
+    assert len({run_key(value) for value in values}) == len(values)
+    assert run_key((1, 2), 3) != run_key((1, 2, 3))
+
+
+def test_arrays_count_by_value_however_they_lie_in_memory():
+    values = np.arange(6.0).reshape(2, 3)
+    assert run_key(values) == run_key(np.asfortranarray(values)) == run_key(values[:, ::-1][:, ::-1])
+
+
+def test_containers_count_by_value_and_not_by_identity():
+    shared = ("k", "b")
+    assert run_key((shared, shared)) == run_key((("k", "b"), tuple("kb")))
+
+
+@pytest.mark.parametrize("value", [len, object(), np.array([None]), Study], ids=str)
+def test_what_has_no_readable_state_has_no_key(value):
+    with pytest.raises(TypeError, match="has no key"):
+        run_key(value)
+
+
+def test_the_version_names_the_packages_and_follows_the_code(tmp_path):
+    version = numbers_version()
+    assert f"numpy': '{np.__version__}'" in version
+    assert numbers_version("inference", "study") != version
+
+
+def test_a_key_costs_no_more_for_more_trials(tmp_path):
+    """The model holds sufficient statistics: its key reads nothing that grows with the rows."""
+    few = prepare(read_sessions(sessions_file(tmp_path)), Scene(), ("k", "b")).model
+
+    def floats(value, seen):
+        if isinstance(value, np.ndarray):
+            return value.size
+        if id(value) in seen or not hasattr(value, "__dict__"):
+            return sum(floats(v, seen) for v in value) if isinstance(value, (tuple, list)) else 0
+        seen.add(id(value))
+        return sum(floats(v, seen) for v in vars(value).values())
+
+    more = []
+    rng = np.random.default_rng(8)
+    for trial in range(3, 200):
+        for subject in range(4):
+            for name, k, b in (("A", 100.0, 1.0), ("B", 1000.0, 9.0)):
+                k_adj, b_adj = float(k * np.exp(rng.normal(0, 0.1))), float(b * np.exp(rng.normal(0, 0.2)))
+                more.append(f"S{subject},{name},{k},{b},{trial},{k_adj},{b_adj}")
+    path = sessions_file(tmp_path, extra="\n".join(more) + "\n")
+    many = prepare(read_sessions(path), Scene(), ("k", "b")).model
+    assert floats(many, set()) == floats(few, set())

@@ -1,0 +1,71 @@
+"""Model checks from the command line: flags, files, words."""
+
+import argparse
+import json
+
+import pytest
+import xarray
+
+from percept.cli import main
+from percept.commands.checks import add_check_arguments, with_checks
+from percept.scene import ChecksTable, Scene
+
+
+def parsed(*words):
+    parser = argparse.ArgumentParser()
+    add_check_arguments(parser)
+    return parser.parse_args(words)
+
+
+def test_flags_add_to_what_the_scene_asks_for():
+    assert with_checks(Scene(), parsed()).checks is None
+    assert with_checks(Scene(), argparse.Namespace()).checks is None
+    assert with_checks(Scene(), parsed("--checks")).checks == ChecksTable()
+    assert with_checks(Scene(), parsed("--models")).checks == ChecksTable(compare=True)
+    asked = Scene(checks=ChecksTable(refit=True))
+    assert with_checks(asked, parsed("--models")).checks == ChecksTable(refit=True, compare=True)
+    assert with_checks(asked, parsed()).checks == ChecksTable(refit=True)
+
+
+@pytest.fixture
+def sessions(tmp_path):
+    from tests.study.checked import table_of
+
+    table = table_of(subjects=8, references=[[100.0, 1e3]], seed=2)
+    table.loc[table["subject"] == table["subject"].iloc[0], "k_adj"] *= 20.0
+    path = tmp_path / "sessions.csv"
+    table.to_csv(path, index=False)
+    return path
+
+
+def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["fit", str(sessions), "--out", str(out), "--tolerance", "0.2", "--seed", "3", "--no-cache"]
+    assert main([*words, "--method", "bayesian", "--checks"]) == 0
+    printed = capsys.readouterr().out
+    assert "Predictive density of the subjects left out" in printed
+    assert "S01 lies far from what the others predict" in printed
+    document = json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    checks = document["checks"]
+    assert set(checks) == {
+        "loo", "statistics", "prior", "sensitivity", "shrinkage", "correlation", "weber", "models",
+    }  # fmt: skip
+    assert checks["models"] is None
+    assert checks["correlation"] is None
+    assert [row["subject"] for row in checks["loo"]["subjects"] if row["outlier"]] == ["S01"]
+    assert all(row["outlier"] for row in checks["loo"]["cells"])
+    assert document["provenance"]["scene"]["checks"] == {"refit": False, "compare": False}
+    with xarray.open_datatree(out / "posterior.nc", engine="h5netcdf") as tree:
+        assert {"log_likelihood", "log_prior", "prior", "prior_predictive"} <= set(tree.children)
+
+
+def test_nothing_is_checked_unless_asked(sessions, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["fit", str(sessions), "--out", str(out), "--tolerance", "0.2", "--seed", "3", "--no-cache"]
+    assert main([*words, "--method", "bayesian"]) == 0
+    assert "left out" not in capsys.readouterr().out
+    document = json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    assert document["checks"] is None
+    assert "checks" not in document["provenance"]["scene"]
+    with xarray.open_datatree(out / "posterior.nc", engine="h5netcdf") as tree:
+        assert "log_likelihood" not in tree.children

@@ -1,0 +1,88 @@
+"""Leave-one-out against ratios of evidences by quadrature, and against sampling without the subject."""
+
+import numpy as np
+import pytest
+
+from percept.errors import UsageError
+from percept.inference.checks.loo import leave_one_out
+from percept.inference.checks.refit import Without, sample_without
+from percept.inference.sampling.records import Settings
+from tests.inference.checks import small
+from tests.inference.checks.test_subjects import prepared
+
+RESPONSE = np.array([0.12, -0.05, 0.2, 0.31, 0.02, -0.11, 0.17, 0.26])
+
+
+def evidence_ratios(response):
+    """log p(y_i | others) = log p(all) - log p(others), each evidence by quadrature."""
+    whole = small.weights(small.density_of(response))[1]
+    return np.array(
+        [whole - small.weights(small.density_of(np.delete(response, i)))[1] for i in range(len(response))]
+    )
+
+
+def test_pointwise_densities_are_ratios_of_evidences():
+    subjects = small.subjects_of(RESPONSE)
+    found = leave_one_out(subjects, small.even_draws(subjects.density, 4000), chains=4)
+    exact = evidence_ratios(RESPONSE)
+    # Even draws: what is left is the smoothing of the largest weights.
+    np.testing.assert_allclose(found.pointwise, exact, atol=5e-3)
+    assert found.elpd == pytest.approx(exact.sum(), abs=1e-2)
+    assert found.se == pytest.approx(np.sqrt(8 * found.pointwise.var(ddof=1)))
+    assert found.good_k == pytest.approx(0.7)
+    assert not found.influential.any()
+    np.testing.assert_allclose(found.weights.sum(axis=0), 1.0)
+
+
+def test_an_influential_subject_is_rough_until_sampled_anew():
+    response = np.append(RESPONSE, 1.2)
+    subjects = small.subjects_of(response)
+    found = leave_one_out(subjects, small.even_draws(subjects.density, 4000), chains=4)
+    assert np.flatnonzero(found.influential).tolist() == [8]
+    exact = evidence_ratios(response)[8]
+    assert abs(found.pointwise[8] - exact) > 0.1
+    anew = sample_without(subjects, 8, "S09", Settings(tolerance=0.05, seed=4))
+    assert anew is not None
+    assert anew.error < 0.2
+    assert anew.log_density == pytest.approx(exact, abs=4 * anew.error)
+    # The draws are those of the others alone: the spread between users by quadrature.
+    others = small.density_of(RESPONSE)
+    mass, _ = small.weights(others)
+    expected = np.sum(mass * np.log(others.layout.scales(small.GRID[None]).named["sigma"][0, 0]))
+    log_sigma = np.log(subjects.density.layout.scales(anew.points.T).named["sigma"][0, 0])
+    assert log_sigma.mean() == pytest.approx(expected, abs=4 * log_sigma.std() / np.sqrt(log_sigma.size))
+
+
+def test_a_wild_subject_stays_rough_and_nothing_hangs():
+    response = np.append(RESPONSE, 30.0)
+    subjects = small.subjects_of(response)
+    anew = sample_without(subjects, 8, "S09", Settings(tolerance=0.05, seed=4, most_steps=2000))
+    assert anew is not None
+    assert anew.error > 0.2
+
+
+def test_without_a_subject_is_the_posterior_of_the_others():
+    subjects = small.subjects_of(RESPONSE)
+    others = small.density_of(np.delete(RESPONSE, 3))
+    # The coordinates differ by their centring; log sigma and its density do not.
+    points = np.linspace(-3, 3, 9)[:, None]
+    scales = subjects.density.layout.scales(points.T)
+    ours = Without(subjects, 3)(points) - scales.log_prior
+    theirs = others.log_likelihood(scales)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-10)
+
+
+def test_points_out_of_reach_are_impossible_rather_than_wrong():
+    rng = np.random.default_rng(1)
+    _, density, _, subjects = prepared("trials", rng)
+    points = np.zeros((3, density.dimension))
+    points[1] = 36.0
+    value = Without(subjects, 0)(points)
+    assert np.isneginf(value[1])
+    assert np.isfinite(value[[0, 2]]).all()
+
+
+def test_chains_must_divide_the_draws():
+    subjects = small.subjects_of(RESPONSE)
+    with pytest.raises(UsageError, match="10 draws do not make equal chains"):
+        leave_one_out(subjects, np.zeros((10, 1)), chains=4)

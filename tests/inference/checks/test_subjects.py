@@ -1,0 +1,190 @@
+"""Densities of subjects against dense multivariate normals over every trial."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from percept.errors import RefusalError
+from percept.inference.checks.loo import leave_one_out
+from percept.inference.checks.refit import Without
+from percept.inference.checks.subjects import SubjectDensity, batches
+from percept.inference.hierarchy.conditional import Conditional
+from percept.inference.hierarchy.density import CollapsedDensity, Resolution
+from percept.inference.hierarchy.scales import Options
+from tests.inference.hierarchy import dense_twin, designs
+
+
+def prepared(name, rng, options=None, draws=2):
+    study = designs.study(name, rng)
+    density = CollapsedDensity(study.statistics, options=options)
+    coords = 0.7 * rng.normal(size=(density.dimension, draws))
+    subjects = SubjectDensity(density, study.response, study.subject, study.environment)
+    return study, density, density.layout.scales(coords), subjects
+
+
+def of_trials(study, scales, w, **prior):
+    return dense_twin.trial_covariance(study.subject, study.environment, study.x, scales, w, **prior)
+
+
+def flat(study, who):
+    size = study.response.shape[1]
+    return np.concatenate([np.arange(size) + size * m for m in np.flatnonzero(who)])
+
+
+@pytest.mark.parametrize("name", designs.NAMES)
+def test_given_locations_equals_a_dense_normal_of_the_trials(name):
+    rng = np.random.default_rng(21)
+    study, density, scales, subjects = prepared(name, rng)
+    beta = Conditional(density, scales).draw(rng)
+    found = subjects.given_locations(scales, beta)
+    w = 0
+    # Without the location prior and without tau only the subject's own effects are left.
+    named = {key: value for key, value in scales.named.items() if key != "tau"}
+    own = type("Own", (), {"named": named})
+    covariance = of_trials(study, own, w, alpha_sd=0.0, gamma_sd=0.0)
+    for i in range(subjects.subjects):
+        who = study.subject == i
+        rows = flat(study, who)
+        mean = beta[:, study.environment[who], w].T.ravel()
+        expected = stats.multivariate_normal(mean, covariance[np.ix_(rows, rows)]).logpdf(
+            study.response[who].ravel()
+        )
+        assert found[w, i] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+CASES = [(name, Options()) for name in designs.NAMES]
+for options in (Options(subject_effect=False), Options(weber=True, common_spread=True)):
+    CASES += [(name, options) for name in ("balanced", "missing cells", "one environment each")]
+
+
+@pytest.mark.parametrize(("name", "options"), CASES)
+def test_left_out_equals_conditioning_on_the_other_trials(name, options):
+    rng = np.random.default_rng(22)
+    study, _, scales, subjects = prepared(name, rng, options)
+    found = subjects.left_out(scales)
+    w = 0
+    covariance = of_trials(study, scales, w, alpha_sd=1.0, gamma_sd=0.25)
+    response = study.response.ravel()
+    for i in range(subjects.subjects):
+        inside, outside = flat(study, study.subject == i), flat(study, study.subject != i)
+        gain = np.linalg.solve(covariance[np.ix_(outside, outside)], covariance[np.ix_(outside, inside)]).T
+        law = stats.multivariate_normal(
+            gain @ response[outside],
+            covariance[np.ix_(inside, inside)] - gain @ covariance[np.ix_(outside, inside)],
+        )
+        assert found.log_density[w, i] == pytest.approx(law.logpdf(response[inside]), rel=1e-7, abs=1e-7)
+        check_means(study, i, law, found, w)
+
+
+def check_means(study, i, law, found, w):
+    """The predictive law of cell means from that of the trials."""
+    who = study.subject == i
+    environments = np.unique(study.environment[who])
+    size = study.response.shape[1]
+    average = np.stack(
+        [
+            np.kron((study.environment[who] == j) / np.sum(study.environment[who] == j), np.eye(size)[p])
+            for p in range(size)
+            for j in environments
+        ]
+    )
+    mean, covariance = average @ law.mean, average @ law.cov @ average.T
+    off = average @ study.response[who].ravel() - mean
+    standard = found.standard[w, i][:, environments].ravel()
+    np.testing.assert_allclose(standard, off / np.sqrt(np.diag(covariance)), rtol=1e-6, atol=1e-8)
+    assert found.distance[w, i] == pytest.approx(off @ np.linalg.solve(covariance, off), rel=1e-6)
+    missing = np.setdiff1d(np.arange(study.x.shape[1]), environments)
+    assert np.isnan(found.standard[w, i][:, missing]).all()
+
+
+def without_the_first(study):
+    rest = study.subject > 0
+    return designs.from_trials(
+        study.response[rest],
+        study.subject[rest] - 1,
+        study.environment[rest],
+        study.x,
+        parameters=study.statistics.parameters,
+        environments=study.statistics.environments,
+        subjects=study.statistics.subjects[1:],
+    )
+
+
+def test_left_out_densities_chain_to_the_densities_of_all():
+    """log p(y_i | others) is the log density of all less that of the others: the collapsed density agrees."""
+    rng = np.random.default_rng(23)
+    study, density, scales, subjects = prepared("unequal trials", rng)
+    others = without_the_first(study)
+    difference = density.log_likelihood(scales) - CollapsedDensity(others).log_likelihood(scales)
+    np.testing.assert_allclose(subjects.left_out(scales).log_density[:, 0], difference, rtol=1e-9)
+
+
+def test_a_few_subjects_are_those_of_all():
+    rng = np.random.default_rng(24)
+    _, _, scales, subjects = prepared("many patterns", rng)
+    everybody = subjects.left_out(scales)
+    few = subjects.left_out(scales, np.array([1, 4]))
+    np.testing.assert_array_equal(few.distance, everybody.distance[:, [1, 4]])
+    np.testing.assert_array_equal(few.standard, everybody.standard[:, [1, 4]])
+    np.testing.assert_allclose(few.log_density, everybody.log_density[:, [1, 4]], rtol=1e-14)
+
+
+def test_resolution_widens_both_levels():
+    rng = np.random.default_rng(25)
+    study, density, scales, subjects = prepared("trials", rng)
+    added = np.full(study.x.shape, 0.3)
+    wide = SubjectDensity(
+        CollapsedDensity(study.statistics, resolution=Resolution(between=added, trial=added)),
+        study.response,
+        study.subject,
+        study.environment,
+    )
+    ours = wide.left_out(scales).log_density
+    others = without_the_first(study)
+    reduced = CollapsedDensity(others, resolution=Resolution(between=added, trial=added))
+    difference = wide.density.log_likelihood(scales) - reduced.log_likelihood(scales)
+    np.testing.assert_allclose(ours[:, 0], difference, rtol=1e-9)
+    assert not np.allclose(ours, subjects.left_out(scales).log_density)
+    assert density.resolution.between is None
+
+
+def test_one_subject_alone_with_next_to_no_scatter_is_refused():
+    rng = np.random.default_rng(26)
+    trials = {(0, 0): 1, (1, 1): 1, (2, 1): 1}
+    study = designs._simulate(("k",), 2, 3, trials, rng)
+    density = CollapsedDensity(study.statistics, options=Options(subject_effect=False))
+    subjects = SubjectDensity(density, study.response, study.subject, study.environment)
+    points = np.zeros((4, density.dimension))
+    points[:, [name.startswith("log_s") for name in density.names]] = -20.0
+    found = subjects.left_out(density.layout.scales(points.T))
+    assert np.isnan(found.log_density[:, 0]).all()
+    assert np.isnan(found.standard[:, 0]).all()
+    assert np.isneginf(Without(subjects, 0)(points)).all()
+    with pytest.raises(RefusalError, match="what the others say of S01 cannot be told"):
+        leave_one_out(subjects, points, chains=4)
+
+
+def test_batches_cover_every_draw_once_and_shrink_with_the_study():
+    rng = np.random.default_rng(27)
+    *_, subjects = prepared("balanced", rng)
+    cuts = list(batches(100_000, subjects))
+    assert np.array_equal(
+        np.concatenate([np.arange(cut.start, cut.stop) for cut in cuts]), np.arange(100_000)
+    )
+    cells = subjects.parameters * subjects.environments
+    assert max(cut.stop - cut.start for cut in cuts) * subjects.subjects * cells <= 1 << 20
+
+
+def test_scales_of_any_size_keep_the_digits_of_the_collapsed_densities():
+    """Spreads over seven orders of magnitude: still the density of all less that of the others."""
+    rng = np.random.default_rng(28)
+    study, density, _, subjects = prepared("balanced", rng)
+    coords = 2.5 * rng.normal(size=(density.dimension, 200))
+    scales = density.layout.scales(coords)
+    others = without_the_first(study)
+    all_of_them, less = density.log_likelihood(scales), CollapsedDensity(others).log_likelihood(scales)
+    found = subjects.left_out(scales).log_density[:, 0]
+    sd = scales.named["sigma"]
+    assert sd.max() / sd.min() > 1e7
+    # The difference itself rounds at the size of its terms.
+    np.testing.assert_array_less(np.abs(found - (all_of_them - less)), 1e-9 * (1.0 + np.abs(all_of_them)))

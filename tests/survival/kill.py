@@ -1,0 +1,270 @@
+"""Kill commands at random moments, take them up again, and compare with runs nobody stopped.
+
+    python -m tests.survival.kill --kills 200
+
+Every job is a real command in a process group of its own that is ended by SIGKILL after a random share of the
+time it takes. After every kill no file may be torn; when a job has been killed its share of times it is left
+to finish, and its files must be those of the uninterrupted run, byte for byte.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+JOBS = ("fit", "report", "cache", "batch")
+_HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
+_SCENE = """
+[device]
+mass = 1.0
+damping = 5.0
+period = 0.001
+[frequency]
+lower = 1.0
+upper = 50.0
+points = 5
+[inference]
+tolerance = 0.3
+kinds = ["mean", "user"]
+"""
+
+
+@dataclasses.dataclass
+class Tally:
+    """What happened to one job.
+
+    Attributes
+    ----------
+    kills : int
+        Processes ended by SIGKILL while they ran.
+    early : int
+        Of the moments drawn, how many came when the process had already ended.
+    finished : int
+        Runs left to finish and compared.
+    """
+
+    kills: int = 0
+    early: int = 0
+    finished: int = 0
+
+
+class Survival:
+    """A folder with studies, the commands that work on them, and what they must leave.
+
+    Parameters
+    ----------
+    folder : Path
+        Empty folder for everything.
+    seed : int
+        Of the moments.
+    sampled : bool
+        Whether every job samples; else only the one about the cache does, and all is done sooner.
+    """
+
+    def __init__(self, folder: Path, *, seed: int, sampled: bool = True) -> None:
+        self.folder = folder
+        self.method = [] if sampled else ["--method", "classical"]
+        self.random = random.Random(seed)
+        (folder / "studies").mkdir()
+        (folder / "scene.toml").write_text(_SCENE, encoding="utf-8")
+        for i in range(5):
+            (folder / "studies" / f"s{i}.csv").write_text(_study(i), encoding="utf-8")
+
+    def command(self, job: str, out: Path) -> list[str]:
+        """Return the command line of a job."""
+        studies = [str(path) for path in sorted((self.folder / "studies").iterdir())]
+        study = studies[0]
+        settings = ["--scene", str(self.folder / "scene.toml"), "--out", str(out), "--quiet"]
+        words = {
+            "fit": ["fit", study, "--no-cache", *self.method],
+            "report": ["report", study, "--method", "classical"],
+            "cache": ["fit", study],
+            "batch": [
+                "batch",
+                *(str(p) for p in sorted((self.folder / "studies").iterdir())),
+                "--workers",
+                "1",
+            ],
+        }[job]
+        return [sys.executable, "-m", "percept", *words, *settings]
+
+    def start(self, job: str, out: Path) -> subprocess.Popen[bytes]:
+        """Start a job in a process group of its own."""
+        environment = {**os.environ, "PERCEPT_CACHE": str(out.with_name(f"{out.name}-cache"))}
+        return subprocess.Popen(
+            self.command(job, out),
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+
+    def finish(self, job: str, out: Path) -> float:
+        """Run a job to its end and return how long it took, s."""
+        started = time.monotonic()
+        process = self.start(job, out)
+        _, errors = process.communicate()
+        if process.returncode != 0:
+            raise AssertionError(f"{job} ended with {process.returncode}: {errors.decode()}")
+        return time.monotonic() - started
+
+    def run(
+        self, job: str, kills: int, *, kills_per_run: int = 4, told: Callable[[str], None] = print
+    ) -> Tally:
+        """Kill a job at random moments, and compare what it leaves when taken up again.
+
+        Parameters
+        ----------
+        job : str
+            Of `JOBS`.
+        kills : int
+            How often.
+        kills_per_run : int
+            Of them, how many before a run is left to finish in the folder the killed ones wrote into.
+        told : callable
+            Told the state after every run.
+
+        Returns
+        -------
+        Tally
+
+        Raises
+        ------
+        AssertionError
+            A torn file, or other bytes than those of the uninterrupted run.
+        """
+        whole = self.folder / f"{job}-whole"
+        takes = self.finish(job, whole)
+        wanted = contents(whole)
+        tally = Tally()
+        while tally.kills < kills:
+            out = self.folder / f"{job}-{tally.finished}"
+            for _ in range(min(kills_per_run, kills - tally.kills)):
+                if self._kill(job, out, self.random.uniform(0.0, takes)):
+                    tally.kills += 1
+                else:
+                    tally.early += 1
+                self._check_whole(out)
+            self.finish(job, out)
+            tally.finished += 1
+            self._check_whole(out)
+            found = contents(out)
+            if found != wanted:
+                different = sorted(k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k))
+                raise AssertionError(f"{job}: other bytes after kills in {different}")
+            left = [path.name for path in self.folder.glob(f".{out.name}-*")]
+            if left:
+                raise AssertionError(f"{job}: left beside the folder: {left}")
+            told(f"{job}: {tally.kills} of {kills} kills, {tally.finished} runs compared")
+            shutil.rmtree(out)
+            shutil.rmtree(out.with_name(f"{out.name}-cache"), ignore_errors=True)
+        return tally
+
+    def _kill(self, job: str, out: Path, seconds: float) -> bool:
+        process = self.start(job, out)
+        try:
+            process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            # The group too: workers of a batch are processes of their own.
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        return process.returncode == -signal.SIGKILL
+
+    def _check_whole(self, out: Path) -> None:
+        """Read every file under its own name: each must be one that a finished run could have written."""
+        for path in (*out.rglob("*"), *out.with_name(f"{out.name}-cache").rglob("*")):
+            if path.is_file() and not path.name.startswith("."):
+                check_whole(path)
+
+
+def check_whole(path: Path) -> None:
+    """Read a file to its end by its kind.
+
+    Raises
+    ------
+    AssertionError
+        Where it is torn.
+    """
+    data = path.read_bytes()
+    try:
+        match path.suffix:
+            case ".json":
+                json.loads(data)
+            case ".parquet":
+                import pyarrow.parquet as pq
+
+                pq.read_table(io.BytesIO(data))
+            case ".run":
+                from percept.cache.entry import decode
+
+                decode(data)
+            case ".nc":
+                import h5py
+
+                with h5py.File(io.BytesIO(data)) as file:
+                    file.visititems(lambda _, node: node[()] if isinstance(node, h5py.Dataset) else None)
+            case ".html":
+                assert data.rstrip().endswith(b"</html>"), "the page has no end"
+            case ".svg":
+                assert data.rstrip().endswith(b"</svg>"), "the figure has no end"
+            case _:
+                assert data.endswith(b"\n"), "the last line has no end"
+    except Exception as error:
+        raise AssertionError(f"torn: {path}: {error}") from error
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Digest every file of a folder; hidden ones count, since nothing may be left."""
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def _study(seed: int) -> str:
+    rng = np.random.default_rng(seed)
+    rows = []
+    for subject in range(3):
+        k, b = 1000 * np.exp(rng.normal(0, 0.15)), 5 * np.exp(rng.normal(0, 0.2))
+        rows.append(f"S{subject},VE1,1000,5,{k:.6g},{b:.6g}\n")
+    return _HEADER + "".join(rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Kill as often as asked, in equal shares of the jobs, and print what was compared."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--kills", type=int, default=200, metavar="N", help="in all (200)")
+    parser.add_argument("--jobs", nargs="+", choices=JOBS, default=JOBS, help="which (all)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the moments (1)")
+    asked = parser.parse_args(arguments)
+    share = -(-asked.kills // len(asked.jobs))
+    with tempfile.TemporaryDirectory(prefix="percept-survival-") as root:
+        survival = Survival(Path(root), seed=asked.seed)
+        for job in asked.jobs:
+            tally = survival.run(job, share, told=lambda line: print(line, flush=True))
+            print(
+                f"{job}: {dataclasses.asdict(tally)}, every file whole, every run as uninterrupted",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,168 @@
+"""Full disks, folders that may not be written, and two runs at once: real commands, real file systems."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from percept.durable import exclusive
+from percept.report.folder import filled_folder
+from tests.survival.kill import contents
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="limits, locks and mounts are POSIX")
+STUDY = str(Path(__file__).resolve().parents[2] / "datasets" / "hbfd_sessions.csv")
+_SIZE = 1 << 20
+# The command under a limit on the size of files, which fails as a full disk does: in the middle of a write.
+LIMITED = """
+import resource, sys
+size = int(sys.argv.pop(1))
+resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+from percept.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def percept(*arguments, limit=None):
+    start = ["-m", "percept"] if limit is None else ["-c", LIMITED, str(limit)]
+    return subprocess.run(
+        [sys.executable, *start, *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+@contextlib.contextmanager
+def small_disk(folder, size):
+    """Mount a file system in memory of so many bytes; skip where that is not allowed."""
+    folder.mkdir()
+    made = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True, check=False
+    )
+    if made.returncode != 0:
+        pytest.skip("no file system can be mounted here: a limit on file sizes stands for it")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_is_said_and_the_earlier_result_stays(tmp_path):
+    with small_disk(tmp_path / "disk", _SIZE) as disk:
+        done = percept("fit", STUDY, "--method", "classical", "--level", "0.9", "--out", disk / "out")
+        assert done.returncode == 0, done.stderr
+        before = contents(disk)
+        ballast = disk / "ballast"
+        with contextlib.suppress(OSError):
+            ballast.write_bytes(bytes(_SIZE))
+        failed = percept("fit", STUDY, "--method", "classical", "--out", disk / "out")
+        assert failed.returncode == 2
+        assert "cannot be written: No space left on device" in failed.stderr
+        assert str(disk / "out") in failed.stderr
+        ballast.unlink()
+        assert contents(disk) == before
+
+
+@pytest.mark.parametrize("command", ["fit", "report"])
+def test_a_write_that_stops_half_way_is_said_and_leaves_nothing(tmp_path, command):
+    ran = percept(command, STUDY, "--method", "classical", "--out", tmp_path / "out", limit=4000)
+    assert ran.returncode == 2
+    assert "cannot be written: File too large" in ran.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_batch_that_finds_no_room_keeps_what_it_had_and_goes_on_later(tmp_path):
+    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    arguments = ["batch", STUDY, "--method", "classical", "--workers", "1", "--out", tmp_path / "out"]
+    failed = percept(*arguments, limit=4000)
+    assert failed.returncode == 2
+    assert "cannot be written: File too large" in failed.stderr
+    assert "run the same command again" in failed.stderr
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    done = percept(*arguments, "--json")
+    assert json.loads(done.stdout)["counts"] == {"done": 1}
+
+
+@pytest.mark.parametrize("command", ["fit", "batch"])
+def test_a_folder_that_may_not_be_written_is_said(tmp_path, command):
+    if command == "batch":
+        pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    with small_disk(tmp_path / "disk", _SIZE) as disk:
+        (disk / "out").mkdir()
+        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+        ran = percept(command, STUDY, "--method", "classical", "--out", disk / "out")
+    assert ran.returncode == 2
+    assert "cannot be written: Read-only file system" in ran.stderr
+    assert str(disk) in ran.stderr
+
+
+def test_two_runs_into_one_folder_leave_the_files_of_one(tmp_path):
+    levels = ("0.9", "0.99")
+    wanted = []
+    for level in levels:
+        percept("fit", STUDY, "--method", "classical", "--level", level, "--out", tmp_path / level)
+        wanted.append(contents(tmp_path / level))
+    arguments = [sys.executable, "-m", "percept", "fit", STUDY, "--method", "classical"]
+    running = [
+        subprocess.Popen(
+            [*arguments, "--level", level, "--out", str(tmp_path / "out")],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        for level in levels * 2
+    ]
+    for process in running:
+        _, errors = process.communicate()
+        assert process.returncode == 0, errors
+    assert contents(tmp_path / "out") in wanted
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.9", "0.99", "out"]
+
+
+def test_moves_of_two_runs_do_not_mix(tmp_path):
+    """While one run holds the folder the other waits with its files aside."""
+    out = tmp_path / "out"
+    out.mkdir()
+    code = (
+        "import sys\nfrom percept.report.folder import filled_folder\n"
+        "with filled_folder(sys.argv[1], last='z.txt') as f:\n"
+        "    for n in ('a.txt', 'z.txt'):\n        (f / n).write_text('other\\n')\n"
+        "    print('filled', flush=True)\n"
+    )
+    with exclusive(out):
+        process = subprocess.Popen([sys.executable, "-c", code, str(out)], stdout=subprocess.PIPE, text=True)
+        assert process.stdout.readline() == "filled\n"
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.5)
+        assert list(out.iterdir()) == []
+    process.communicate()
+    assert process.returncode == 0
+    assert sorted(path.name for path in out.iterdir()) == ["a.txt", "z.sha256", "z.txt"]
+
+
+def test_only_what_nobody_holds_is_removed_beside_the_folder(tmp_path):
+    abandoned = tmp_path / ".out-unfinished-dead"
+    foreign = tmp_path / ".out-mine"
+    for folder in (abandoned, foreign):
+        folder.mkdir()
+        (folder / "half.json").write_text("{")
+    with filled_folder(tmp_path / "out", last="a.txt") as first:
+        assert not abandoned.exists()
+        with filled_folder(tmp_path / "out", last="a.txt") as second:
+            assert first.exists()
+            (second / "a.txt").write_text("second\n")
+        (first / "a.txt").write_text("first\n")
+    assert (tmp_path / "out" / "a.txt").read_text() == "first\n"
+    assert foreign.exists()
+
+
+def test_a_clock_that_goes_back_changes_no_number(tmp_path):
+    """What was written in the future is replaced like anything else."""
+    out = tmp_path / "out"
+    arguments = ["fit", STUDY, "--method", "classical", "--out", out]
+    assert percept(*arguments).returncode == 0
+    before = contents(out)
+    for path in (*out.iterdir(), out):
+        os.utime(path, (4e9, 4e9))
+    assert percept(*arguments).returncode == 0
+    assert contents(out) == before

@@ -1,0 +1,34 @@
+"""A short run of `tests.survival.kill`; its own command makes long ones."""
+
+import pytest
+
+from percept.durable import write_whole
+from tests.survival.kill import Survival, check_whole
+
+
+@pytest.mark.parametrize(("job", "kills"), [("fit", 3), ("report", 2), ("cache", 2), ("batch", 2)])
+def test_killed_commands_leave_whole_files_and_come_to_the_same_end(tmp_path, job, kills):
+    if job == "batch":
+        pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    survival = Survival(tmp_path, seed=5, sampled=False)
+    tally = survival.run(job, kills, kills_per_run=kills, told=lambda line: None)
+    assert tally.kills == kills
+    assert tally.finished >= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("fit.json", b'{"schema": "percept'),
+        ("a.parquet", b"PAR1 and half"),
+        ("a.run", b"percept run 1\nhalf"),
+        ("posterior.nc", b"\x89HDF\r\n\x1a\n half"),
+        ("report.html", b"<html><body>"),
+        ("a.svg", b"<svg>"),
+        ("fit.sha256", b"abc  fit.js"),
+    ],
+)
+def test_the_check_tells_a_torn_file(tmp_path, name, data):
+    write_whole(tmp_path / name, data)
+    with pytest.raises(AssertionError, match="torn"):
+        check_whole(tmp_path / name)
