@@ -242,9 +242,10 @@ def _own(estimands: StudyEstimands, seed: np.random.SeedSequence) -> Kept:
     warm, moves = seed.spawn(2)
     dropped, steps, stride = _OWN
     model = estimands.model
-    law, points = warm_up(model, (_ENSEMBLES, _WALKERS), warm)
-    state, _ = advance(model, law, start(model, points, moves), steps=dropped, stride=dropped)
-    return advance(model, law, state, steps=steps, stride=stride)[1], stride
+    here, points = warm_up(model, (_ENSEMBLES, _WALKERS), warm)
+    state, _ = advance(here, start(here, points, moves), steps=dropped, stride=dropped)
+    kept = advance(here, state, steps=steps, stride=stride)[1]
+    return here.map(kept.reshape(-1, kept.shape[-1])).reshape(kept.shape), stride
 
 
 def _other(estimands: StudyEstimands, seed: np.random.SeedSequence) -> Kept:

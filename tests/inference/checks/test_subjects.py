@@ -155,7 +155,7 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
     density = CollapsedDensity(study.statistics, options=Options(subject_effect=False))
     subjects = SubjectDensity(density, study.response, study.subject, study.environment)
     points = np.zeros((4, density.dimension))
-    points[:, [name.startswith("log_s") for name in density.names]] = -20.0
+    points[:, [name.startswith("sigma[") for name in density.names]] = -20.0
     found = subjects.left_out(density.layout.scales(points.T))
     assert np.isnan(found.log_density[:, 0]).all()
     assert np.isnan(found.standard[:, 0]).all()
