@@ -160,3 +160,19 @@ def test_bayesian_coverage_averaged_over_the_prior() -> None:
         if row.method == "bayesian" and row.joint == "marginal" and row.claim in ("interval", "prediction"):
             assert row.stated is not None
             assert row.held > row.stated - 4 * row.error
+
+
+@pytest.mark.skipif("PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of refits")
+def test_simultaneous_bands_hold_whole_curves_drawn_from_the_prior() -> None:
+    plan = dataclasses.replace(PLAN, method="both", tolerance=0.1, frequencies=(0.1, 100.0, 40), seed=2)
+    judged = coverage(plan, int(os.environ.get("PERCEPT_STUDIES", "200")))
+    for kind in ("mean", "user"):
+        whole = {"claim": "boundary throughout", "method": "bayesian", "kind": kind, "joint": "joint"}
+        simultaneous, pointwise = (
+            found(judged, shape=shape, **whole) for shape in ("simultaneous", "pointwise")
+        )
+        assert abs(simultaneous.held - 0.9) < 4 * simultaneous.error
+        assert pointwise.held < simultaneous.held
+        for joint in ("bonferroni", "hotelling"):
+            region = found(judged, shape="envelope", **{**whole, "joint": joint})
+            assert region.held > 0.9 - 4 * region.error

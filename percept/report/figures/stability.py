@@ -71,7 +71,7 @@ def draw_stability(
         )
         line.set_gid(f"coupling:{label}")
         if binding and label in binding:
-            times = _mark(ax, omega, curve, bound, float(binding[label]), COLOURS[colour])
+            times = _mark(ax, label, omega, curve, bound, float(binding[label]), COLOURS[colour])
             # In the legend, because the marks of like couplings lie on top of each other.
             line.set_label(f"{label}: {times:.3g} × bound at {binding[label]:.4g} rad/s")
     ax.set_xscale("log")
@@ -90,6 +90,7 @@ def _drawable(curve: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _mark(
     ax: Axes,
+    label: str,
     omega: NDArray[np.float64],
     curve: NDArray[np.float64],
     bound: NDArray[np.float64],
@@ -105,7 +106,7 @@ def _mark(
         )
     reached, asked = (_at(binding, omega, _drawable(values)) for values in (curve, bound))
     (dot,) = ax.plot([binding], [reached], marker="o", markersize=6, color=colour, linestyle="none")
-    dot.set_gid("binding")
+    dot.set_gid(f"binding:{label}")
     ax.axvline(binding, color=colour, linewidth=0.7, linestyle=":")
     return reached / asked
 

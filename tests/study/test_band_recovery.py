@@ -1,0 +1,106 @@
+"""Band laws recovered from whole simulated studies of many environments."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import special, stats
+
+from percept import Scene, Study
+from percept.boundary.band_fit import LAWS, fit_law
+from percept.sessions import Sessions
+from percept.study.band_replicates import classical_replicates, posterior_replicates
+
+LEVEL, OMEGA, SUBJECTS = 0.9, 10.0, 16
+RATIO = np.geomspace(1.0, 1000.0, 16)
+NAMES = tuple(f"E{j}" for j in range(RATIO.size))
+# Springs with next to no damper: the band of abs(Z_e) is that of k/omega, and known exactly.
+STIFFNESS, DAMPING = 100.0 * RATIO, 0.001 * RATIO
+IMPEDANCE = STIFFNESS / OMEGA
+# Relative SD between users, and the parameters of the law of 1 SD of abs(Z_e) that follows.
+SPREAD = {
+    "weber": np.full(RATIO.size, 0.08),
+    "offset": 0.05 + 0.2 / RATIO,
+    "power": 0.15 * RATIO**-0.15,
+}
+ONE_SD = {"weber": {"w": 0.08}, "offset": {"c": 2.0, "w": 0.05}, "power": {"w": 0.15 * 10.0**0.15, "p": 0.85}}
+LONG = "PERCEPT_LONG" in os.environ
+STUDIES = 100 if LONG else 10
+
+
+def scene_of(method: str) -> Scene:
+    asked = {"method": method, "kinds": ("user",), "level": LEVEL, "family": "normal", "tolerance": 0.1}
+    return Scene.from_tables({"inference": asked})
+
+
+def simulated(law: str, seed: int) -> Sessions:
+    shape = (2, SUBJECTS, RATIO.size)
+    k, b = np.stack([STIFFNESS, DAMPING])[:, None] * (
+        1.0 + SPREAD[law] * np.random.default_rng(seed).standard_normal(shape)
+    )
+    return Sessions.from_frame(
+        pd.DataFrame(
+            {
+                "subject": np.repeat([f"S{i}" for i in range(SUBJECTS)], RATIO.size),
+                "environment": np.tile(NAMES, SUBJECTS),
+                "k_ref": np.tile(STIFFNESS, SUBJECTS),
+                "b_ref": np.tile(DAMPING, SUBJECTS),
+                "k_adj": k.ravel(),
+                "b_adj": b.ravel(),
+            }
+        )
+    )
+
+
+def widened(law: str, width: float) -> np.ndarray:
+    """Parameters of the law of a band of `width` SDs: an exponent stays."""
+    return np.array([value * (1.0 if name == "p" else width) for name, value in ONE_SD[law].items()])
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) -> None:
+    freedom = SUBJECTS - 1
+    # What the logarithm of a prediction interval's width is on average: fits are on logarithms.
+    expected_sd = np.exp(0.5 * (special.digamma(freedom / 2) - np.log(freedom / 2)))
+    width = 2.0 * stats.t.isf(0.5 * (1.0 - LEVEL), freedom) * np.sqrt(1.0 + 1.0 / SUBJECTS) * expected_sd
+    true = widened(law, width)
+    inside, centres = [], []
+    for seed in range(STUDIES):
+        drawn = classical_replicates(simulated(law, seed), scene_of("classical"), NAMES, OMEGA)
+        lower, centre, upper = np.quantile(
+            fit_law(law, IMPEDANCE, drawn["classical", "user", "normal"]), [0.05, 0.5, 0.95], axis=0
+        )
+        inside.append((lower <= true) & (true <= upper))
+        centres.append(centre)
+    held = np.mean(inside, axis=0)
+    assert np.all(np.abs(held - LEVEL) <= 4.0 * np.sqrt(LEVEL * (1.0 - LEVEL) / STUDIES))
+    error = np.std(centres, axis=0, ddof=1) / np.sqrt(STUDIES)
+    assert np.all(np.abs(np.mean(centres, axis=0) - true) < 4.0 * error)
+
+
+def test_replicates_have_the_bands_of_the_study_in_their_middle() -> None:
+    study = Study(simulated("weber", 1), scene_of("classical"))
+    drawn = classical_replicates(study.sessions, study.scene, NAMES, OMEGA)["classical", "user", "normal"]
+    rows = study.intervals.query("parameter == 'k' and family == 'normal' and joint == 'marginal'")
+    bands = ((rows["upper"] - rows["lower"]) / OMEGA).to_numpy()
+    off = np.log(drawn).mean(axis=0) - np.log(bands)
+    assert np.all(np.abs(off) < 4.5 * np.log(drawn).std(axis=0) / np.sqrt(len(drawn)))
+
+
+@pytest.mark.parametrize("law", LAWS if LONG else ["offset"])
+def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
+    few = slice(None, None, 1 if LONG else 3)
+    table = simulated(law, 3).table
+    kept = Sessions.from_frame(table[table["environment"].isin(NAMES[few])])
+    study = Study(kept, scene_of("bayesian").with_inference(tolerance=0.1 if LONG else 0.2))
+    assert study.fit is not None
+    assert study.fit.run.gate.passed
+    drawn = posterior_replicates(study.fit, study.scene, OMEGA)["bayesian", "user", "normal"]
+    fitted = fit_law(law, IMPEDANCE[few], drawn)
+    true = widened(law, 2.0 * stats.norm.isf(0.5 * (1.0 - LEVEL)))
+    lower, upper = np.quantile(fitted, [0.005, 0.995], axis=0)
+    assert np.all((lower <= true) & (true <= upper))
+    assert np.all(upper - lower < 2.0 * true)
