@@ -19,7 +19,9 @@ from percept.study.subject_checks import SubjectChecks, check_subjects
 
 __all__ = ["MODELS", "ModelChoice", "compare_models"]
 
-#: Models compared, by what they leave out of the full one.
+#: Models compared, by what they leave out of the full one. "Weber trend" keeps each environment's own spread
+#: about the trend, which takes up what the trend lacks: it seldom differs from "full". Weber's law itself is
+#: put to the test by "exact Weber" against "common spread".
 MODELS = {
     "full": Options(),
     "Weber trend": Options(weber=True),
