@@ -180,7 +180,7 @@ def test_scales_of_any_size_keep_the_digits_of_the_collapsed_densities():
     rng = np.random.default_rng(28)
     study, density, _, subjects = prepared("balanced", rng)
     coords = 2.5 * rng.normal(size=(density.dimension, 200))
-    coords[[name.startswith("sigma[") for name in density.names]] *= 10.0
+    coords[[name.startswith("sigma[") for name in density.names]] *= 4.0
     scales = density.layout.scales(coords)
     others = without_the_first(study)
     all_of_them, less = density.log_likelihood(scales), CollapsedDensity(others).log_likelihood(scales)
