@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from percept.study.bayesian import Fit, RunStore
     from percept.study.boundaries import Bench, Range
     from percept.study.coupling import CouplingStudy
+    from percept.study.device_sensitivity import DeviceSensitivity
     from percept.study.model_checks import ModelChecks
     from percept.study.model_choice import ModelChoice
-    from percept.study.device_sensitivity import DeviceSensitivity
     from percept.study.regions import Draws, Region
 
 __all__ = ["Study"]
@@ -173,23 +173,16 @@ class Study:
     @cached_property
     def device(self) -> haptics.AnyDevice | None:
         """The scene's device; None without one."""
-        table = self.scene.device
-        if table is None:
-            return None
-        if table.response is not None:
-            from percept.study.response_table import read_response
+        from percept.study.apparatus import device_of
 
-            return read_response(table.response)
-        assert table.mass is not None
-        assert table.damping is not None
-        modes = tuple(haptics.Mode(m.mass, m.stiffness, m.damping) for m in table.modes)
-        return haptics.Device(mass=table.mass, damping=table.damping, modes=modes)
+        return device_of(self.scene)
 
     @cached_property
     def coupling_element(self) -> haptics.Coupling | None:
         """The scene's virtual coupling; None without one."""
-        table = self.scene.coupling
-        return None if table is None else haptics.Coupling(stiffness=table.stiffness, damping=table.damping)
+        from percept.study.apparatus import coupling_of
+
+        return coupling_of(self.scene)
 
     @cached_property
     def omega(self) -> Array:
@@ -287,19 +280,9 @@ class Study:
         """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
         if self.parameters != ("k", "b"):
             return ()
-        from percept.study import regions
+        from percept.study.both_methods import study_regions
 
-        found = list(regions.rectangles(self.intervals))
-        if self.scene.inference.method != "bayesian":
-            found += regions.classical_ellipses(self.sessions, self.scene)
-        if self.fit is not None and self.fit.run.gate.passed:
-            found += regions.bonferroni_regions(self.fit, self.scene)
-            prepared = self.fit.prepared
-            counts = {e: int(n) for (_, e), n in zip(prepared.model.cells, prepared.counts, strict=True)}
-            for drawn in self.curve_draws:
-                if drawn.method == "bayesian":
-                    found += regions.draw_ellipses(drawn, counts)
-        return tuple(found)
+        return study_regions(self)
 
     @cached_property
     def curve_draws(self) -> tuple[Draws, ...]:
@@ -309,32 +292,18 @@ class Study:
         """
         if self.parameters != ("k", "b") or self.sessions.form == "summary":
             return ()
-        from percept.study.curve_draws import classical_draws, posterior_draws
+        from percept.study.both_methods import study_draws
 
-        found: list[Draws] = []
-        if self.scene.inference.method != "bayesian":
-            found += classical_draws(self.sessions, self.scene)
-        fit = self.fit
-        if fit is not None and fit.run.gate.passed and self.scene.model.pooling != "none":
-            found += posterior_draws(fit, self.scene)
-        return tuple(found)
+        return study_draws(self)
 
     @cached_property
     def band(self) -> BandStudy | None:
         """Band of the environment's own impedance and its law; None with one parameter or environment."""
         if self.parameters != ("k", "b") or len(self.environments) < 2:
             return None
-        from percept.study.band_replicates import Replicates, classical_replicates, posterior_replicates
-        from percept.study.bands import band_study, weber_trend
+        from percept.study.both_methods import study_bands
 
-        level, kappa = self.scene.inference.level, None
-        replicates: Replicates = {}
-        if self.scene.inference.method != "bayesian":
-            replicates |= classical_replicates(self.sessions, self.scene, self.environments, _BAND_OMEGA)
-        if self.fit is not None and self.fit.run.gate.passed:
-            replicates |= posterior_replicates(self.fit, self.scene, _BAND_OMEGA)
-            kappa = weber_trend(self.fit, level=level)
-        return band_study(self.intervals, replicates, omega=_BAND_OMEGA, level=level, kappa=kappa)
+        return study_bands(self, _BAND_OMEGA)
 
     @cached_property
     def coupling(self) -> CouplingStudy | None:
