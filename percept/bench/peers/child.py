@@ -27,25 +27,23 @@ def main(task_file: str) -> None:
     task_file : str
         JSON with engine, study (as written by `Responses.save`), source (session file), budgets (pairs of
         size and repeats, smallest first), started (wall clock, s, when the process was asked for), seconds
-        (no run is begun later than this after the start) and seed.
+        (no run but the first of all is begun later than this after the start) and seed.
     """
     task = json.loads(Path(task_file).read_text(encoding="utf-8"))
     warnings.simplefilter("ignore")  # samplers warn about runs as short as some of these are meant to be
     sampler = engine(task["engine"]).prepare(Responses.load(task["study"]), task["source"])
     seed, runs = task["seed"], []
-    first = sampler(task["budgets"][0][0], seed)
-    # What the first run took beyond sampling: imports, reading, building and compiling.
-    startup = time.time() - task["started"] - first.seconds
-    startup_processor = _processor()
+    sampler(task["budgets"][0][0], seed)
+    first, first_processor = time.time() - task["started"], _processor()
     for size, repeats in task["budgets"]:
         for _ in range(repeats):
-            if time.time() - task["started"] > task["seconds"]:
+            if runs and time.time() - task["started"] > task["seconds"]:
                 break
             seed += 1
             before = _processor()
             found = sampler(size, seed)
             runs.append({"size": size, "processor": _processor() - before} | _plain(found))
-    json.dump({"startup": startup, "startup_processor": startup_processor, "runs": runs}, sys.stdout)
+    json.dump({"first": first, "first_processor": first_processor, "runs": runs}, sys.stdout)
 
 
 def _processor() -> float:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from percept import __version__
 from percept.bench.peers.engines import ENGINES, Engine, engine
 from percept.bench.peers.measure import Measured, Startup
 from percept.bench.peers.reference import Reference
@@ -166,8 +167,10 @@ def build_document(
 
 
 def _versions(engines: Sequence[Engine]) -> dict[str, str]:
+    """Versions of what is installed here: rows may have been measured elsewhere."""
     names = sorted({name for one in engines for name in one.packages})
-    return {name: importlib.metadata.version(name) for name in names}
+    installed = {one.name.lower(): one.version for one in importlib.metadata.distributions()}
+    return {"percept": __version__} | {name: installed[name] for name in names if name in installed}
 
 
 def _promises(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ _COLOURS = {
     "percept": "bayesian", "percept-stretch": "warn", "emcee": "ink", "nutpie": "classical",
     "nutpie-noncentred": "classical", "pymc": "coupled", "numpyro": "quiet", "numpyro-noncentred": "quiet",
 }  # fmt: skip
-_MARKERS = {"mixture": "o", "draws": "s"}
+_MARKERS = {"mixture": "o", "draws": "D"}
 
 
 def drawings(document: Mapping[str, Any]) -> list[Drawing]:

@@ -86,9 +86,10 @@ class PlainDensity:
     def __init__(self, study: Responses) -> None:
         self.study = study
         self._shapes = shapes(study)
-        sizes = [math.prod(shape) for shape in self._shapes.values()]
-        self._ends = np.cumsum(sizes)[:-1]
-        self.dimension = sum(sizes)
+        #: Coordinates of every unknown, in their order.
+        self.sizes = {name: math.prod(shape) for name, shape in self._shapes.items()}
+        self._ends = np.cumsum(list(self.sizes.values()))[:-1]
+        self.dimension = sum(self.sizes.values())
 
     def unknowns(self, points: Array) -> dict[str, Array]:
         """Coordinates (W, dimension) to unknowns, draws last."""

@@ -27,7 +27,7 @@ _SPACING = 1000  # seeds between processes
 
 @dataclasses.dataclass(frozen=True)
 class Startup:
-    """From the start of a process to a model that can be sampled.
+    """What the first run of a process takes beyond a later one: imports, data, building and compiling.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Startup:
     seconds : tuple of float
         Wall time of every process.
     processor : float
-        Median processor time, the first run included.
+        Median processor time of the same, s.
     """
 
     engine: str
@@ -141,14 +141,21 @@ def measure(
                     "seed": 1 + _SPACING * start,
                 }  # fmt: skip
                 found.append(_child(task, Path(folder, "task.json")))
-            startup = Startup(
-                one.name,
-                tuple(child["startup"] for child in found),
-                statistics.median(child["startup_processor"] for child in found),
-            )
+            startup = _startup(one.name, found)
             startups.append(startup)
             measured += _reduced(one.name, found[0]["runs"], startup, reference)
     return startups, measured
+
+
+def _startup(name: str, found: list[dict[str, Any]]) -> Startup:
+    runs = found[0]["runs"]
+    again = [run for run in runs if run["size"] == runs[0]["size"]]
+    warm, processor = (statistics.median(run[key] for run in again) for key in ("seconds", "processor"))
+    return Startup(
+        name,
+        tuple(max(child["first"] - warm, 0.0) for child in found),
+        max(statistics.median(child["first_processor"] for child in found) - processor, 0.0),
+    )
 
 
 def _child(task: dict[str, Any], file: Path) -> dict[str, Any]:
@@ -162,7 +169,7 @@ def _child(task: dict[str, Any], file: Path) -> dict[str, Any]:
             hint="The other samplers come with the extra: pip install 'percept[peers]'.",
         )
     # Some libraries print their progress to standard output, before the result.
-    found: dict[str, Any] = json.loads(done.stdout[done.stdout.index('{"startup"') :])
+    found: dict[str, Any] = json.loads(done.stdout[done.stdout.index('{"first"') :])
     return found
 
 
