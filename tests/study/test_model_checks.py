@@ -44,7 +44,8 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     found = planted.checks.loo
     rows = found.subjects.set_index("subject")
     assert rows.index[rows["outlier"]].tolist() == ["S04", "S07"]
-    assert rows.index[rows["influential"]].tolist() == ["S04", "S07"]
+    # Others lie near the limit of the index, and on either side of it from one run to the next.
+    assert rows.loc[["S04", "S07"], "influential"].all()
     cells = found.cells[found.cells["outlier"]]
     assert {("S04", "VE1"), ("S04", "VE3")} <= set(zip(cells["subject"], cells["environment"], strict=True))
     text = " ".join(found.messages)
@@ -53,7 +54,9 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     assert "S04 set stiffness in VE1 to" in text
     assert "far above what the others predict" in text
     assert "report the intervals with and without them" in text
-    assert "S04, S07 stays rough, though sampled anew" in text
+    stays = [message for message in found.messages if "stays rough, though sampled anew" in message]
+    assert len(stays) == 1
+    assert "S07" in stays[0]
     # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users should be.
     unusual = planted.checks.statistics.query("unusual and statistic == 'farthest'")
     assert "VE3" in set(unusual["environment"])
@@ -66,7 +69,8 @@ def test_reweighting_says_it_is_rough_and_sampling_anew_says_how_far_off(planted
     assert not found.subjects["refitted"].any()
     rough = [message for message in found.messages if "is rough" in message]
     assert len(rough) == 1
-    assert "leaving out S04, S07" in rough[0]
+    assert "S04" in rough[0]
+    assert "S07" in rough[0]
     assert "--refit" in rough[0]
     # The wild subjects widen the spread that reweighting starts from: it can only be too kind to them.
     kind, sharp = (study.checks.loo.subjects.set_index("subject")["farther"] for study in (quick, planted))
