@@ -32,7 +32,8 @@ def main(task_file: str) -> None:
     task = json.loads(Path(task_file).read_text(encoding="utf-8"))
     warnings.simplefilter("ignore")  # samplers warn about runs as short as some of these are meant to be
     sampler = engine(task["engine"]).prepare(Responses.load(task["study"]), task["source"])
-    seed, runs = task["seed"], []
+    seed = task["seed"]
+    runs: list[dict[str, Any]] = []
     sampler(task["budgets"][0][0], seed)
     first, first_processor = time.time() - task["started"], _processor()
     for size, repeats in task["budgets"]:

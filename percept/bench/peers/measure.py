@@ -168,8 +168,8 @@ def _child(task: dict[str, Any], file: Path) -> dict[str, Any]:
             f"the process of {task['engine']} failed: {last[0]}",
             hint="The other samplers come with the extra: pip install 'percept[peers]'.",
         )
-    # Some libraries print their progress to standard output, before the result.
-    found: dict[str, Any] = json.loads(done.stdout[done.stdout.index('{"first"') :])
+    # Some libraries print to standard output, around the result.
+    found: dict[str, Any] = json.JSONDecoder().raw_decode(done.stdout, done.stdout.index('{"first"'))[0]
     return found
 
 
