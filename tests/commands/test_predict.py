@@ -1,0 +1,39 @@
+import json
+
+import pytest
+
+from percept.cli import main
+
+TABLE = "datasets/hbfd_table1.csv"
+LOOSE = [TABLE, "--scene", "datasets/hbfd.toml", "--tolerance", "0.2", "--quiet"]
+
+
+def test_extrapolation_is_said_in_both_forms(capsys):
+    words = ["predict", *LOOSE, "--k", "1e6", "--b", "12"]
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("Extrapolation: stiffness lies 1.3 decades above the tested range; ")
+    assert [line.split(":")[0] for line in text.splitlines()[-4:-1]] == ["mean", "user", "share"]
+    assert "6 boundaries of abs(Z_h)" in text
+    assert main([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["extrapolates"] is True
+    assert text.startswith(found["sentence"])
+    assert len(found["boundaries"]) == 6
+    for row in found["intervals"]:
+        assert f"{row['lower']:.6g}" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["--k", "1e4"], 2, "damping of the new environment is missing"),
+        (["--k", "-1", "--b", "1"], 2, "stiffness of the new environment must be a positive number"),
+        (["--k", "1e4", "--b", "1", "--method", "classical"], 1, "classical method has no model"),
+        (["--leave-one-out", "--k", "1e4"], 2, "--k and --b name another"),
+        (["--k", "1e4", "--b", "1", "--out", "folder"], 2, "--out goes with --leave-one-out"),
+    ],
+)
+def test_refused_before_anything_is_sampled(words, code, message, capsys):
+    assert main(["predict", *LOOSE, *words]) == code
+    assert message in capsys.readouterr().err
