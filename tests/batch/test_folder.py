@@ -1,4 +1,3 @@
-import os
 import sys
 
 import pyarrow.parquet as pq
@@ -62,13 +61,3 @@ def test_a_file_in_the_way_is_said(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(UsageError, match="a folder is needed here"):
         BatchFolder.opened(tmp_path / "out").__enter__()
-
-
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
-def test_a_read_only_folder_is_said(tmp_path):
-    (tmp_path / "out").mkdir(mode=0o500)
-    with (
-        BatchFolder.opened(tmp_path / "out") as folder,
-        pytest.raises(UsageError, match="cannot be written: Permission denied"),
-    ):
-        saved(folder, KEYS[0])
