@@ -135,6 +135,7 @@ def build_document(
     """
     times = reached(measured)
     compared = comparisons(whole) if whole else []
+    promises = _promises(measured, times)
     run_engines = [one for one in ENGINES if one.name in {row.engine for row in measured}]
     document = {
         "schema": SCHEMA,
@@ -159,8 +160,8 @@ def build_document(
         "reached": times,
         "whole": whole,
         "comparisons": [dataclasses.asdict(one) | {"kept": one.kept} for one in compared],
-        "promises": _promises(measured, times),
-        "losses": _losses(times, compared),
+        "promises": promises,
+        "losses": _losses(times, promises, compared),
     }  # fmt: skip
     found: dict[str, Any] = plain(document)
     return found
@@ -201,7 +202,9 @@ def _promises(measured: Sequence[Measured], times: Sequence[Reached]) -> list[di
     ]  # fmt: skip
 
 
-def _losses(times: Sequence[Reached], compared: Sequence[Comparison]) -> list[str]:
+def _losses(
+    times: Sequence[Reached], promises: Sequence[dict[str, Any]], compared: Sequence[Comparison]
+) -> list[str]:
     """Say where percept is not the fastest, or a promise is not kept."""
     found = []
     for row in times:
@@ -214,6 +217,10 @@ def _losses(times: Sequence[Reached], compared: Sequence[Comparison]) -> list[st
                     f"{title} reaches {row.level:.1%} {state} in {ratio:.2f} times percept’s time"
                     + (", extrapolated." if row.extrapolated else ".")
                 )
+    for promise in promises:
+        what, value, aim = promise["what"], promise["value"], promise["aim"]
+        if value < aim if promise["more_is_better"] else value > aim:
+            found.append(f"{what[0].upper()}{what[1:]}: {value:.3g}; {aim:g} is the aim.")
     for one in compared:
         if not one.kept:
             found.append(

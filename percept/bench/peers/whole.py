@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from percept.errors import RefusalError
@@ -85,7 +85,9 @@ class Comparison:
         return self.ratio <= self.promised
 
 
-def whole_commands(sessions: str, scene: str, *, repeats: int = 5) -> list[Whole]:
+def whole_commands(
+    sessions: str, scene: str, *, repeats: int = 5, commands: Mapping[str, Sequence[str]] = COMMANDS
+) -> list[Whole]:
     """Run every command in turn, round by round, so that all see the machine alike.
 
     Parameters
@@ -94,20 +96,27 @@ def whole_commands(sessions: str, scene: str, *, repeats: int = 5) -> list[Whole
         Files.
     repeats : int
         Rounds that count; one round before them warms the file cache.
+    commands : mapping of str to sequence of str
+        Name to arguments of Python.
 
     Returns
     -------
     list of Whole
+
+    Raises
+    ------
+    RefusalError
+        If a command fails.
     """
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in COMMANDS}
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
     for round_ in range(repeats + 1):
-        for name, arguments in COMMANDS.items():
+        for name, arguments in commands.items():
             with tempfile.TemporaryDirectory() as out:
                 spent = _run(_filled(arguments, sessions, scene, str(Path(out, "out"))))
             if round_:
                 times[name].append(spent)
     found = []
-    for name, arguments in COMMANDS.items():
+    for name, arguments in commands.items():
         wall, processor = zip(*times[name], strict=True)
         typed = " ".join(_quoted(part) for part in _filled(arguments, "SESSIONS", "SCENE", "DIR"))
         typed = f"python {typed}".replace("python -m percept", "percept")
