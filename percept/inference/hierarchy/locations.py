@@ -77,7 +77,7 @@ class LocationProblem:
         self._gamma_sd = priors.gamma_sd
         effects = len(self._patterns) if self._subject_effect else 0
         self.merged = effects == 1
-        self.by_environment = self._trend and self._environments < effects
+        self.by_environment = self._trend and 1 < effects >= self._environments
 
     def build(self, scales: Scales, cells: list[Block], *, merge: bool = True) -> Whitened:
         """Whiten the pattern means and the design of the latents.
@@ -130,18 +130,18 @@ class LocationProblem:
         for j in range(self._environments):
             at = (np.arange(self._environments) == j)[:, None]
             columns += [self._unit(p, at * tau[p]) for p in range(self._size)]
+        stacked = tuple(np.stack([column[p] for column in columns]) for p in range(self._size))
         targets: list[Array] = []
-        rows: list[list[Array]] = [[] for _ in columns]
+        designs: list[Array] = []
         log_determinant = np.zeros(width)
         for pattern, noise in zip(self._patterns, self._noise(cells), strict=True):
             covariance = SharedCovariance(noise, scales.shared.scaled(1.0 / pattern.subjects))
             log_determinant += covariance.log_determinant()
             mean = tuple(np.broadcast_to(m[:, None], (m.size, width)) for m in pattern.mean)
             targets += _flatten(covariance.whiten(mean))
-            for k, column in enumerate(columns):
-                part = tuple(c[pattern.environments] for c in column)
-                rows[k] += _flatten(covariance.whiten(part))
-        design = np.stack([np.concatenate(row) for row in rows])
+            part = tuple(c[:, pattern.environments] for c in stacked)
+            designs += _by_column(covariance.whiten(part), len(columns))
+        design = np.concatenate(designs, axis=1)
         return Whitened(design, np.concatenate(targets), log_determinant, columns, columns, None)
 
     def _keeping_effects(self, scales: Scales, cells: list[Block], *, merge: bool) -> Whitened:
@@ -165,17 +165,24 @@ class LocationProblem:
                 for effect in scales.shared.scaled(1.0 / pattern.subjects).factor_columns():
                     columns.append(pooled.effect_on_mean(g, effect))
                     rows.append([np.reshape(_flatten(pooled.effect_on_deviations(g, effect)), (-1, width))])
-        design = [
-            np.concatenate([*_flatten([spread.whiten(column)]), *below])
-            for column, below in zip(columns, rows, strict=True)
-        ]
+        shape = (self._environments, width)
+        stacked = tuple(
+            np.stack([np.broadcast_to(column[p], shape) for column in columns]) for p in range(self._size)
+        )
+        below = np.stack([np.concatenate(row) for row in rows])
+        design = np.concatenate([*_by_column([spread.whiten(stacked)], len(columns)), below], axis=1)
         target = np.concatenate(
             [*_flatten([spread.whiten(pooled.mean)]), np.reshape(deviations, (-1, width))]
         )
         log_determinant = pooled.log_determinant + spread.log_determinant().sum(axis=0)
-        return Whitened(np.stack(design), target, log_determinant, columns, trend, pooled)
+        return Whitened(design, target, log_determinant, columns, trend, pooled)
 
 
 def _flatten(pieces: list[Vector]) -> list[Array]:
     """Rows of every component of every piece, each of shape (rows, W)."""
     return [np.reshape(c, (-1, c.shape[-1])) for piece in pieces for c in piece]
+
+
+def _by_column(pieces: list[Vector], columns: int) -> list[Array]:
+    """Rows of every component of every piece for each column, each of shape (columns, rows, W)."""
+    return [np.reshape(c, (columns, -1, c.shape[-1])) for piece in pieces for c in piece]
