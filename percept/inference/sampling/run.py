@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.checked import Checked, Target
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores
-from percept.inference.sampling.ensembles import Ensembles, advance, start
+from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
 from percept.inference.sampling.records import Gate, Progress, Run, Settings
 from percept.inference.sampling.transported import Transported
+from percept.inference.sampling.unfinished import Keeper, Saver, Unfinished
 from percept.inference.sampling.warmup import warm_up
 
 __all__ = ["Gate", "Progress", "Run", "Settings", "sample"]
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 _BURN_IN = 24
 _FIRST_ROUND = 96
 _STRIDE = 3  # steps between kept positions, a fraction of an autocorrelation time
+_PIECE = 480  # steps after which an unfinished run can be stored
 _KEPT_LIMIT = 1 << 18  # kept draws over all ensembles; beyond it every second one goes
 
 
@@ -32,6 +34,7 @@ def sample(
     settings: Settings,
     *,
     progress: Callable[[Progress], None] | None = None,
+    keeper: Keeper | None = None,
 ) -> Run:
     """Sample a target with emcee to a stated accuracy.
 
@@ -45,6 +48,9 @@ def sample(
         Accuracy, seed, caps.
     progress : callable, optional
         Told the state after every round.
+    keeper : Keeper, optional
+        Given the unfinished run every few seconds and when it is interrupted; what it kept of an earlier
+        attempt is taken up, and the result is the same in every digit.
 
     Returns
     -------
@@ -56,60 +62,74 @@ def sample(
         If the density is NaN, or -inf at every walker.
     """
     target = Checked(target)
+    kept = keeper.load() if keeper is not None else None
+    run = _Running(target, estimands, kept or _begin(target, estimands, settings))
+    with Saver(keeper) as saver:
+        while True:
+            while run.steps < run.goal:
+                run.extend(min(_PIECE, run.goal - run.steps))
+                saver.offer(run.unfinished())
+            judged = run.judge(settings)
+            needed = run.steps_needed(judged, settings)
+            if progress:
+                worst = judged.gate.worst_error
+                progress(Progress(run.state.steps, _BURN_IN + needed, worst, settings.tolerance))
+            if judged.gate.passed or run.state.steps >= settings.most_steps:
+                return judged
+            run.goal = min(needed, run.steps + settings.most_steps - run.state.steps)
+
+
+def _begin(target: Target, estimands: Estimands, settings: Settings) -> Unfinished:
+    """Warm up, burn in, and keep nothing yet."""
     dimension = len(target.names)
     walkers = settings.walkers or max(64, 2 * (dimension + 1))
     warm_seed, run_seed = np.random.SeedSequence(settings.seed).spawn(2)
     here, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
     state, _ = advance(here, start(here, points, run_seed), steps=_BURN_IN, stride=_BURN_IN)
-    record = _Record(estimands)
-    wanted = _FIRST_ROUND
-    while True:
-        state = record.extend(here, state, wanted)
-        judged = record.judge(state, settings)
-        needed = record.steps_needed(judged, settings)
-        if progress:
-            worst = judged.gate.worst_error
-            progress(Progress(state.steps, _BURN_IN + needed, worst, settings.tolerance))
-        if judged.gate.passed or state.steps >= settings.most_steps:
-            return judged
-        wanted = min(needed - record.steps, settings.most_steps - state.steps)
+    nothing = np.empty((settings.ensembles, 0, walkers, dimension))
+    components = estimands.components(here.map(points[0, :1])).shape[1]
+    return Unfinished(
+        here.transport, state, nothing, np.empty((*nothing.shape[:3], components)), _STRIDE, _FIRST_ROUND
+    )
 
 
-class _Record:
+class _Running:
     """Kept positions and their components; memory is bounded by thinning as the run grows."""
 
-    def __init__(self, estimands: Estimands) -> None:
+    def __init__(self, target: Target, estimands: Estimands, begun: Unfinished) -> None:
+        self._here = Transported(target, begun.transport)
         self._estimands = estimands
-        self._points: Array | None = None
-        self._components: Array | None = None
-        self.stride = _STRIDE
+        self._transport = begun.transport
+        self.state = begun.state
+        self._points, self._components = begun.points, begun.components
+        self.stride, self.goal = begun.stride, begun.goal
+
+    def unfinished(self) -> Unfinished:
+        """Return all that is needed to go on from here."""
+        return Unfinished(self._transport, self.state, self._points, self._components, self.stride, self.goal)
 
     @property
     def steps(self) -> int:
         """Steps the kept positions span."""
-        return 0 if self._points is None else self._points.shape[1] * self.stride
+        return self._points.shape[1] * self.stride
 
-    def extend(self, here: Transported, state: Ensembles, steps: int) -> Ensembles:
+    def extend(self, steps: int) -> None:
         """Run every ensemble for at least `steps` and keep what is needed."""
         steps = max(self.stride, math.ceil(steps / self.stride) * self.stride)
-        state, points = advance(here, state, steps=steps, stride=self.stride)
-        flat = here.map(points.reshape(-1, points.shape[-1]))
-        points = flat.reshape(points.shape)
+        self.state, points = advance(self._here, self.state, steps=steps, stride=self.stride)
+        flat = self._here.map(points.reshape(-1, points.shape[-1]))
         components = self._estimands.components(flat).reshape(*points.shape[:3], -1)
-        if self._points is not None and self._components is not None:
-            points = np.concatenate([self._points, points], axis=1)
-            components = np.concatenate([self._components, components], axis=1)
+        points = np.concatenate([self._points, flat.reshape(points.shape)], axis=1)
+        components = np.concatenate([self._components, components], axis=1)
         while points[..., 0].size > _KEPT_LIMIT:
-            points, components = points[:, 1::2], components[:, 1::2]
+            # Contiguous, as they are when taken up again: a sum's last bits depend on the order in memory.
+            points, components = (np.ascontiguousarray(kept[:, 1::2]) for kept in (points, components))
             self.stride *= 2
         self._points, self._components = points, components
-        return state
 
-    def judge(self, state: Ensembles, settings: Settings) -> Run:
+    def judge(self, settings: Settings) -> Run:
         """Estimate, measure and pass the gate or not."""
-        assert self._points is not None
-        assert self._components is not None
-        points, components = self._points, self._components
+        points, components, state = self._points, self._components, self.state
         estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]))
         influence = estimates.influence.reshape(*components.shape[:3], -1)
         varying = np.ptp(components, axis=(0, 1, 2)) > 0
