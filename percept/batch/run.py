@@ -129,7 +129,7 @@ class _Batch:
 
         done = as_completed(loop=self._client.loop)
         while True:
-            while len(self._out) < _AHEAD * max(1, sum(self._client.nthreads().values())):
+            while len(self._out) < _AHEAD * max(1, self._threads()):
                 files = self._next()
                 if files is None:
                     break
@@ -145,6 +145,12 @@ class _Batch:
         return Summary(
             table, len(self._studies), self._skipped, dict(self._counts), tuple(self._failures), self._seconds
         )
+
+    def _threads(self) -> int:
+        try:
+            return sum(self._client.nthreads().values())
+        except OSError as error:  # what dask calls a closed connection
+            raise _lost() from error
 
     def _next(self) -> StudyFiles | None:
         """Return the next study that needs analysing; None when there is none."""
@@ -177,10 +183,7 @@ class _Batch:
             outcome = future.result()
         except (asyncio.CancelledError, concurrent.futures.CancelledError):
             if self._client.status != "running":
-                raise RefusalError(
-                    "the scheduler was lost.",
-                    hint="What is finished is kept; run the same command again for the rest.",
-                ) from None
+                raise _lost() from None
             if given.attempt < _LOSSES:
                 return dataclasses.replace(given, attempt=given.attempt + 1)
             message = f"its result was lost {_LOSSES} times with the worker that held it"
@@ -201,3 +204,9 @@ class _Batch:
     def _report(self) -> None:
         finished = self._skipped + sum(self._counts.values())
         self._tell(finished, len(self._studies), len(self._failures))
+
+
+def _lost() -> RefusalError:
+    return RefusalError(
+        "the scheduler was lost.", hint="What is finished is kept; run the same command again for the rest."
+    )

@@ -26,7 +26,7 @@ from percept.errors import UsageError
 __all__ = ["Slope", "Soak", "slope", "soak"]
 
 _HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
-_BATCH = 64  # studies per call: each opens, locks and combines anew, over the same workers
+_BATCH = 16  # studies per call: each opens, locks and combines anew, over the same workers
 # Part of the time that is left out of the slopes: imports, first allocations.
 _START = 0.25
 
