@@ -1,4 +1,4 @@
-"""A finished run as bytes, and back."""
+"""A run, finished or not, as bytes and back."""
 
 from __future__ import annotations
 
@@ -12,25 +12,33 @@ import numpy as np
 
 from percept.inference.sampling.estimands import Estimates
 from percept.inference.sampling.records import Gate, Run, Settings
+from percept.inference.sampling.spline import Spline
+from percept.inference.sampling.transport import Transport
+from percept.inference.sampling.transported import Affine
+from percept.inference.sampling.unfinished import Ensembles, Unfinished
 
 __all__ = ["DamagedEntry", "decode", "encode"]
 
-_MAGIC = b"percept run 1\n"
+_MAGIC = b"percept run 2\n"
 _DIGEST_SIZE = 32
-_RECORDS: dict[str, type[Any]] = {record.__name__: record for record in (Run, Estimates, Gate, Settings)}
+_RECORDS: dict[str, type[Any]] = {
+    record.__name__: record
+    for record in (Run, Estimates, Gate, Settings, Unfinished, Ensembles, Affine, Transport, Spline)
+}
 
 
 class DamagedEntry(ValueError):  # noqa: N818 - what is caught is damage, and nobody outside the cache sees it
     """Bytes that are not a whole entry."""
 
 
-def encode(run: Run) -> bytes:
+def encode(run: Run | Unfinished) -> bytes:
     """Turn a run into bytes: a checksum, the records as JSON, and the arrays they refer to.
 
     Parameters
     ----------
-    run : Run
-        Of its estimates the influence functions are left out: they make the errors and times, which are kept.
+    run : Run or Unfinished
+        Of a finished run's estimates the influence functions are left out: they make the errors and
+        times, which are kept.
 
     Returns
     -------
@@ -41,9 +49,11 @@ def encode(run: Run) -> bytes:
     TypeError
         Where a field has a form this module does not know.
     """
-    kept = dataclasses.replace(run.estimates, influence=run.estimates.influence[:0])
+    if isinstance(run, Run):
+        kept = dataclasses.replace(run.estimates, influence=run.estimates.influence[:0])
+        run = dataclasses.replace(run, estimates=kept)
     arrays: list[np.ndarray[Any, Any]] = []
-    head = json.dumps(_plain(dataclasses.replace(run, estimates=kept), arrays)).encode()
+    head = json.dumps(_plain(run, arrays)).encode()
     body = io.BytesIO()
     body.write(len(head).to_bytes(8, "little") + head)
     for array in arrays:
@@ -52,8 +62,8 @@ def encode(run: Run) -> bytes:
     return _MAGIC + _checksum(content) + content
 
 
-def decode(data: bytes) -> Run:
-    """Turn bytes into the run they were made of; `estimates.influence` has no rows.
+def decode(data: bytes) -> Run | Unfinished:
+    """Turn bytes into the run they were made of; a finished one's `estimates.influence` has no rows.
 
     Parameters
     ----------
@@ -62,7 +72,7 @@ def decode(data: bytes) -> Run:
 
     Returns
     -------
-    Run
+    Run or Unfinished
 
     Raises
     ------
@@ -79,7 +89,7 @@ def decode(data: bytes) -> Run:
         run = _record(head, body)
     except (TypeError, ValueError, KeyError) as error:
         raise DamagedEntry(f"it does not hold a run: {error}") from error
-    if not isinstance(run, Run):
+    if not isinstance(run, (Run, Unfinished)):
         raise DamagedEntry("it does not hold a run")
     return run
 
@@ -97,6 +107,8 @@ def _plain(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:
         return {"record": type(value).__name__, "fields": fields}
     if isinstance(value, tuple):
         return [_plain(part, arrays) for part in value]
+    if isinstance(value, dict):
+        return {"map": {name: _plain(part, arrays) for name, part in value.items()}}
     if value is None or isinstance(value, (str, bool, int, float)):
         return value
     raise TypeError(f"{type(value).__name__} cannot be stored.")
@@ -108,6 +120,8 @@ def _record(value: Any, body: io.BytesIO) -> Any:
         return tuple(_record(part, body) for part in value)
     if not isinstance(value, dict):
         return value
+    if "map" in value:
+        return {name: _record(part, body) for name, part in value["map"].items()}
     if "array" in value:
         return np.lib.format.read_array(body, allow_pickle=False)
     return _RECORDS[value["record"]](**{name: _record(v, body) for name, v in value["fields"].items()})

@@ -21,6 +21,7 @@ from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
 from percept.inference.hierarchy.unpooled import Unpooled
 from percept.inference.sampling.records import Progress, Run, Settings
+from percept.inference.sampling.unfinished import Keeper
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import Cell, cell_moments
@@ -80,9 +81,9 @@ class Fit:
 
 
 class RunStore(Protocol):
-    """Keeps finished runs, so that none is sampled twice."""
+    """Keeps finished runs, so that none is sampled twice, and unfinished ones, to be taken up again."""
 
-    def run(self, asked: tuple[object, ...], compute: Callable[[], Run]) -> Run:
+    def run(self, asked: tuple[object, ...], compute: Callable[[Keeper], Run]) -> Run:
         """Return the kept run of what is asked, or compute and keep it."""
 
 
@@ -163,10 +164,10 @@ def fit(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )
 
-    def sampled() -> Run:
+    def sampled(keeper: Keeper | None = None) -> Run:
         from percept.inference.sampling.run import sample
 
-        run = sample(prepared.model, estimands, settings, progress=progress)
+        run = sample(prepared.model, estimands, settings, progress=progress, keeper=keeper)
         # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
         points, components = np.ascontiguousarray(run.points), np.ascontiguousarray(run.components)
         return dataclasses.replace(run, points=points, components=components)
