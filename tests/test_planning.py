@@ -104,8 +104,8 @@ def test_the_planned_width_is_that_of_the_interval():
         ),
         (
             plan_share(1.5, share=0.9),
-            "the interval of 90 % of all users, with 95 % confidence, is at most 1.5 times as wide as that of a "
-            "known population",
+            "the interval of 90 % of all users, with 95 % confidence, is at most 1.5 times as wide as that "
+            "of a known population",
         ),
     ],
 )

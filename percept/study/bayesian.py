@@ -26,7 +26,8 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import Cell, cell_moments
 from percept.study.responses import ResponseScale, Trials, decades, references, trials
-from percept.study.units import NAMES, UNITS
+from percept.study.scatter import refuse_degenerate
+from percept.study.units import NAMES
 
 __all__ = ["Fit", "Prepared", "RunStore", "fit", "prepare"]
 
@@ -196,16 +197,9 @@ def _options(scene: Scene) -> Options:
 
 
 def _resolution(statistics: Statistics, scene: Scene, data: Trials) -> Resolution:
-    """Step²/12 on the response scale where the scene declares a step; refuse cells without scatter."""
+    """Step²/12 on the response scale where the scene declares a step; refuse scatter that is none."""
+    refuse_degenerate(statistics, scene)
     steps = scene.model.resolution
-    for p, parameter in enumerate(statistics.parameters):
-        if parameter in steps:
-            continue
-        still = np.flatnonzero((statistics.sd[p] == 0) & (statistics.df[p] > 0))
-        _refuse_still(statistics, parameter, still, "all subjects adjusted alike")
-        within = (statistics.trial_rows[p] ** 2).sum(axis=0)
-        still = np.flatnonzero((within == 0) & (statistics.trial_df > 0))
-        _refuse_still(statistics, parameter, still, "no subject's trials differ")
     if not steps:
         return Resolution()
     unit = (
@@ -216,17 +210,6 @@ def _resolution(statistics: Statistics, scene: Scene, data: Trials) -> Resolutio
     size = np.array([steps.get(p, 0.0) for p in statistics.parameters])  # type: ignore[call-overload]
     variance = (size[:, None] / unit) ** 2 / 12.0
     return Resolution(between=variance, trial=variance)
-
-
-def _refuse_still(statistics: Statistics, parameter: str, still: NDArray[np.intp], what: str) -> None:
-    if not len(still):
-        return
-    names = ", ".join(statistics.environments[j] for j in still)
-    raise RefusalError(
-        f"{what} in {NAMES[parameter]} of {names}: zero scatter has no proper posterior.",
-        column=f"{parameter}_adj",
-        hint=f"Give the step of the adjustment in {UNITS[parameter]}: [model] resolution.{parameter}.",
-    )
 
 
 def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:

@@ -9,6 +9,7 @@ import pandas as pd
 
 from percept.inference.intervals import Interval
 from percept.study.classical import FAMILIES, cell_interval, cell_moments
+from percept.study.responses import refuse_lone_subject
 from percept.study.units import UNITS
 
 if TYPE_CHECKING:
@@ -36,6 +37,11 @@ def interval_table(study: Study) -> pd.DataFrame:
     DataFrame
         One row per interval: environment, what `Interval.as_dict` holds, and the reference; limits and
         references in N/m and N·s/m. No Bayesian rows where the gate failed.
+
+    Raises
+    ------
+    RefusalError
+        Fewer than two subjects; and as the fit.
     """
     rows = []
     if study.scene.inference.method != "bayesian":
@@ -46,6 +52,8 @@ def interval_table(study: Study) -> pd.DataFrame:
 
 
 def _classical(study: Study) -> Iterator[dict[str, Any]]:
+    if study.sessions.form != "summary":
+        refuse_lone_subject(study.sessions.table["subject"].unique().tolist())
     joints = ("marginal", "bonferroni") if len(study.parameters) == 2 else ("marginal",)
     for family in FAMILIES:
         for cell in cell_moments(study.sessions, study.parameters, family):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.units import NAMES
 
-__all__ = ["ResponseScale", "Trials", "references", "trials"]
+__all__ = ["ResponseScale", "Trials", "references", "refuse_lone_subject", "trials"]
 
 Array = NDArray[np.float64]
 
@@ -99,6 +100,27 @@ def decades(reference: Array) -> Array:
     return np.array(rows)
 
 
+def refuse_lone_subject(subjects: Sequence[str]) -> None:
+    """Refuse a study of fewer than two subjects.
+
+    Parameters
+    ----------
+    subjects : sequence of str
+        Subjects with data.
+
+    Raises
+    ------
+    RefusalError
+        Naming the one there is.
+    """
+    if len(subjects) < 2:
+        found = f"only one, {subjects[0]!r}, is" if subjects else "none is"
+        raise RefusalError(
+            f"at least two subjects are needed to tell users apart; {found} in the data.",
+            hint="Add the sessions of more subjects.",
+        )
+
+
 def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials:
     """Take the trials with all parameters asked for, in unit-free responses.
 
@@ -126,12 +148,7 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Tri
     table = sessions.table[complete]
     subjects = tuple(dict.fromkeys(table["subject"]))
     environments = tuple(dict.fromkeys(table["environment"]))
-    if len(subjects) < 2:
-        found = f"only one, {subjects[0]!r}, is" if subjects else "none is"
-        raise RefusalError(
-            f"at least two subjects are needed to tell users apart; {found} in the data.",
-            hint="Add the sessions of more subjects.",
-        )
+    refuse_lone_subject(subjects)
     adjusted = table[columns].to_numpy(dtype=float)
     lognormal = scene.inference.family == "lognormal"
     if lognormal:

@@ -1,0 +1,95 @@
+"""Data whose scatter has no proper posterior are refused by name, and nothing else is."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept.errors import RefusalError
+from percept.inference.hierarchy.statistics import from_trials
+from percept.scene import Scene
+from percept.study.scatter import refuse_degenerate
+
+ENVIRONMENTS = ("A", "B", "C")
+
+
+def statistics(response, subject, environment):
+    return from_trials(
+        response,
+        subject,
+        environment,
+        np.array([[-1.0, 0.0, 1.0]] * 2),
+        parameters=("k", "b"),
+        environments=ENVIRONMENTS,
+        subjects=tuple(f"S{i}" for i in range(subject.max() + 1)),
+    )
+
+
+def study(rng, *, subjects=5, trials=2):
+    """Independent scatter at every level: responses (N, 2), subject, environment."""
+    index = np.array([(s, e) for s in range(subjects) for e in range(3) for _ in range(trials)])
+    cell = rng.normal(0, 0.2, (subjects, 3, 2))[index[:, 0], index[:, 1]]
+    return cell, rng.normal(0, 0.1, cell.shape), index[:, 0], index[:, 1]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("level", ["trials", "means"])
+def test_exact_proportion_is_refused(level, sign):
+    cell, trial, subject, environment = study(np.random.default_rng(1), trials=2 if level == "trials" else 1)
+    part = trial if level == "trials" else cell
+    part[:, 1] = sign * 0.7 * part[:, 0]
+    response = cell + trial if level == "trials" else cell
+    what = "a subject's trials" if level == "trials" else "the subjects' means"
+    with pytest.raises(RefusalError, match=rf"stiffness and damping of {what} move in exact proportion"):
+        refuse_degenerate(statistics(response, subject, environment), Scene())
+    steps = Scene.model_validate({"model": {"resolution": {"k": 0.5, "b": 0.01}}})
+    refuse_degenerate(statistics(response, subject, environment), steps)
+
+
+def test_one_environment_out_of_proportion_is_enough():
+    cell, trial, subject, environment = study(np.random.default_rng(2))
+    loose = environment == 1
+    trial[~loose, 1] = trial[~loose, 0]
+    refuse_degenerate(statistics(cell + trial, subject, environment), Scene())
+
+
+def test_proportions_of_both_signs_contradict_each_other():
+    cell, trial, subject, environment = study(np.random.default_rng(3))
+    trial[:, 1] = np.where(environment == 0, -1.0, 1.0) * trial[:, 0]
+    refuse_degenerate(statistics(cell + trial, subject, environment), Scene())
+
+
+def test_a_few_pairs_are_no_reason():
+    """One degree of freedom per environment is always in proportion, and integrable."""
+    cell, _, subject, environment = study(np.random.default_rng(4), subjects=2, trials=1)
+    refuse_degenerate(statistics(cell, subject, environment), Scene())
+
+
+def test_no_scatter_is_refused_with_the_step_to_give():
+    cell, _, subject, environment = study(np.random.default_rng(5), trials=1)
+    cell[environment == 2, 0] = 0.25
+    message = "all subjects adjusted alike in stiffness of C: zero scatter has no proper posterior."
+    with pytest.raises(RefusalError, match=re.escape(message)) as caught:
+        refuse_degenerate(statistics(cell, subject, environment), Scene())
+    assert "resolution.k" in caught.value.hint
+
+
+def test_classical_alone_refuses_one_subject_too(tmp_path):
+    import percept
+
+    table = pd.DataFrame(
+        {
+            "subject": "S01",
+            "environment": ["A", "B"],
+            "k_ref": [10.0, 20.0],
+            "b_ref": 1.0,
+            "k_adj": [11.0, 19.0],
+            "b_adj": 1.1,
+        }
+    )
+    table.to_csv(tmp_path / "one.csv", index=False)
+    scene = Scene().with_inference(method="classical")
+    study = percept.Study(percept.read_sessions(tmp_path / "one.csv"), scene)
+    with pytest.raises(RefusalError, match=r"at least two subjects .* only one, 'S01'"):
+        _ = study.intervals
