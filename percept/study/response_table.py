@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
@@ -27,7 +28,7 @@ def read_response(path: str) -> TabulatedDevice:
     Raises
     ------
     UsageError
-        If the file cannot be read or lacks a column.
+        If the file cannot be read, lacks a column, or holds what is not a finite number.
     """
     try:
         table = pd.read_csv(path)
@@ -38,7 +39,13 @@ def read_response(path: str) -> TabulatedDevice:
         raise UsageError(
             f"the column is missing; there are {', '.join(table.columns)}.", file=path, column=missing[0]
         )
-    return TabulatedDevice(
-        omega=table["omega"].to_numpy(dtype=float),
-        impedance=table["real"].to_numpy(dtype=float) + 1j * table["imaginary"].to_numpy(dtype=float),
-    )
+    impedance = np.empty(len(table), dtype=complex)
+    try:
+        # Part by part: 1j times an infinite number is not a number.
+        impedance.real, impedance.imag = table["real"].to_numpy(float), table["imaginary"].to_numpy(float)
+        return TabulatedDevice(omega=table["omega"].to_numpy(float), impedance=impedance)
+    except UsageError as error:
+        error.file = path
+        raise
+    except ValueError as error:
+        raise UsageError(f"holds what is not a number: {error}.", file=path) from error

@@ -119,7 +119,9 @@ def _gram(spread: list[Array]) -> Block:
     first = np.einsum("qjw,qjw->jw", spread[0], spread[0])
     if len(spread) == 1:
         return Scalar(first)
-    slope = np.einsum("qjw,qjw->jw", spread[0], spread[1]) / first
+    cross = np.einsum("qjw,qjw->jw", spread[0], spread[1])
+    # A variance that underflows leaves nothing to regress on.
+    slope = np.divide(cross, first, out=np.zeros_like(cross), where=first > 0)
     left = spread[1] - slope * spread[0]
     return Pair(first, slope, np.einsum("qjw,qjw->jw", left, left))
 

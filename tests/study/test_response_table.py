@@ -1,0 +1,41 @@
+"""A measured response is read part by part, and what is wrong in its file is said with the file's name."""
+
+import numpy as np
+import pytest
+
+from percept.errors import UsageError
+from percept.study.response_table import read_response
+
+
+def write(tmp_path, *rows):
+    path = tmp_path / "zd.csv"
+    path.write_text("omega,real,imaginary\n" + "\n".join(rows) + "\n")
+    return str(path)
+
+
+def test_values_are_those_of_the_file(tmp_path):
+    device = read_response(write(tmp_path, "0.1,5,-2e3", "1,5.25,1", "10,6,10"))
+    np.testing.assert_array_equal(device.omega, [0.1, 1.0, 10.0])
+    np.testing.assert_array_equal(device.impedance, [5 - 2e3j, 5.25 + 1j, 6 + 10j])
+
+
+@pytest.mark.parametrize("bad", ["1,5,inf", "1,-inf,2", "1,5,nan", "1,5,"])
+def test_what_is_not_finite_is_refused_with_the_file(tmp_path, bad):
+    path = write(tmp_path, "0.1,5,1", bad, "10,6,10")
+    with pytest.raises(UsageError, match="finite") as caught:
+        read_response(path)
+    assert caught.value.file == path
+
+
+def test_text_in_a_number_is_refused_with_the_file(tmp_path):
+    path = write(tmp_path, "0.1,5,1", "1,five,2")
+    with pytest.raises(UsageError, match="not a number.*five") as caught:
+        read_response(path)
+    assert caught.value.file == path
+
+
+def test_a_missing_column_is_named(tmp_path):
+    path = tmp_path / "zd.csv"
+    path.write_text("omega,real\n1,2\n")
+    with pytest.raises(UsageError, match="column 'imaginary': the column is missing; there are omega, real"):
+        read_response(str(path))
