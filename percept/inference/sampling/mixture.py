@@ -62,7 +62,7 @@ def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> Arr
             newton = x + beyond / density * np.log(beyond / tail)
         inside = (newton >= low) & (newton <= high)
         after = np.where(inside, newton, 0.5 * (low + high))
-        done = inside & (np.abs(after - x) <= _LAST_STEP * spread)
+        done = np.abs(after - x) <= _LAST_STEP * spread
         x = after
         if done.all():
             break
@@ -218,7 +218,7 @@ def share_half_width(
             newton = h + (confidence - held) / rate
         inside = (newton >= low) & (newton <= high)
         after = np.where(inside, newton, 0.5 * (low + high))
-        done = inside & (np.abs(after - h) <= _LAST_STEP * h)
+        done = np.abs(after - h) <= _LAST_STEP * h
         h = after
         if done.all():
             break

@@ -22,7 +22,7 @@ __all__ = ["Gate", "Progress", "Run", "Settings", "sample"]
 
 Array = NDArray[np.float64]
 _BURN_IN = 24
-_FIRST_ROUND = 96
+_FIRST_ROUND = 144
 _STRIDE = 3  # steps between kept positions, a fraction of an autocorrelation time
 _PIECE = 480  # steps after which an unfinished run can be stored
 _KEPT_LIMIT = 1 << 18  # kept draws over all ensembles; beyond it every second one goes

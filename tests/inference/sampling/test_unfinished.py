@@ -62,7 +62,7 @@ def test_an_interrupt_saves_the_last_whole_piece(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         sample(TARGET, ESTIMANDS, SETTINGS, keeper=memory, progress=stop)
     (kept,) = memory.saved
-    assert kept.points.shape[1] * kept.stride >= 96
+    assert kept.points.shape[1] * kept.stride >= 144
     again = sample(TARGET, ESTIMANDS, SETTINGS, keeper=Memory(kept))
     same(again, sample(TARGET, ESTIMANDS, SETTINGS))
 
