@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib import resources
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from percept.report.numbers import rounded
 from percept.report.page import Plate
+from percept.report.standalone import render_standalone
 from percept.reproduce.claims import Claim
 
 __all__ = ["render"]
@@ -50,50 +47,19 @@ def render(
     str
         HTML.
     """
-
-    def figure(name: str) -> Markup:
-        return Markup(plates[name].svg)
-
-    def shown(value: float | str | None, digits: int = 5) -> Markup:
-        if value is None:
-            return Markup('<span class="none">–</span>')
-        return Markup('<data value="{}">{}</data>').format(value, rounded(float(value), digits))
-
-    return (
-        _environment()
-        .get_template("reproduction.html.j2")
-        .render(
-            document=document,
-            claims=claims,
-            by_name={claim.name: claim for claim in claims},
-            sections=_SECTIONS,
-            plates=plates,
-            figure=figure,
-            n=shown,
-            date=date,
-            style=_style(),
-        )
+    return render_standalone(
+        "percept.reproduce",
+        "reproduction.html.j2",
+        plates,
+        digits=5,
+        symbols=_symbols,
+        styles=("reproduction.css",),
+        document=document,
+        claims=claims,
+        by_name={claim.name: claim for claim in claims},
+        sections=_SECTIONS,
+        date=date,
     )
-
-
-@cache
-def _environment() -> Environment:
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader("percept.reproduce"), PackageLoader("percept.report")]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["symbols"] = _symbols
-    return environment
-
-
-@cache
-def _style() -> Markup:
-    shared = resources.files("percept.report").joinpath("templates", "page.css")
-    own = resources.files("percept.reproduce").joinpath("templates", "reproduction.css")
-    return Markup(shared.read_text(encoding="utf-8") + own.read_text(encoding="utf-8"))
 
 
 def _symbols(text: str) -> Markup:

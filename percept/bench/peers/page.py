@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
-from importlib import resources
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-
-from percept.report.numbers import rounded
 from percept.report.page import Plate
+from percept.report.standalone import render_standalone
 
 __all__ = ["render"]
 
@@ -43,49 +38,16 @@ def render(document: Mapping[str, Any], plates: Mapping[str, Plate], *, date: st
     str
         HTML.
     """
-
-    def figure(name: str) -> Markup:
-        return Markup(plates[name].svg)
-
-    def shown(value: float | str | None, digits: int = 3) -> Markup:
-        if value is None:
-            return Markup('<span class="none">–</span>')
-        return Markup('<data value="{}">{}</data>').format(value, rounded(float(value), digits))
-
-    names = {one["name"]: one for one in document["engines"]}
-    return (
-        _environment()
-        .get_template("benchmark.html.j2")
-        .render(
-            document=document,
-            names=names,
-            levels=list(dict.fromkeys(row["level"] for row in document["reached"])),
-            series=list(dict.fromkeys((row["engine"], row["how"]) for row in document["reached"])),
-            at={(row["engine"], row["how"], row["level"]): row for row in document["reached"]},
-            sections=_SECTIONS,
-            plates=plates,
-            figure=figure,
-            n=shown,
-            date=date,
-            style=_style(),
-        )
+    return render_standalone(
+        "percept.bench.peers",
+        "benchmark.html.j2",
+        plates,
+        digits=3,
+        document=document,
+        names={one["name"]: one for one in document["engines"]},
+        levels=list(dict.fromkeys(row["level"] for row in document["reached"])),
+        series=list(dict.fromkeys((row["engine"], row["how"]) for row in document["reached"])),
+        at={(row["engine"], row["how"], row["level"]): row for row in document["reached"]},
+        sections=_SECTIONS,
+        date=date,
     )
-
-
-@cache
-def _environment() -> Environment:
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader("percept.bench.peers"), PackageLoader("percept.report")]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["symbols"] = str
-    return environment
-
-
-@cache
-def _style() -> Markup:
-    shared = resources.files("percept.report").joinpath("templates", "page.css")
-    return Markup(shared.read_text(encoding="utf-8"))
