@@ -28,7 +28,7 @@ class Plate:
     title, description : str
         Text, not yet escaped.
     svg : str
-        An ``<svg>`` element as `percept.report.figures.canvas.inline_svg` writes it.
+        An ``<svg>`` element as `percept.report.figures.files.Picture.inline` writes it.
     """
 
     title: str

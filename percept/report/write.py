@@ -13,7 +13,6 @@ from percept.report.pdf import print_pdf
 from percept.report.plain import dumps
 
 if TYPE_CHECKING:
-    from percept.report.page import Plate
     from percept.study import Study
 
 __all__ = ["write_report"]
@@ -80,8 +79,10 @@ def write_report(
 def _fill(
     folder: Path, study: Study, document: dict[str, object], formats: Sequence[str], date: str, step: Progress
 ) -> None:
+    from percept.report.figures.catalogue import drawings
     from percept.report.latex import latex_tables
     from percept.report.page import render_page
+    from percept.report.plates import draw_plates
     from percept.report.references import bibtex
     from percept.report.tables import csv_tables
 
@@ -92,24 +93,9 @@ def _fill(
         (folder / "tables" / name).write_text(text, encoding="utf-8")
     (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
     step("figures")
-    plates = _figures(folder / "figures", document, formats)
+    plates = draw_plates(drawings(document), folder / "figures", formats=formats)
     if study.posterior is not None:
         step("posterior")
         study.posterior.to_netcdf(folder / "posterior.nc")
     step("page")
     (folder / "report.html").write_text(render_page(document, plates, date=date), encoding="utf-8")
-
-
-def _figures(folder: Path, document: dict[str, object], formats: Sequence[str]) -> dict[str, Plate]:
-    """Draw every figure once, write its files, and return what the page shows."""
-    from percept.report.figures.catalogue import drawings
-    from percept.report.figures.files import inline_svg, rendered
-    from percept.report.page import Plate
-
-    plates = {}
-    for drawing in drawings(document):
-        for form in formats:
-            folder.mkdir(exist_ok=True)
-            (folder / f"{drawing.name}.{form}").write_bytes(rendered(drawing, form))
-        plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(drawing))
-    return plates

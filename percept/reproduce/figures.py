@@ -25,7 +25,7 @@ from percept.report.figures.canvas import (
     grid,
     legend_below,
     panels,
-    plain_text,
+    shade_boxes,
 )
 from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
@@ -162,7 +162,7 @@ def _draw_panel(
 ) -> None:
     (ax,) = panels(figure, left=18, bottom=24, right=5)
     _draw_four(ax, published, device, wall, omega, coupling=published.tuned, log=log)
-    ax.set_title(plain_text(f"{wall.name}: {wall.k:g} N/m, {wall.b:g} N·s/m"), loc="left")
+    ax.set_title(f"{wall.name}: {wall.k:g} N/m, {wall.b:g} N·s/m", loc="left")
     legend_below(ax, columns=1)
 
 
@@ -201,14 +201,14 @@ def _maps(published: Published) -> Drawing:
         for ax, panel in zip(axes, shown, strict=False):
             true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
             _shade(ax, true, alpha=0.35)
-            ax.set_title(plain_text(f"Fig. {panel.name}: {panel.says}"), loc="left", fontsize=7)
+            ax.set_title(f"Fig. {panel.name}: {panel.says}", loc="left", fontsize=7)
         count = devices.environments_inside(published, _MAP_MASSES, _MAP_DAMPINGS[:, None])
         for least in range(1, len(published.walls) + 1):
             _shade(axes[-1], count >= least, alpha=0.18)
         few, most = int(count.min()), int(count.max())
         told = f"{few} to {most}" if few < most else f"{few}"
         title = f"real through the tuned coupling: {told} of {len(published.walls)}"
-        axes[-1].set_title(plain_text(title), loc="left", fontsize=7)
+        axes[-1].set_title(title, loc="left", fontsize=7)
         for ax in axes:
             _mark_devices(ax, published)
             ax.set_xlabel("device mass (kg)")
@@ -236,17 +236,8 @@ def _shade(ax: Axes, true: devices.BoolArray, *, alpha: float) -> None:
     _, ends = np.nonzero(np.diff(padded, axis=1) == -1)
     if rows.size:
         masses, dampings = _edges(_MAP_MASSES), _edges(_MAP_DAMPINGS)
-        ax.barh(
-            dampings[rows],
-            masses[ends] - masses[starts],
-            height=dampings[rows + 1] - dampings[rows],
-            left=masses[starts],
-            align="edge",
-            color=COLOURS["coupled"],
-            alpha=alpha,
-            linewidth=0,
-            antialiased=False,
-        )
+        sides = (masses[starts], masses[ends], dampings[rows], dampings[rows + 1])
+        shade_boxes(ax, np.column_stack(sides), color=COLOURS["coupled"], alpha=alpha)
 
 
 def _edges(places: devices.FloatArray) -> devices.FloatArray:
@@ -306,8 +297,8 @@ def _trade(published: Published, trade: TradeOff) -> Drawing:
         _logarithmic(ax)
         ax.set_xlim(trade.damping[0], trade.damping[-1])
         ax.set_ylim(bottom=_ANY / 1e3)
-        ax.set_xlabel("device damping b$_d$ (N·s/m)")
-        ax.set_ylabel("k$_c$ (kN/m)")
+        ax.set_xlabel("device damping (N·s/m)")
+        ax.set_ylabel("coupling stiffness (kN/m)")
         legend_below(ax, columns=2)
 
     return Drawing(
@@ -358,9 +349,9 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
                 stable=(edge.stiffness, edge.damping),
                 coupling=(float(published.tuned.stiffness), float(published.tuned.damping)),
             )
-            ax.set_title(plain_text(name), loc="left")
+            ax.set_title(name, loc="left")
         for ax in axes[::3]:
-            ax.set_ylabel("b$_c$ (N·s/m)")
+            ax.set_ylabel("coupling damping (N·s/m)")
         legend_below(axes[0], columns=3)
 
     return Drawing(

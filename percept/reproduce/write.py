@@ -54,8 +54,7 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
     UsageError
         Where the folder is a file or cannot be written.
     """
-    from percept.report.figures.files import inline_svg, rendered
-    from percept.report.page import Plate
+    from percept.report.plates import draw_plates
     from percept.reproduce.adaptive import adapted_couplings, trade_off
     from percept.reproduce.document import build_document, claims_csv, table_csv
     from percept.reproduce.figures import drawings
@@ -72,11 +71,7 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
         }
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="utf-8")
-        (folder / "figures").mkdir()
-        plates = {}
-        for drawing in drawings(published, adapted, trade):
-            (folder / "figures" / f"{drawing.name}.svg").write_bytes(rendered(drawing, "svg"))
-            plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(drawing))
+        plates = draw_plates(drawings(published, adapted, trade), folder / "figures")
         page = render(document, claims, plates, date=date or datetime.date.today().isoformat())
         (folder / PAGE).write_text(page, encoding="utf-8")
     return Written(Path(out_dir), Path(out_dir) / PAGE, tuple(claims))

@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from percept.errors import UsageError
 from percept.report.figures.band import Widths, draw_band
 from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio
-from percept.report.figures.canvas import COLOURS, grid, panels, plain_text
+from percept.report.figures.canvas import COLOURS, Drawing, grid, panels, shade_boxes
 from percept.report.figures.catalogue import drawings
 from percept.report.figures.design import draw_design
-from percept.report.figures.files import inline_svg, rendered
+from percept.report.figures.files import Picture
 from percept.report.figures.intervals import Bar, draw_intervals
+from percept.report.plates import draw_plates
 
 SVG = "{http://www.w3.org/2000/svg}"
 HOSTILE = '<script>alert("$x$")</script>'
@@ -37,31 +38,31 @@ def test_every_environment_has_its_three_views(found):
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
 def test_the_same_drawing_gives_the_same_bytes(found, form):
-    once, again = (rendered(found["boundary_1_zoom"], form) for _ in range(2))
+    once, again = (Picture(found["boundary_1_zoom"]).file(form) for _ in range(2))
     assert once == again
     assert once.startswith({"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}[form])
 
 
 def test_a_file_has_its_size_in_millimetres(found):
     drawing = found["band"]
-    root = ET.fromstring(rendered(drawing, "svg"))
+    root = ET.fromstring(Picture(drawing).file("svg"))
     for side, length in zip(("width", "height"), drawing.size, strict=True):
         assert float(root.get(side).removesuffix("pt")) == pytest.approx(length * 72 / 25.4, rel=1e-6)
 
 
 def test_another_format_is_refused(found):
     with pytest.raises(UsageError, match="figures come as svg, pdf, png"):
-        rendered(found["band"], "eps")
+        Picture(found["band"]).file("eps")
 
 
 def test_embedded_fonts_in_a_pdf(found):
     # Type 42 keeps the outlines of the font; Type 3 is what journals refuse.
-    assert b"/FontFile2" in rendered(found["band"], "pdf")
+    assert b"/FontFile2" in Picture(found["band"]).file("pdf")
 
 
 def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
     drawing = found["boundary_2_ratio"]
-    text = inline_svg(drawing)
+    text = Picture(drawing).inline()
     root = ET.fromstring(text)
     assert root.tag == f"{SVG}svg"
     assert root.find(f"{SVG}title").text == drawing.title
@@ -76,7 +77,7 @@ def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
 
 def test_the_page_s_svg_takes_its_colours_from_the_page(found):
     drawing = found["intervals_k"]
-    text = inline_svg(drawing)
+    text = Picture(drawing).inline()
     assert "var(--classical)" in text
     assert "var(--bayesian)" in text
     left = set(re.findall(r"#[0-9a-fA-F]{6}\b", text))
@@ -92,15 +93,92 @@ def test_hostile_names_are_drawn_as_text(both):
     document["zoom"][HOSTILE] = document["zoom"]["VE1"]
     by_name = {drawing.name: drawing for drawing in drawings(document)}
     for name in ("intervals_k", "boundary_1_range"):
-        text = inline_svg(by_name[name])
+        text = Picture(by_name[name]).inline()
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
         assert 'alert("$x$")' in seen
 
 
-def test_dollars_are_no_mathematics():
-    assert plain_text("a$b$c") == r"a\$b\$c"
-    assert plain_text("plain") == "plain"
+def drawing_of(draw, **given):
+    """A drawing of one set of axes."""
+
+    def on(figure):
+        (ax,) = panels(figure)
+        draw(ax)
+
+    return Drawing(
+        **{"name": "one", "title": "T", "description": "D", "size": (80.0, 60.0), "draw": on, **given}
+    )
+
+
+def texts(content):
+    return ["".join(element.itertext()) for element in ET.fromstring(content).iter(f"{SVG}text")]
+
+
+def test_dollars_are_no_mathematics_in_files_either():
+    picture = Picture(drawing_of(lambda ax: ax.set_title(r"a$b$c\$")))
+    for content in (picture.file("svg"), picture.inline()):
+        assert r"a$b$c\$" in texts(content)
+
+
+def test_powers_of_ten_are_plain_letters():
+    def draw(ax):
+        ax.set_xscale("log")
+        ax.set_xlim(1e-3, 1e3)
+        ax.set_yscale("log")
+        ax.set_ylim(2.0, 6.0)
+
+    said = texts(Picture(drawing_of(draw)).inline())
+    assert {"10⁻³", "10⁰", "10²"} <= set(said)
+    # Where there is no power of ten on an axis, the places between are named.
+    assert "3×10⁰" in said
+    assert not [one for one in said if "$" in one or "{" in one]
+
+
+def test_what_a_user_wrote_is_not_taken_for_colours_or_references():
+    name = 'id="figure_1" url(#x) #0067a5 --><b> ]]>'
+    picture = Picture(drawing_of(lambda ax: ax.set_title(name), title=name, description=name))
+    for content in (picture.file("svg"), picture.inline()):
+        root = ET.fromstring(content)
+        assert name in texts(content)
+        assert [root.find(f"{SVG}{tag}").text for tag in ("title", "desc")] == [name, name]
+    assert "var(--classical)" not in picture.inline()
+
+
+def test_a_label_in_an_id_of_the_file_is_none_in_the_page():
+    picture = Picture(drawing_of(lambda ax: ax.plot([1, 2], [1, 2])[0].set_gid('coupling:5 "kN"/m')))
+    assert 'coupling:5 "kN"/m' in {element.get("id") for element in ET.fromstring(picture.file("svg")).iter()}
+    assert "coupling:5" not in picture.inline()
+
+
+def test_the_page_is_not_styled_by_its_figures(found):
+    text = Picture(found["band"]).inline()
+    assert "<style" not in text
+    assert ET.fromstring(text).get("stroke-linejoin") == "round"
+
+
+def test_a_figure_is_drawn_once_for_its_files_and_the_page(tmp_path):
+    drawn = []
+    drawing = drawing_of(lambda ax: drawn.append(ax.plot([1, 2], [3, 4], color=COLOURS["coupled"])))
+    plates = draw_plates([drawing], tmp_path / "figures", formats=("svg", "pdf"))
+    assert len(drawn) == 1
+    assert plates["one"].title == "T"
+    path = re.compile(r'd="([^"]*)"[^>]*stroke: (?:#007a5a|var\(--coupled\))')
+    file = (tmp_path / "figures" / "one.svg").read_text(encoding="utf-8")
+    assert path.findall(file) == path.findall(plates["one"].svg) != []
+    assert {one.name for one in (tmp_path / "figures").iterdir()} == {"one.svg", "one.pdf"}
+
+
+def test_without_formats_there_is_no_folder(tmp_path):
+    assert list(draw_plates([drawing_of(lambda ax: None)], tmp_path / "figures", formats=())) == ["one"]
+    assert not (tmp_path / "figures").exists()
+
+
+def test_every_figure_of_a_report_says_what_its_axes_are(found):
+    for drawing in found.values():
+        assert any("(" in one or "reference" in one for one in texts(Picture(drawing).file("svg"))), (
+            drawing.name
+        )
 
 
 def test_panels_stand_where_the_millimetres_say():
@@ -182,10 +260,18 @@ def test_the_map_shades_every_interval_of_every_line():
     ax = axes()
     intervals = [np.array([[0.0, 1e3]]), np.array([[0.0, 1e3], [2e3, 3e3]]), np.empty((0, 2))]
     draw_design(ax, np.array([0.0, 1.0, 2.0]), intervals, coupling=(5e3, 4.0))
-    bars = [(bar.get_x(), bar.get_width(), bar.get_y(), bar.get_height()) for bar in ax.patches]
-    assert bars == [(0.0, 1.0, 0.0, 0.5), (0.0, 1.0, 0.5, 1.0), (2.0, 1.0, 0.5, 1.0)]
+    (shade,) = ax.patches
+    boxes = [(*box.min(axis=0), *box.max(axis=0)) for box in shade.get_path().to_polygons()]
+    assert boxes == [(0.0, 0.0, 1.0, 0.5), (0.0, 0.5, 1.0, 1.5), (2.0, 0.5, 3.0, 1.5)]
     (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (5.0, 4.0)
+
+
+def test_boxes_count_for_the_limits_of_their_axes():
+    ax = axes()
+    ax.margins(0)
+    shade_boxes(ax, np.array([[1.0, 2.0, 3.0, 5.0], [4.0, 8.0, -1.0, 0.0]]), color="#007a5a", alpha=0.5)
+    assert (*ax.get_xlim(), *ax.get_ylim()) == (1.0, 8.0, -1.0, 5.0)
 
 
 def contrast(one, other):

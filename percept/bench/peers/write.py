@@ -9,10 +9,9 @@ from typing import Any
 
 from percept.bench.peers.figures import drawings
 from percept.bench.peers.page import render
-from percept.report.figures.files import inline_svg, rendered
 from percept.report.folder import filled_folder
-from percept.report.page import Plate
 from percept.report.plain import dumps
+from percept.report.plates import draw_plates
 
 __all__ = ["PAGE", "write_benchmark"]
 
@@ -43,11 +42,7 @@ def write_benchmark(document: Mapping[str, Any], out_dir: str | Path, *, date: s
     """
     with filled_folder(out_dir, last=PAGE) as folder:
         (folder / "benchmark.json").write_text(dumps(document), encoding="utf-8")
-        (folder / "figures").mkdir()
-        plates = {}
-        for drawing in drawings(document):
-            (folder / "figures" / f"{drawing.name}.svg").write_bytes(rendered(drawing, "svg"))
-            plates[drawing.name] = Plate(drawing.title, drawing.description, inline_svg(drawing))
+        plates = draw_plates(drawings(document), folder / "figures")
         page = render(document, plates, date=date or datetime.date.today().isoformat())
         (folder / PAGE).write_text(page, encoding="utf-8")
     return Path(out_dir) / PAGE

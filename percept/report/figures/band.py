@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, Axes, plain_text
+from percept.report.figures.canvas import COLOURS, Axes
 
 __all__ = ["Widths", "draw_band"]
 
@@ -70,8 +70,9 @@ def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None
             ax.plot(impedance, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
     first = series[0]
     for name, x, y in zip(first.environments, first.impedance, first.band, strict=True):
-        ax.annotate(plain_text(name), (x, y), xytext=(4, -8), textcoords="offset points", fontsize=6.5)
+        ax.annotate(name, (x, y), xytext=(4, -8), textcoords="offset points", fontsize=6.5)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.set_xlabel("environment impedance |Z$_e$| (N·s/m)")
+    ax.minorticks_off()
+    ax.set_xlabel("environment impedance |Zₑ| (N·s/m)")
     ax.set_ylabel("band (N·s/m)")

@@ -68,9 +68,9 @@ def draw_magnitude(
         Logarithmic axes.
     """
     _draw_limits(ax, limits)
-    ax.plot(omega, reference, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Z$_h$|")
+    ax.plot(omega, reference, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
     if coupled is not None:
-        label = "reference with coupling, |Z$_{h,vc}$|"
+        label = "reference through the coupling"
         ax.plot(omega, coupled, color=COLOURS["coupled"], linestyle=_COUPLED, label=label)
     if log:
         _log_axis(ax)
@@ -80,7 +80,7 @@ def draw_magnitude(
         ax.locator_params(nbins=5)
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("angular frequency ω (rad/s)")
-    ax.set_ylabel("|Z$_h$| (N·s/m)")
+    ax.set_ylabel("|Zₕ| (N·s/m)")
 
 
 def draw_ratio(
@@ -107,9 +107,9 @@ def draw_ratio(
         replace(one, lower=one.lower / one.reference, upper=one.upper / one.reference) for one in limits
     ]
     _draw_limits(ax, ratios)
-    ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Z$_h$|")
+    ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
     if coupled is not None:
-        label = "reference with coupling, |Z$_{h,vc}$|"
+        label = "reference through the coupling"
         ax.plot(omega, coupled / reference, color=COLOURS["coupled"], linestyle=_COUPLED, label=label)
     _log_axis(ax)
     ax.set_xlim(omega[0], omega[-1])
@@ -121,6 +121,8 @@ def draw_ratio(
         ax.set_yscale("log", nonpositive="clip")
         ax.set_ylim(max(seen.min(), seen.max() * 1e-4) / 1.3, seen.max() * 1.3)
         ax.yaxis.minorticks_off()
+    else:
+        ax.locator_params(axis="y", nbins=6)
 
 
 def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:

@@ -6,16 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
-    import matplotlib.axes
-    import matplotlib.figure
-
-    from percept.report.figures.svg.axes import SvgAxes, SvgFigure
-
-    #: Ours, which write SVG at once, or matplotlib's, for PDF and PNG.
-    Figure = SvgFigure | matplotlib.figure.Figure
-    Axes = SvgAxes | matplotlib.axes.Axes
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 else:
+    # Importing matplotlib takes long: only drawing does it.
     Figure = Axes = Any
 
 __all__ = [
@@ -27,7 +25,7 @@ __all__ = [
     "grid",
     "legend_below",
     "panels",
-    "plain_text",
+    "shade_boxes",
 ]
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them apart as well.
@@ -62,7 +60,7 @@ class Drawing:
     size : tuple of float
         Width and height, mm.
     draw : callable
-        Draws on an empty Figure, ours or matplotlib's.
+        Draws on an empty matplotlib Figure.
     """
 
     name: str
@@ -70,11 +68,6 @@ class Drawing:
     description: str
     size: tuple[float, float]
     draw: Callable[[Figure], None]
-
-
-def plain_text(text: str) -> str:
-    """Return text that is drawn as it stands, dollar signs included."""
-    return text.replace("\\", "\\\\").replace("$", r"\$") if "$" in text else text
 
 
 def panels(
@@ -159,9 +152,46 @@ def grid(
 def legend_below(ax: Axes, *, columns: int = 2) -> None:
     """Put the legend of some axes at the lower edge of their figure."""
     handles, labels = ax.get_legend_handles_labels()
-    # Of either library, and its own axes' marks.
-    figure: Any = ax.get_figure(root=True)
+    figure = ax.get_figure(root=True)
     if figure is not None and handles:
         figure.legend(
             handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=columns, borderaxespad=0.2
         )
+
+
+def shade_boxes(
+    ax: Axes, boxes: NDArray[np.float64], *, color: str, alpha: float, label: str | None = None
+) -> None:
+    """Shade boxes that do not overlap, without outline, all as one mark.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    boxes : ndarray, shape (n, 4)
+        Left, right, bottom and top of each, in the axes' units.
+    color : str
+        Of `COLOURS`.
+    alpha : float
+        Opacity.
+    label : str, optional
+        For the legend.
+    """
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    corners = boxes[:, [[0, 2], [1, 2], [1, 3], [0, 3]]]
+    closed = np.concatenate([corners, corners[:, :1]], axis=1)
+    # Where boxes touch, smoothed edges would leave a light line.
+    mark = PathPatch(
+        Path.make_compound_path_from_polys(closed),
+        color=color,
+        alpha=alpha,
+        linewidth=0,
+        antialiased=False,
+        label=label,
+    )
+    ax.add_artist(mark)
+    # add_patch would look for the extent segment by segment.
+    ax.update_datalim(corners.reshape(-1, 2))
+    ax.autoscale_view()

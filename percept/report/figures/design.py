@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, Axes
+from percept.report.figures.canvas import COLOURS, Axes, shade_boxes
 
 __all__ = ["draw_design"]
 
@@ -46,20 +46,17 @@ def draw_design(
         )
     # One bar per line of b_c, up to half way to its neighbours; unlike a polygon, bars may split and join.
     edges = np.concatenate([damping[:1], (damping[1:] + damping[:-1]) / 2, damping[-1:]])
-    bars = [(line, *part) for line, parts in enumerate(intervals) for part in parts]
+    bars = [
+        (low / 1e3, high / 1e3, edges[line], edges[line + 1])
+        for line, parts in enumerate(intervals)
+        for low, high in parts
+    ]
     if bars:
-        lines = np.array([line for line, _, _ in bars])
-        low, high = (np.array([bar[side] for bar in bars]) / 1e3 for side in (1, 2))
-        ax.barh(
-            edges[lines],
-            high - low,
-            height=edges[lines + 1] - edges[lines],
-            left=low,
-            align="edge",
+        shade_boxes(
+            ax,
+            np.array(bars),
             color=COLOURS["coupled"],
             alpha=0.35,
-            linewidth=0,
-            antialiased=False,
             label="stable and inside the boundary",
         )
     if coupling is not None:
@@ -74,4 +71,4 @@ def draw_design(
         )
     ax.set_xlim(left=0)
     ax.set_ylim(bottom=0)
-    ax.set_xlabel("k$_c$ (kN/m)")
+    ax.set_xlabel("coupling stiffness (kN/m)")

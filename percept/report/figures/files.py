@@ -1,33 +1,30 @@
-"""From a drawing to a file: one style, the same bytes from the same input.
-
-SVG is written by `percept.report.figures.svg`; PDF and PNG, where they are asked for, by matplotlib.
-"""
+"""From a drawing to a file and to the page: one style, drawn once, the same bytes from the same input."""
 
 from __future__ import annotations
 
 import io
+import re
+from functools import cached_property
 from html import escape
 from typing import Any
 
 from percept.errors import UsageError
-from percept.report.figures.canvas import COLOURS, MM, Drawing
-from percept.report.figures.svg.axes import SvgFigure
-from percept.report.figures.svg.paint import Look, paint
-from percept.report.figures.svg.text import Letters, Outlines
+from percept.report.figures.canvas import COLOURS, MM, Drawing, Figure
 
-__all__ = ["FORMATS", "inline_svg", "rendered"]
+__all__ = ["FORMATS", "Picture"]
 
 FORMATS = ("svg", "pdf", "png")
 
-_LOOK = Look(ink=COLOURS["ink"], quiet=COLOURS["quiet"], rule=COLOURS["rule"])
-_SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-# matplotlib's settings for the same look.
 _STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
-    "font.size": _LOOK.text,
-    "axes.titlesize": _LOOK.title,
-    "axes.labelsize": _LOOK.text,
+    "font.size": 7.5,
+    # Names are the user's: a dollar sign among them begins no formula.
+    "text.parse_math": False,
+    "axes.titlesize": 8.0,
+    # At its place at once: looking for room above the ticks costs as much as drawing them.
+    "axes.titley": 1.0,
+    "axes.labelsize": 7.5,
     "axes.linewidth": 0.6,
     "axes.edgecolor": COLOURS["quiet"],
     "axes.labelcolor": COLOURS["ink"],
@@ -39,6 +36,7 @@ _STYLE: Any = {
     "axes.grid": True,
     "axes.unicode_minus": True,
     "axes.formatter.useoffset": False,
+    "figure.facecolor": "none",
     "grid.color": COLOURS["rule"],
     "grid.linewidth": 0.4,
     "text.color": COLOURS["ink"],
@@ -46,107 +44,140 @@ _STYLE: Any = {
     "ytick.color": COLOURS["quiet"],
     "xtick.labelcolor": COLOURS["ink"],
     "ytick.labelcolor": COLOURS["ink"],
-    "xtick.labelsize": _LOOK.ticks,
-    "ytick.labelsize": _LOOK.ticks,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
-    "legend.fontsize": _LOOK.legend,
+    "legend.fontsize": 6.8,
     "legend.frameon": False,
     "lines.linewidth": 1.2,
     "lines.solid_capstyle": "butt",
-    "mathtext.fontset": "dejavusans",
+    "path.simplify": True,
     "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "percept",
 }
+# Dates and versions would make equal figures differ.
+_NO_METADATA: dict[str, dict[str, Any]] = {
+    "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+_SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 # rem per mm: at the most a figure's lettering is as large as the page's small print, at the least readable.
 _LEAST, _MOST = 0.165, 0.3
+# matplotlib's rule for every element would hold for the whole page; the outer element hands it down instead.
+_OWN_STYLE = re.compile(r"<defs>\s*<style.*?</style>\s*</defs>", re.DOTALL)
+_HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
+# Text keeps its > escaped, so that these are the tags and nothing a user wrote.
+_TAG = re.compile(r"<[^>]*>")
+_ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
+_REFERENCE = re.compile(r'(url\(|href=")#([^)"]+)')
 
 
-def rendered(drawing: Drawing, form: str, *, dpi: int = 300) -> bytes:
-    """Draw for a file: letters as outlines or with their font, white ground.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        What to draw.
-    form : {"svg", "pdf", "png"}
-        The format.
-    dpi : int
-        Dots per inch of a PNG.
-
-    Returns
-    -------
-    bytes
-        The same for the same drawing.
-
-    Raises
-    ------
-    UsageError
-        Another format.
-    """
-    if form not in FORMATS:
-        raise UsageError(f"figures come as {', '.join(FORMATS)}.", value=form)
-    if form != "svg":
-        return _by_matplotlib(drawing, form, dpi)
-    outlines = Outlines()
-    body = paint(_drawn(drawing), outlines, _LOOK)
-    width, height = (side * MM * 72.0 for side in drawing.size)
-    text = (
-        '<?xml version="1.0" encoding="utf-8"?>\n'
-        f'<svg {_SPACES} width="{width:.9g}pt" height="{height:.9g}pt" '
-        f'viewBox="0 0 {width:.9g} {height:.9g}">\n'
-        f"<title>{escape(drawing.title)}</title>\n<desc>{escape(drawing.description)}</desc>\n"
-        f'{outlines.definitions}\n<rect width="100%" height="100%" style="fill:#ffffff"/>\n{body}\n</svg>\n'
-    )
-    return text.encode("utf-8")
-
-
-def inline_svg(drawing: Drawing) -> str:
-    """Draw for the page: an ``<svg>`` with a title, text as text, and the page's colours.
+class Picture:
+    """A drawing, drawn; for any number of files and for the page.
 
     Parameters
     ----------
     drawing : Drawing
-        What to draw.
-
-    Returns
-    -------
-    str
-        Safe to put into HTML; every id starts with ``svg-`` and the drawing's name.
+        What to draw; it is drawn once.
     """
-    prefix = f"svg-{drawing.name}-"
-    body = paint(_drawn(drawing), Letters(), _LOOK, prefix=prefix)
-    for name, colour in COLOURS.items():
-        body = body.replace(colour, f"var(--{name})")
-    width, height = (side * MM * 72.0 for side in drawing.size)
-    return (
-        f'<svg {_SPACES} viewBox="0 0 {width:.7g} {height:.7g}" '
-        f'style="min-width:{drawing.size[0] * _LEAST:.4g}rem;max-width:{drawing.size[0] * _MOST:.4g}rem" '
-        f'role="img" aria-labelledby="{prefix}title {prefix}desc">'
-        f'<title id="{prefix}title">{escape(drawing.title)}</title>'
-        f'<desc id="{prefix}desc">{escape(drawing.description)}</desc>\n{body}\n</svg>'
-    )
 
+    def __init__(self, drawing: Drawing) -> None:
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure as EmptyFigure
 
-def _drawn(drawing: Drawing) -> SvgFigure:
-    width, height = drawing.size
-    figure = SvgFigure((width * MM, height * MM))
-    drawing.draw(figure)
-    return figure
+        from percept.report.figures.powers import plain_powers
 
+        self.drawing = drawing
+        width, height = drawing.size
+        with rc_context(_STYLE):
+            self._figure: Figure = EmptyFigure(figsize=(width * MM, height * MM))
+            drawing.draw(self._figure)
+            plain_powers(self._figure)
 
-def _by_matplotlib(drawing: Drawing, form: str, dpi: int) -> bytes:
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
+    def file(self, form: str, *, dpi: int = 300) -> bytes:
+        """Return the content of a file: fonts embedded in a PDF, text as text in an SVG, white ground.
 
-    # Dates and versions would make equal figures differ.
-    quiet: dict[str, Any] = {
-        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-        "png": {"Software": None},
-    }[form]
-    width, height = drawing.size
-    buffer = io.BytesIO()
-    with rc_context(_STYLE):
-        figure = Figure(figsize=(width * MM, height * MM))
-        drawing.draw(figure)
-        figure.savefig(buffer, format=form, dpi=dpi, facecolor="white", metadata=quiet)
-    return buffer.getvalue()
+        Parameters
+        ----------
+        form : {"svg", "pdf", "png"}
+            The format.
+        dpi : int
+            Dots per inch of a PNG.
+
+        Returns
+        -------
+        bytes
+            The same for the same drawing.
+
+        Raises
+        ------
+        UsageError
+            Another format.
+        """
+        if form not in FORMATS:
+            raise UsageError(f"figures come as {', '.join(FORMATS)}.", value=form)
+        if form != "svg":
+            return self._saved(form, dpi=dpi, facecolor="white")
+        width, height = self._points
+        text = (
+            '<?xml version="1.0" encoding="utf-8"?>\n'
+            f'<svg {_SPACES} width="{width:.9g}pt" height="{height:.9g}pt" '
+            f'viewBox="0 0 {width:.9g} {height:.9g}" {_HANDED_DOWN}>\n'
+            f"<title>{escape(self.drawing.title)}</title>\n<desc>{escape(self.drawing.description)}</desc>\n"
+            f'<rect width="100%" height="100%" style="fill: #ffffff"/>\n{self._elements}\n</svg>\n'
+        )
+        return text.encode("utf-8")
+
+    def inline(self) -> str:
+        """Return an ``<svg>`` for the page, with a title and in the page's colours.
+
+        Returns
+        -------
+        str
+            Safe to put into HTML; every id starts with ``svg-`` and the drawing's name.
+        """
+        prefix = f"svg-{self.drawing.name}-"
+        used = {match[2] for match in _REFERENCE.finditer(self._elements)}
+
+        def own(found: re.Match[str]) -> str:
+            tag = found[0]
+            if "#" in tag:
+                tag = _REFERENCE.sub(rf"\1#{prefix}\2", tag)
+                for name, colour in COLOURS.items():
+                    tag = tag.replace(colour, f"var(--{name})")
+            # Ids that nothing refers to may hold a label, and a page's ids hold no spaces.
+            return _ID.sub(lambda one: f' id="{prefix}{name}"' if (name := one[1][1:-1]) in used else "", tag)
+
+        width, height = self._points
+        side = self.drawing.size[0]
+        return (
+            f'<svg {_SPACES} viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
+            f'style="min-width:{side * _LEAST:.4g}rem;max-width:{side * _MOST:.4g}rem" '
+            f'role="img" aria-labelledby="{prefix}title {prefix}desc">'
+            f'<title id="{prefix}title">{escape(self.drawing.title)}</title>'
+            f'<desc id="{prefix}desc">{escape(self.drawing.description)}</desc>\n'
+            f"{_TAG.sub(own, self._elements)}\n</svg>"
+        )
+
+    @property
+    def _points(self) -> tuple[float, float]:
+        width, height = (side * MM * 72.0 for side in self.drawing.size)
+        return width, height
+
+    @cached_property
+    def _elements(self) -> str:
+        """What stands inside the ``<svg>`` that matplotlib writes."""
+        text = self._saved("svg", dpi=72).decode("utf-8")
+        inside = text[text.index("<svg") :].partition(">")[2].rpartition("</svg>")[0]
+        return re.sub(r"\s*\n\s*", "\n", _OWN_STYLE.sub("", inside, count=1)).strip()
+
+    def _saved(self, form: str, **settings: Any) -> bytes:
+        from matplotlib import rc_context
+
+        buffer = io.BytesIO()
+        with rc_context(_STYLE):
+            self._figure.savefig(buffer, format=form, metadata=_NO_METADATA[form], **settings)
+        return buffer.getvalue()

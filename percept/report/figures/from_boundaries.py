@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio
-from percept.report.figures.canvas import Drawing, Figure, legend_below, panels, plain_text
+from percept.report.figures.canvas import Drawing, Figure, legend_below, panels
 from percept.report.select import (
     KINDS,
     METHOD_NAMES,
@@ -141,9 +141,9 @@ def _limits(row: Mapping[str, Any]) -> Limits:
 
 
 def _draw_curves(curves: _Curves, title: str, log: bool, figure: Figure) -> None:
-    (ax,) = panels(figure, bottom=28)
+    (ax,) = panels(figure, right=5, bottom=28)
     draw_magnitude(ax, curves.omega, curves.limits, curves.reference, curves.coupled, log=log)
-    ax.set_title(plain_text(title), loc="left")
+    ax.set_title(title, loc="left")
     legend_below(ax, columns=1)
 
 
@@ -153,6 +153,6 @@ def _draw_ratios(
     axes = panels(figure, columns=len(by_kind), bottom=20)
     for ax, (kind, limits) in zip(axes, by_kind.items(), strict=True):
         draw_ratio(ax, curves.omega, limits, curves.reference, curves.coupled)
-        ax.set_title(plain_text(f"{environment}, {kind}: {_KIND_NAMES[kind]}"), loc="left")
-    axes[0].set_ylabel("|Z$_h$| / reference")
+        ax.set_title(f"{environment}, {kind}: {_KIND_NAMES[kind]}", loc="left")
+    axes[0].set_ylabel("|Zₕ| / reference")
     legend_below(axes[0], columns=2)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from percept.report.figures.canvas import Drawing, Figure, grid, legend_below, panels, plain_text
+from percept.report.figures.canvas import Drawing, Figure, grid, legend_below, panels
 from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
 from percept.report.select import METHOD_NAMES, METHODS, array
@@ -88,8 +88,8 @@ def _draw_design(
             stable=(array(edge["stiffness"]), array(edge["damping"])) if edge else None,
             coupling=(used["stiffness"], used["damping"]) if used else None,
         )
-        ax.set_title("all together" if one["name"] is None else plain_text(one["name"]), loc="left")
+        ax.set_title("all together" if one["name"] is None else one["name"], loc="left")
     for ax in axes[::_COLUMNS]:
-        ax.set_ylabel("b$_c$ (N·s/m)")
+        ax.set_ylabel("coupling damping (N·s/m)")
     richest = max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0]))
     legend_below(richest, columns=3)

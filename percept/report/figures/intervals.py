@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, Axes, plain_text
+from percept.report.figures.canvas import COLOURS, Axes
 from percept.report.select import KINDS, METHOD_NAMES, METHODS
 
 __all__ = ["Bar", "draw_intervals"]
@@ -101,7 +101,7 @@ def draw_intervals(
         ax.set_xscale("log")
         ax.set_xlim(ends.min() / 1.15, ends.max() * 1.15)
         _plain_ticks(ax)
-    ax.set_yticks(list(place.values()), [plain_text(name) for name in environments])
+    ax.set_yticks(list(place.values()), environments)
     ax.set_ylim(-len(environments) + 0.4, 0.6)
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", length=0)

@@ -76,9 +76,10 @@ def draw_stability(
             line.set_label(f"{label}: {times:.3g} × bound at {binding[label]:.4g} rad/s")
     ax.set_xscale("log")
     ax.set_yscale("log")
+    ax.minorticks_off()
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("angular frequency ω (rad/s)")
-    ax.set_ylabel("Re 1/Z$_c$ (m/(N·s))")
+    ax.set_ylabel("coupling admittance, real part (m/(N·s))")
     ax.margins(y=0.12)
     ax.legend(frameon=False, loc="upper left")
 

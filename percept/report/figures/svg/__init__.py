@@ -1,1 +1,0 @@
-"""Figures as SVG without matplotlib: axes like its own, letters from a table, elements as text."""
