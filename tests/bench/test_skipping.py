@@ -68,8 +68,8 @@ def coordinates_of(table, **inference):
 def test_the_model_has_no_level_that_the_data_or_the_scene_leave_out():
     table = read_sessions(dataset("hbfd_sessions.csv")).table
     again = table.assign(trial=2)
-    off = 1.0 + 0.04 * np.cos(np.arange(len(table)))
-    again[["k_adj", "b_adj"]] = again[["k_adj", "b_adj"]].mul(off, axis=0)
+    again["k_adj"] *= 1.0 + 0.04 * np.cos(np.arange(len(table)))
+    again["b_adj"] *= 1.0 + 0.04 * np.sin(np.arange(len(table)))
     repeated = pd.concat([table.assign(trial=1), again], ignore_index=True)
     one = table[table["environment"] == "VE3"]
     # k and b: tau, sigma_u, s, kappa, omega each, two correlations, and a spread per environment.
