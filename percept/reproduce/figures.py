@@ -214,7 +214,9 @@ def _maps(published: Published) -> Drawing:
             ax.set_xlabel("device mass (kg)")
         for ax in axes[::2]:
             ax.set_ylabel("device damping (N·s/m)")
-        axes[0].fill_between([], [], [], color=COLOURS["coupled"], alpha=0.35, label="true over the window")
+        axes[0].fill_between(
+            [], [], [], color=COLOURS["coupled"], alpha=0.35, linewidth=0, label="true over the window"
+        )
         legend_below(axes[0], columns=2)
 
     return Drawing(

@@ -72,6 +72,8 @@ _HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
 # Text keeps its > escaped, so that these are the tags and nothing a user wrote.
 _TAG = re.compile(r"<[^>]*>")
 _ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
+_BREAK_INSIDE = re.compile(r"\s*\n\s*(?=[^<\s])")
+_INDENT = re.compile(r"\s*\n\s*")
 _REFERENCE = re.compile(r'(url\(|href=")#([^)"]+)')
 
 
@@ -172,7 +174,9 @@ class Picture:
         """What stands inside the ``<svg>`` that matplotlib writes."""
         text = self._saved("svg", dpi=72).decode("utf-8")
         inside = text[text.index("<svg") :].partition(">")[2].rpartition("</svg>")[0]
-        return re.sub(r"\s*\n\s*", "\n", _OWN_STYLE.sub("", inside, count=1)).strip()
+        # One line for each element, and no indentation.
+        joined = _BREAK_INSIDE.sub(" ", _OWN_STYLE.sub("", inside, count=1))
+        return _INDENT.sub("\n", joined).strip()
 
     def _saved(self, form: str, **settings: Any) -> bytes:
         from matplotlib import rc_context
