@@ -98,10 +98,13 @@ def depth_membership(omega: Array, depths: Array) -> Membership:
     middle = 0.5 * (edges[:-1] + edges[1:])
     least = np.min([np.interp(middle, x, depth) for depth in depths], axis=0)
     outside = least < 0
+    lengths = np.diff(edges)
+    within, beyond = lengths[~outside].sum(), lengths[outside].sum()
     nearest = depths.min(axis=0)
     where = int(nearest.argmin())
     return Membership(
-        inside=1.0 - float(np.diff(edges)[outside].sum() / (x[-1] - x[0])),
+        # Over the sum of both: nothing inside is zero exactly, and everything one.
+        inside=float(within / (within + beyond)),
         leaves=_runs(edges, outside),
         margin=float(nearest[where]),
         margin_omega=float(omega[where]),

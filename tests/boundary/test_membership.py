@@ -108,3 +108,10 @@ def test_realism_needs_draws() -> None:
     displayed = Displayed(*(np.ones(1) for _ in range(4)))
     with pytest.raises(UsageError, match="at least one posterior draw"):
         realism(displayed, Populations(nothing, nothing), Device(1.0, 5.0), 1e-3)
+
+
+def test_nothing_and_everything_are_exact_shares():
+    omega = np.geomspace(0.1, 97.3, 57)
+    depth = 1.0 + np.random.default_rng(4).random((1, 57))
+    assert depth_membership(omega, -depth).inside == 0.0
+    assert depth_membership(omega, depth).inside == 1.0
