@@ -118,7 +118,9 @@ def test_containers_count_by_value_and_not_by_identity():
     assert run_key((shared, shared)) == run_key((("k", "b"), tuple("kb")))
 
 
-@pytest.mark.parametrize("value", [len, object(), np.array([None]), Study], ids=str)
+@pytest.mark.parametrize(
+    "value", [len, object(), np.array([None]), Study], ids=["function", "object", "objects", "class"]
+)
 def test_what_has_no_readable_state_has_no_key(value):
     with pytest.raises(TypeError, match="has no key"):
         run_key(value)
