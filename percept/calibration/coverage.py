@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -117,9 +118,10 @@ def coverage_markdown(rows: list[Coverage]) -> str:
     ]
     for row in rows:
         stated = "" if row.stated is None else f"{100 * row.stated:g} %"
+        error = "–" if math.isnan(row.error) else f"{100 * row.error:.2f}"
         cells = [
             row.claim, row.kind, row.method, row.family, row.joint, row.shape, row.truth, str(row.subjects),
-            stated, f"{100 * row.held:.2f} %", f"{100 * row.error:.2f}", str(row.studies),
+            stated, f"{100 * row.held:.2f} %", error, str(row.studies),
         ]  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
