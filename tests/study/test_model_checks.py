@@ -1,5 +1,7 @@
 """Checks of fits: planted subjects are named, conflicts are seen, and files open with ArviZ."""
 
+import warnings
+
 import arviz_stats
 import numpy as np
 import pytest
@@ -89,8 +91,9 @@ def test_tree_is_the_posterior_with_groups_that_arviz_understands(clean, tmp_pat
     with xarray.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as opened:
         assert opened["log_likelihood/trials"].dims == ("chain", "draw", "subject")
         assert opened["prior_predictive/new_user"].dims == ("chain", "draw", "parameter", "environment")
-        assert opened["posterior"]["subject"].size if "subject" in opened["posterior"].coords else True
-        with pytest.warns(UserWarning, match="shape parameter of Pareto"):
+        with warnings.catch_warnings():
+            # Whether a subject's tail is worth a warning depends on the draws.
+            warnings.filterwarnings("ignore", "Estimated shape parameter of Pareto")
             by_arviz = arviz_stats.loo(opened, pointwise=True, reff=1.0)
         ours = clean.checks.loo
         # Weights with drawn locations are noisier: equal within what that noise makes of ten subjects.
