@@ -65,7 +65,7 @@ reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
 	@$(BIN)/percept reproduce --out build/reproduction
 
 calibrate: $(STAMP)  ## simulation-based calibration, 1000 fits of each design (hours); it can be taken up again
-	@$(BIN)/percept sbc --fits 1000 --workers $(JOBS) --out build/calibration
+	@$(BIN)/percept sbc --fits 1000 --workers $(JOBS) --out reports/calibration
 
 docs: $(STAMP)  ## the API's pages, from docstrings, in build/docs
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'
