@@ -99,14 +99,15 @@ class _Running:
     def __init__(self, target: Target, estimands: Estimands, begun: Unfinished) -> None:
         self._here = Transported(target, begun.transport)
         self._estimands = estimands
-        self._transport = begun.transport
         self.state = begun.state
         self._points, self._components = begun.points, begun.components
         self.stride, self.goal = begun.stride, begun.goal
 
     def unfinished(self) -> Unfinished:
         """Return all that is needed to go on from here."""
-        return Unfinished(self._transport, self.state, self._points, self._components, self.stride, self.goal)
+        return Unfinished(
+            self._here.transport, self.state, self._points, self._components, self.stride, self.goal
+        )
 
     @property
     def steps(self) -> int:

@@ -110,7 +110,8 @@ def _drivers(y: Array) -> NDArray[np.intp]:
     effect = bend**2 + widen**2
     effect[(effect * count < 2.0 * _SIGNIFICANT**2) | np.eye(size, dtype=bool)] = 0.0
     chosen: list[int] = []
-    while len(chosen) < _DRIVERS and (best := int(np.argmax(effect.sum(axis=0)))) not in chosen:
+    for _ in range(_DRIVERS):
+        best = int(np.argmax(effect.sum(axis=0)))
         if not effect[:, best].any():
             break
         chosen.append(best)

@@ -5,7 +5,8 @@ import pytest
 
 from percept.errors import RefusalError
 from percept.inference.sampling.ensembles import advance, start
-from percept.inference.sampling.estimands import Means
+from percept.inference.sampling.estimands import Estimates, Means
+from percept.inference.sampling.gate import pass_gate
 from percept.inference.sampling.run import Settings, sample
 from tests.inference.sampling.targets import Normal
 
@@ -73,6 +74,23 @@ def test_stuck_walkers_are_withheld():
     run = sample(Glitch(3), MEAN, Settings(tolerance=0.01, seed=3, most_steps=1500))
     assert not run.gate.passed
     assert any("did not move in the second half of the run" in reason for reason in run.gate.reasons)
+
+
+def test_a_walker_that_hardly_accepts_is_withheld():
+    """It moved now and then, but far too seldom to have seen its surroundings."""
+    watched = np.random.default_rng(1).normal(size=(4, 60, 8, 1))
+    estimates = Estimates(("E x",), np.zeros(1), np.ones(1), watched.reshape(-1, 1))
+    acceptance = np.full((4, 8), 0.5)
+    acceptance[2, 3] = 0.004
+
+    def judged(acceptance):
+        return pass_gate(
+            Settings(tolerance=0.5), estimates, np.array([0.02]), watched, np.ones(1), acceptance,
+            np.ones((4, 8), dtype=bool), stride=1, last=False,
+        )  # fmt: skip
+
+    assert judged(acceptance).reasons == ("a walker is stuck: it accepted 0.40% of its proposals.",)
+    assert judged(np.full((4, 8), 0.5)).passed
 
 
 def test_the_cap_is_an_answer_with_its_reason():
