@@ -1,8 +1,8 @@
-"""Exceptions and warnings of percept: what is wrong, where, and what to do next."""
+"""Exceptions of percept: what is wrong, where, and what to do next."""
 
 from __future__ import annotations
 
-__all__ = ["PerceptError", "PerceptWarning", "RefusalError", "UsageError"]
+__all__ = ["PerceptError", "RefusalError", "UsageError"]
 
 
 class PerceptError(ValueError):
@@ -17,7 +17,9 @@ class PerceptError(ValueError):
     row : int, optional
         Physical line in `file`; the header is line 1.
     column : str, optional
-        Column or key concerned.
+        Column concerned.
+    key : str, optional
+        Setting, option or argument concerned, such as ``"inference.level"``.
     value : object, optional
         The offending value, as it was found.
     hint : str, optional
@@ -33,6 +35,7 @@ class PerceptError(ValueError):
         file: str | None = None,
         row: int | None = None,
         column: str | None = None,
+        key: str | None = None,
         value: object = None,
         hint: str | None = None,
     ) -> None:
@@ -41,20 +44,19 @@ class PerceptError(ValueError):
         self.file = file
         self.row = row
         self.column = column
+        self.key = key
         self.value = value
         self.hint = hint
 
     def __str__(self) -> str:
-        place = ":".join(str(part) for part in (self.file, self.row) if part is not None)
-        where = ", ".join(
-            part
-            for part in (
-                place,
-                f"column {self.column!r}" if self.column is not None else "",
-                f"value {self.value!r}" if self.value is not None else "",
-            )
-            if part
-        )
+        parts = [":".join(str(part) for part in (self.file, self.row) if part is not None)]
+        if self.column is not None:
+            parts.append(f"column {self.column!r}")
+        if self.key is not None:
+            parts.append(self.key if self.value is None else f"{self.key} = {self.value!r}")
+        elif self.value is not None:
+            parts.append(f"value {self.value!r}")
+        where = ", ".join(part for part in parts if part)
         text = f"{where}: {self.message}" if where else self.message
         return f"{text} {self.hint}" if self.hint else text
 
@@ -69,7 +71,3 @@ class RefusalError(PerceptError):
     """The input was understood, and the analysis asked for cannot be given for it (exit code 1)."""
 
     exit_code = 1
-
-
-class PerceptWarning(UserWarning):
-    """Something the analyst should know that does not stop the analysis."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from percept.errors import UsageError
+from percept.inference.hierarchy.priors import Priors
 
 __all__ = [
     "ChecksTable",
@@ -119,6 +122,16 @@ class ModelTable(_Table):
     scale: dict[Literal["k", "b"], Positive] = Field(default_factory=dict)
     resolution: dict[Literal["k", "b"], Positive] = Field(default_factory=dict)
 
+    @field_validator("priors")
+    @classmethod
+    def _priors_of_the_model(cls, priors: dict[str, float]) -> dict[str, float]:
+        known = [field.name for field in dataclasses.fields(Priors)]
+        unknown = [name for name in priors if name not in known]
+        if unknown:
+            raise ValueError(f"no such prior as {unknown[0]}; there are {', '.join(known)}")
+        Priors(**priors)
+        return priors
+
     @model_validator(mode="after")
     def _pooling_and_prior(self) -> Self:
         if (self.pooling == "none") != (self.prior == "reference"):
@@ -190,16 +203,38 @@ class Scene(_Table):
 
     @classmethod
     def from_tables(cls, tables: dict[str, Any], *, file: str | None = None) -> Self:
-        """Build from nested tables, as TOML gives them; errors name `file`, table and key."""
+        """Build from nested tables, as TOML gives them.
+
+        Parameters
+        ----------
+        tables : dict
+            Table by name.
+        file : str, optional
+            Where they come from, for messages.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        UsageError
+            A key or value is wrong; with its place.
+        """
         try:
             return cls.model_validate(tables)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            place = ".".join(str(part) for part in first["loc"]) or None
-            message = first["msg"].removeprefix("Value error, ")
-            value = None if isinstance(first["input"], dict) else first["input"]
+            message, value = first["msg"].removeprefix("Value error, "), first["input"]
+            if first["type"] == "missing":
+                message, value = "is missing", None
+            elif first["type"] == "extra_forbidden":
+                message = f"there is no such key; there are {', '.join(_keys_at(cls, first['loc']))}"
             raise UsageError(
-                f"{message[:1].lower()}{message[1:]}.", file=file, column=place, value=value
+                f"{message[:1].lower()}{message[1:]}".removesuffix(".") + ".",
+                file=file,
+                key=".".join(str(part) for part in first["loc"]) or None,
+                value=None if isinstance(value, dict) else value,
             ) from error
 
     def to_dict(self) -> dict[str, Any]:
@@ -212,3 +247,18 @@ class Scene(_Table):
         tables = self.model_dump(exclude_none=True)
         tables["inference"] = {**tables["inference"], **kept}
         return Scene.from_tables(tables)
+
+
+def _keys_at(table: type[BaseModel], place: Sequence[str | int]) -> list[str]:
+    """Return the keys of the table in which a place lies."""
+    for name in place[:-1]:
+        if isinstance(name, str):
+            table = next(_tables_in(table.model_fields[name].annotation))
+    return list(table.model_fields)
+
+
+def _tables_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _tables_in(part)

@@ -54,7 +54,7 @@ def cache_limit() -> int:
     if not 0.0 < megabytes < 1e12:
         raise UsageError(
             "must be a number of megabytes above zero.",
-            column="PERCEPT_CACHE_LIMIT",
+            key="PERCEPT_CACHE_LIMIT",
             value=text,
             hint="Use --no-cache to do without the cache.",
         )

@@ -70,9 +70,7 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
     scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
-    options = ReadOptions.from_mapping(
-        {"columns": scene.columns, "sessions": scene.sessions, "environments": scene.environments}
-    )
+    options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
     sessions = read_sessions(*arguments.sessions, options=options)
     return Study(sessions, scene, progress=progress, store=_store(arguments, scene))
 

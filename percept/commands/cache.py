@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     folder = cache_folder()
     if folder is None:
-        raise UsageError("the cache is turned off.", column="PERCEPT_CACHE", value="off")
+        raise UsageError("the cache is turned off.", key="PERCEPT_CACHE", value="off")
     cache = PosteriorCache(folder)
     if arguments.action == "clear":
         removed = cache.clear()

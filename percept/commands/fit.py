@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_analysis_arguments(parser)
     add_check_arguments(parser)
     parser.add_argument("--out", default="fit", metavar="DIR", help="folder to write into (fit)")
-    parser.add_argument("--json", action="store_true", help="print the intervals as JSON")
+    parser.add_argument("--json", action="store_true", help="print fit.json")
 
 
 def run(arguments: argparse.Namespace) -> int:

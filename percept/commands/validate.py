@@ -15,22 +15,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print as JSON")
     parser.add_argument(
-        "--write-map", action="store_true", help="propose a [columns] table for files that are not understood"
+        "--write-map", action="store_true", help="propose a [columns] table for a file that is not understood"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Validate; the exit code is 0 without problems, otherwise the problems' own."""
+    from percept.errors import UsageError
     from percept.scene import Scene
     from percept.sessions import ReadOptions, format_validation, propose_columns, validate
 
-    if arguments.write_map:
-        print(propose_columns(*arguments.sessions))
-        return 0
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
-    options = ReadOptions.from_mapping(
-        {"columns": scene.columns, "sessions": scene.sessions, "environments": scene.environments}
-    )
+    options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
+    if arguments.write_map:
+        if len(arguments.sessions) > 1:
+            raise UsageError("--write-map takes one file.", value=arguments.sessions[1])
+        print(propose_columns(arguments.sessions[0], options=options), end="")
+        return 0
     found = validate(*arguments.sessions, options=options)
     print(found.to_json() if arguments.json else format_validation(found))
     return found.exit_code

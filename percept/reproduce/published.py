@@ -96,14 +96,14 @@ class Published:
             raise UsageError("the table must have k and b.", column="parameter", value=self.limits.parameters)
         device = self.scene.device
         if device is None or device.mass is None or device.modes:
-            raise UsageError("the reproduction needs a rigid device: mass and damping.", column="device")
+            raise UsageError("the reproduction needs a rigid device: mass and damping.", key="device")
         if self.scene.coupling is None:
-            raise UsageError("the reproduction needs the coupling of section 2.3.", column="coupling")
+            raise UsageError("the reproduction needs the coupling of section 2.3.", key="coupling")
         windows = self.scene.report.zoom
         if len(windows) != 3 or not set(windows) <= set(self.limits.environments):
             raise UsageError(
                 "three windows are needed, those of Figs 7b, d and f, on environments of the table.",
-                column="report.zoom",
+                key="report.zoom",
                 value=sorted(windows),
             )
 

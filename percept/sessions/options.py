@@ -105,7 +105,7 @@ class ReadOptions:
     sheet: str | None = None
 
     @classmethod
-    def from_mapping(cls, tables: Mapping[str, Any]) -> ReadOptions:
+    def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
         """Build from a scene's tables, checking every key.
 
         Parameters
@@ -115,6 +115,8 @@ class ReadOptions:
             `sessions`, with keys decimal, delimiter, encoding, keep, filename, groups, only, exclude,
             unfinished, sheet; `environments`, from id to {k_ref, b_ref} (or {stiffness, damping}).
             Other tables are not looked at.
+        file : str, optional
+            Where they come from, for messages.
 
         Returns
         -------
@@ -125,11 +127,20 @@ class ReadOptions:
         UsageError
             An unknown key, or a value of the wrong kind, naming table and key.
         """
+        try:
+            return cls._from_mapping(tables)
+        except UsageError as error:
+            error.file = file
+            raise
+
+    @classmethod
+    def _from_mapping(cls, tables: Mapping[str, Any]) -> ReadOptions:
         sessions = _table(tables.get("sessions", {}), "[sessions]")
         unknown = sorted(set(sessions) - set(_SESSION_KEYS))
         if unknown:
             raise UsageError(
-                f"unknown key in [sessions]; the keys are {', '.join(_SESSION_KEYS)}.", column=unknown[0]
+                f"unknown key in [sessions]; the keys are {', '.join(_SESSION_KEYS)}.",
+                key=f"sessions.{unknown[0]}",
             )
         return cls(
             columns=parse_columns(tables.get("columns", {})),
@@ -159,7 +170,9 @@ def parse_columns(table: Any) -> Mapping[str, ColumnRule]:
     for canonical, value in _table(table, "[columns]").items():
         if canonical not in CANONICAL and canonical not in SUMMARY:
             names = ", ".join(dict.fromkeys((*CANONICAL, *SUMMARY)))
-            raise UsageError(f"no such column in [columns]; the names are {names}.", column=canonical)
+            raise UsageError(
+                f"no such column in [columns]; the names are {names}.", key=f"columns.{canonical}"
+            )
         if isinstance(value, ColumnRule):
             rules[canonical] = value
             continue
@@ -168,7 +181,7 @@ def parse_columns(table: Any) -> Mapping[str, ColumnRule]:
         if wrong or not entry.get("name", "").strip():
             raise UsageError(
                 "a column is a name, or a table of the texts name, unit and path.",
-                column=f"columns.{canonical}",
+                key=f"columns.{canonical}",
                 value=value,
             )
         rules[canonical] = ColumnRule(**entry)
@@ -189,7 +202,9 @@ def _environments(value: Any) -> Mapping[str, Mapping[str, float]]:
         references: dict[str, float] = {}
         for key, number in _table(entry, f"[{where}]").items():
             if key not in alias or isinstance(number, bool) or not isinstance(number, int | float):
-                raise UsageError("an environment has the numbers k_ref and b_ref.", column=where, value=key)
+                raise UsageError(
+                    "an environment has the numbers k_ref and b_ref.", key=f"{where}.{key}", value=number
+                )
             references[alias[key]] = float(number)
         out[str(name)] = references
     return out
@@ -197,7 +212,7 @@ def _environments(value: Any) -> Mapping[str, Mapping[str, float]]:
 
 def _text(value: Any, key: str) -> str:
     if not isinstance(value, str) or not value:
-        raise UsageError("must be text.", column=f"sessions.{key}", value=value)
+        raise UsageError("must be text.", key=f"sessions.{key}", value=value)
     return value
 
 
@@ -205,7 +220,7 @@ def _one_of(*choices: str) -> Callable[[Any, str], str]:
     def check(value: Any, key: str) -> str:
         if value not in choices:
             allowed = " or ".join(f'"{choice}"' for choice in choices)
-            raise UsageError(f"must be {allowed}.", column=f"sessions.{key}", value=value)
+            raise UsageError(f"must be {allowed}.", key=f"sessions.{key}", value=value)
         return str(value)
 
     return check
@@ -213,7 +228,7 @@ def _one_of(*choices: str) -> Callable[[Any, str], str]:
 
 def _character(value: Any, key: str) -> str:
     if not isinstance(value, str) or len(value) != 1 or value in '"\r\n\\':
-        raise UsageError("must be one character, not a quote.", column=f"sessions.{key}", value=value)
+        raise UsageError("must be one character, not a quote.", key=f"sessions.{key}", value=value)
     return value
 
 
@@ -222,7 +237,7 @@ def _texts(value: Any, key: str) -> tuple[str, ...]:
     if not isinstance(listed, list | tuple) or not all(
         isinstance(item, str | int) and not isinstance(item, bool) for item in listed
     ):
-        raise UsageError("must be a text or a list of texts.", column=f"sessions.{key}", value=value)
+        raise UsageError("must be a text or a list of texts.", key=f"sessions.{key}", value=value)
     return tuple(str(item) for item in listed)
 
 
@@ -231,7 +246,7 @@ def _filename(value: Any, key: str) -> str:
     if not places or not set(places) <= _PLACES or len(set(places)) < len(places):
         raise UsageError(
             "must name {subject}, {session} or {environment}, each once.",
-            column=f"sessions.{key}",
+            key=f"sessions.{key}",
             value=value,
         )
     return str(value)
@@ -244,7 +259,7 @@ def _only(value: Any, key: str) -> Mapping[str, tuple[str, ...]]:
 
 def _exclude(value: Any, key: str) -> tuple[ExcludeRule, ...]:
     if not isinstance(value, list | tuple):
-        raise UsageError("must be a list of rules.", column=f"sessions.{key}", value=value)
+        raise UsageError("must be a list of rules.", key=f"sessions.{key}", value=value)
     return tuple(_rule(entry, f"{key}[{at}]") for at, entry in enumerate(value))
 
 
@@ -256,11 +271,11 @@ def _rule(value: Any, key: str) -> ExcludeRule:
     equals = _texts(entry["equals"], f"{key}.equals") if "equals" in entry else ()
     limits = {name: entry[name] for name in ("below", "above") if name in entry}
     if any(isinstance(limit, bool) or not isinstance(limit, int | float) for limit in limits.values()):
-        raise UsageError("below and above are numbers.", column=f"sessions.{key}", value=value)
+        raise UsageError("below and above are numbers.", key=f"sessions.{key}", value=value)
     if set(entry) - {"column", "why", "equals", "below", "above"} or bool(equals) == bool(limits):
         raise UsageError(
             "a rule has column, why, and either equals or limits (below, above).",
-            column=f"sessions.{key}",
+            key=f"sessions.{key}",
             value=value,
         )
     described = f"{column} is " + (

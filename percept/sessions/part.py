@@ -252,7 +252,7 @@ class _Reader:
                         "a rule names a column that the file does not have.",
                         file=self.file,
                         row=1,
-                        column=f"sessions.exclude {rule.column}",
+                        key=f"sessions.exclude {rule.column}",
                         hint=f"The columns are {shown(self.grid.header)}.",
                     )
                 cells = self.text[key]
@@ -350,7 +350,7 @@ class _Reader:
     def _out_of_range(self, rule: ExcludeRule, numbers: dict[str, npt.NDArray[np.float64]]) -> None:
         key = rule.column if rule.column in numbers else f"own:{rule.column}"
         if key not in numbers:
-            raise UsageError("limits need a column of numbers.", column=f"sessions.exclude {rule.column}")
+            raise UsageError("limits need a column of numbers.", key=f"sessions.exclude {rule.column}")
         values = numbers[key]
         out = np.zeros(len(values), dtype=bool)
         if rule.below is not None:

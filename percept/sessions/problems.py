@@ -51,6 +51,7 @@ class ReadError(UsageError):
             file=first.file,
             row=first.row,
             column=first.column,
+            key=first.key,
             value=first.value,
             hint=first.hint,
         )

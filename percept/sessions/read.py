@@ -250,7 +250,7 @@ def _trials(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Session
         if not len(table):
             raise UsageError(
                 "every subject lacks an environment that others have.",
-                column="sessions.unfinished",
+                key="sessions.unfinished",
                 hint='Leave out unfinished = "exclude".',
             )
     for what in ("subject", "session", "environment"):

@@ -79,7 +79,7 @@ def read_summary(
                 )
     if any(rule.unit is not None for rule in resolution.rules.values()):
         raise UsageError(
-            "units of a summary are N/m and N·s/m.", file=file, column="columns", hint="Convert the table."
+            "units of a summary are N/m and N·s/m.", file=file, key="columns", hint="Convert the table."
         )
     if pair == ("mean", "sd"):
         mean, sd = frame.pop("mean"), frame.pop("sd")

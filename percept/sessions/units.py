@@ -53,7 +53,7 @@ def factor(unit: str | None, parameter: str) -> Fraction:
     except (pint.errors.PintError, ValueError, TypeError, AttributeError):
         raise UsageError(
             f"not a unit of {'stiffness' if parameter == 'k' else 'damping'}.",
-            column="columns",
+            key="unit",
             value=unit,
             hint=f"Declare one that converts to {UNITS[parameter]}.",
         ) from None

@@ -46,7 +46,7 @@ class Validation:
     total: int = 0
 
     def to_json(self) -> str:
-        """JSON object with the same keys; a problem has message, file, row, column, value and hint."""
+        """JSON object with the same keys; a problem has message, file, row, column, key, value and hint."""
         return json.dumps(
             {
                 "exit_code": self.exit_code,
@@ -110,7 +110,8 @@ def format_validation(record: Validation) -> str:
         text = f"{e.file}:{e.row}: " if e.file else ""
         lines.append(f"left out: {_printable(f'{text}subject {e.who}, {e.what}: {e.why}')}")
     for problem in record.problems:
-        place = ":".join(str(x) for x in (problem.file, problem.row, problem.column) if x is not None)
+        parts = (problem.file, problem.row, problem.column, problem.key)
+        place = ":".join(str(part) for part in parts if part is not None)
         value = f" (found {problem.value!r})" if problem.value is not None else ""
         hint = f" {problem.hint}" if problem.hint else ""
         lines.append(_printable(f"{place + ': ' if place else ''}{problem.message}{value}{hint}"))
@@ -119,7 +120,7 @@ def format_validation(record: Validation) -> str:
     verdict = {
         0: "read without problems",
         1: "read, but no analysis is possible",
-        2: f"{record.total} problems",
+        2: f"{record.total} problem{'' if record.total == 1 else 's'}",
     }
     return "\n".join([*lines, verdict[record.exit_code]])
 
@@ -136,6 +137,7 @@ def _problem(problem: PerceptError) -> dict[str, Any]:
         "file": problem.file,
         "row": problem.row,
         "column": problem.column,
+        "key": problem.key,
         "value": value,
         "hint": problem.hint,
     }

@@ -67,42 +67,42 @@ class Design:
         parameters = tuple(self.parameters)
         if parameters not in (("k", "b"), ("k",), ("b",)):
             raise UsageError(
-                "parameters must be ('k', 'b'), ('k',) or ('b',).", column="parameters", value=parameters
+                "parameters must be ('k', 'b'), ('k',) or ('b',).", key="parameters", value=parameters
             )
         if references.ndim != 2 or references.shape[0] == 0 or references.shape[1] != len(parameters):
             raise UsageError(
                 f"references must have one row per environment and {len(parameters)} column(s).",
-                column="references",
+                key="references",
                 value=references.shape,
             )
         if not np.all(np.isfinite(references) & (references > 0)):
             bad = references[~(np.isfinite(references) & (references > 0))][0]
             raise UsageError(
                 "every reference must be positive: responses are ratios to it.",
-                column="references",
+                key="references",
                 value=float(bad),
             )
         if counts.ndim != 2 or counts.shape[0] == 0 or counts.shape[1] != references.shape[0]:
             raise UsageError(
                 f"trials must have one row per subject and {references.shape[0]} column(s), "
                 "one per environment.",
-                column="trials",
+                key="trials",
                 value=counts.shape,
             )
         if not np.issubdtype(counts.dtype, np.integer) or counts.min() < 0:
-            raise UsageError("trials must be whole numbers, none negative.", column="trials")
+            raise UsageError("trials must be whole numbers, none negative.", key="trials")
         for axis, what in ((1, "subject"), (0, "environment")):
             empty = np.flatnonzero(counts.sum(axis=axis) == 0)
             if empty.size:
                 raise UsageError(
                     f"{what} number {empty[0] + 1} has no trial at all.",
-                    column="trials",
+                    key="trials",
                     hint="Leave it out of the design.",
                 )
         names = tuple(self.environments) or tuple(f"VE{j}" for j in range(1, len(references) + 1))
         if len(names) != len(references) or len(set(names)) != len(names):
             raise UsageError(
-                f"environments must be {len(references)} different names.", column="environments", value=names
+                f"environments must be {len(references)} different names.", key="environments", value=names
             )
         references.setflags(write=False)
         counts = counts.astype(np.int64)
@@ -144,7 +144,7 @@ class Design:
             With `trials` in every cell.
         """
         if subjects < 1:
-            raise UsageError("a study needs at least one subject.", column="subjects", value=subjects)
+            raise UsageError("a study needs at least one subject.", key="subjects", value=subjects)
         table = np.asarray(references, dtype=float)
         environments_count = table.shape[0] if table.ndim else 0
         counts = np.full((subjects, environments_count), trials)

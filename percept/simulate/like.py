@@ -101,13 +101,13 @@ def simulate_like(
     published = summary if isinstance(summary, PublishedLimits) else PublishedLimits.from_table(summary)
     count = published.n if subjects is None else subjects
     if count < 2:
-        raise UsageError("at least two subjects are needed.", column="subjects", value=count)
+        raise UsageError("at least two subjects are needed.", key="subjects", value=count)
     if not 0 <= between <= 1:
-        raise UsageError("between must lie in [0, 1].", column="between", value=between)
+        raise UsageError("between must lie in [0, 1].", key="between", value=between)
     if not -1 <= correlation <= 1:
-        raise UsageError("a correlation lies in [-1, 1].", column="correlation", value=correlation)
+        raise UsageError("a correlation lies in [-1, 1].", key="correlation", value=correlation)
     if not 1 <= digits <= 15:
-        raise UsageError("a double holds 1 to 15 significant digits.", column="digits", value=digits)
+        raise UsageError("a double holds 1 to 15 significant digits.", key="digits", value=digits)
     design = published.design(count)
     environments, parameters = design.references.shape
     rng = generator(seed)
@@ -263,6 +263,6 @@ def _check(
         if Decimal(limit).quantize(printed) != printed:
             raise RefusalError(
                 f"{where}: values of so few digits give the limit {limit:.10g}, not the {printed} published.",
-                column="digits",
+                key="digits",
                 hint="Ask for more digits.",
             )

@@ -155,7 +155,7 @@ def generator(seed: Seed) -> np.random.Generator:
     try:
         return np.random.default_rng(seed)
     except (TypeError, ValueError) as error:
-        raise UsageError("a seed is a whole number, not negative.", column="seed", value=seed) from error
+        raise UsageError("a seed is a whole number, not negative.", key="seed", value=seed) from error
 
 
 def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> Array:

@@ -83,9 +83,9 @@ def simulate(
         the model's scale.
     """
     if family not in ("lognormal", "normal"):
-        raise UsageError("the family must be 'lognormal' or 'normal'.", column="family", value=family)
+        raise UsageError("the family must be 'lognormal' or 'normal'.", key="family", value=family)
     if values is not None and priors is not None:
-        raise UsageError("priors have no use when the values are given.", column="priors")
+        raise UsageError("priors have no use when the values are given.", key="priors")
     rng = generator(seed)
     truth = _true_values(values, design, priors or Priors(), rng)
     responses = draw_responses(truth, design, rng)
@@ -112,7 +112,7 @@ def _true_values(
     if np.shape(hyper.alpha) != (len(design.parameters),):
         raise UsageError(
             f"the values must be given for {len(design.parameters)} parameter(s).",
-            column="alpha",
+            key="alpha",
             value=np.shape(hyper.alpha),
         )
     if not isinstance(values, TrueValues):
@@ -120,7 +120,5 @@ def _true_values(
     for name in ("beta", "sigma", "sigma_e"):
         shape = np.shape(getattr(values, name))
         if shape != design.references.shape:
-            raise UsageError(
-                f"{name} must have the shape {design.references.shape}.", column=name, value=shape
-            )
+            raise UsageError(f"{name} must have the shape {design.references.shape}.", key=name, value=shape)
     return values

@@ -124,7 +124,7 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
         subjects=data.subjects,
     )
     resolution = _resolution(statistics, scene, data)
-    density = CollapsedDensity(statistics, _priors(scene), _options(scene), resolution)
+    density = CollapsedDensity(statistics, Priors(**scene.model.priors), _options(scene), resolution)
     counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
     return Prepared(Pooled(density), data.scale, counts, statistics.repeats, data)
 
@@ -180,17 +180,6 @@ def fit(
     return Fit(prepared, run, limits, prepared.scale.native(laws.mean.mean(axis=0)))
 
 
-def _priors(scene: Scene) -> Priors:
-    try:
-        return Priors(**scene.model.priors)
-    except TypeError:
-        known = {field.name for field in dataclasses.fields(Priors)}
-        unknown = sorted(set(scene.model.priors) - known)
-        raise RefusalError(
-            f"no such prior; the names are {', '.join(sorted(known))}.", column=f"model.priors.{unknown[0]}"
-        ) from None
-
-
 def _options(scene: Scene) -> Options:
     model = scene.model
     return Options(subject_effect=model.subject_effect, weber=model.weber, common_spread=model.common_spread)
@@ -233,7 +222,7 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
         else:
             mean, sd = (mean - reference[p]) / reference[p], sd / reference[p]
         statistics = from_summary(mean, sd, n, x[p], parameter=parameter, environments=environments)
-        models.append(Pooled(CollapsedDensity(statistics, _priors(scene), _options(scene))))
+        models.append(Pooled(CollapsedDensity(statistics, Priors(**scene.model.priors), _options(scene))))
         counts += n.tolist()
     log = family == "lognormal"
     scale = ResponseScale(log, reference.ravel(), np.ones(reference.size) if log else reference.ravel())

@@ -63,7 +63,7 @@ def test_what_cannot_be_read_names_the_path(tmp_path):
     with pytest.raises(UsageError, match=r"nowhere\.csv: there is no such file"):
         source(tmp_path / "nowhere.csv").read()
     (tmp_path / "scene.toml").write_text("[inference]\nlevel = 2\n")
-    with pytest.raises(UsageError, match=r"scene.toml, column 'inference.level'"):
+    with pytest.raises(UsageError, match=r"scene.toml, inference.level = 2"):
         source(tmp_path).read()
 
 

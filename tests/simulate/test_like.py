@@ -123,7 +123,7 @@ def test_moments_are_matched_whatever_they_are(mean: float, cv: float, n: int, s
         ),
         (
             ("w", "k", 10, "9.0000001", "11.0000001", 10, 0.99),
-            r"column 'digits': w, k: .* Ask for more digits",
+            r"digits: w, k: .* Ask for more digits",
         ),
     ],
 )
@@ -145,11 +145,11 @@ def test_tied_scores_cannot_be_spread() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"subjects": 1}, r"column 'subjects', value 1: at least two subjects"),
-        ({"between": 1.5}, r"column 'between', value 1\.5: between must lie in \[0, 1\]"),
-        ({"correlation": -2}, r"column 'correlation', value -2: a correlation lies in \[-1, 1\]"),
-        ({"digits": 0}, r"column 'digits', value 0: a double holds 1 to 15"),
-        ({"seed": -4}, r"column 'seed', value -4: a seed is a whole number"),
+        ({"subjects": 1}, r"subjects = 1: at least two subjects"),
+        ({"between": 1.5}, r"between = 1\.5: between must lie in \[0, 1\]"),
+        ({"correlation": -2}, r"correlation = -2: a correlation lies in \[-1, 1\]"),
+        ({"digits": 0}, r"digits = 0: a double holds 1 to 15"),
+        ({"seed": -4}, r"seed = -4: a seed is a whole number"),
     ],
 )
 def test_options_out_of_range(options: dict[str, object], message: str) -> None:

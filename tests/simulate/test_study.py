@@ -81,12 +81,12 @@ def test_one_parameter() -> None:
 
 def test_wrong_arguments() -> None:
     hyper = draw_hyperparameters(DESIGN, Priors(), np.random.default_rng(1))
-    with pytest.raises(UsageError, match="value 'gamma': the family must be"):
+    with pytest.raises(UsageError, match="family = 'gamma': the family must be"):
         simulate(DESIGN, seed=1, family="gamma")  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="priors have no use"):
         simulate(DESIGN, seed=1, values=hyper, priors=Priors())
     alone = Design.balanced([[10.0]], subjects=3, parameters=("k",))
-    with pytest.raises(UsageError, match=r"column 'alpha', value \(2,\): .* 1 parameter"):
+    with pytest.raises(UsageError, match=r"alpha = \(2,\): .* 1 parameter"):
         simulate(alone, seed=1, values=hyper)
     truth = TrueValues(hyper, *(np.zeros((2, 2)) for _ in range(4)))
     with pytest.raises(UsageError, match=r"beta must have the shape \(3, 2\)"):

@@ -85,7 +85,7 @@ def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Lo
         Where doubles cannot tell what the others say of a subject.
     """
     if len(points) % chains:
-        raise UsageError(f"{len(points)} draws do not make equal chains.", column="chains", value=chains)
+        raise UsageError(f"{len(points)} draws do not make equal chains.", key="chains", value=chains)
     by_chain = points.reshape(chains, -1, points.shape[1])
     gap = max(1, -(-len(points) * subjects.subjects // _MOST))
     kept = by_chain[:, ::gap].reshape(-1, points.shape[1])

@@ -1,0 +1,90 @@
+"""Scenes: what is refused is named with file, table and key."""
+
+import pytest
+
+from percept.errors import UsageError
+from percept.scene import Scene
+from percept.sessions import ReadOptions
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[devic]\n", "devic: there is no such key; there are device, coupling, frequency, inference"),
+        ("[inference]\nlevle = 0.9\n", "inference.levle = 0.9: there is no such key; there are level, share"),
+        (
+            "[device]\nmass = 1\ndamping = 2\nperiod = 1e-3\nmodes = [{ weight = 1 }]\n",
+            "device.modes.0.mass: is missing.",
+        ),
+        (
+            "[device]\nmass = 1\ndamping = 2\nperiod = 1e-3\nmodes = [{ mass = 1, stiffness = 1, x = 2 }]\n",
+            "device.modes.0.x = 2: there is no such key; there are mass, stiffness, damping.",
+        ),
+        ("[device]\nmass = 1\n", "device.period: is missing."),
+        (
+            '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',
+            "device: give either mass and damping, or response.",
+        ),
+        ("[inference]\nlevel = 99\n", "inference.level = 99: input should be less than 1."),
+        (
+            '[inference]\nfamily = "log"\n',
+            "inference.family = 'log': input should be 'lognormal' or 'normal'.",
+        ),
+        ("[frequency]\nlower = 5\nupper = 1\n", "frequency: lower must be below upper."),
+        ('[model]\npooling = "none"\n', 'model: pooling = "none" and prior = "reference" go together.'),
+        ("[model.priors]\ntau = 1\n", "model.priors: no such prior as tau; there are alpha_sd, gamma_sd"),
+        ("[model.priors]\ntau_scale = -3\n", "a prior scale must be positive. Leave it out of the scene"),
+        ("x =\n", "is not TOML: Invalid value (at line 1, column 4)."),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, text, said):
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError) as caught:
+        Scene.load(path)
+    assert caught.value.file == str(path)
+    assert said in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(UsageError, match=r"nowhere\.toml: cannot be read: No such file"):
+        Scene.load(tmp_path / "nowhere.toml")
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({"columns": {"stiff": "k"}}, "columns.stiff: no such column in [columns]; the names are subject"),
+        ({"sessions": {"comma": ","}}, "sessions.comma: unknown key in [sessions]; the keys are decimal"),
+        ({"sessions": {"decimal": "x"}}, 'sessions.decimal = \'x\': must be "." or ",".'),
+        ({"environments": {"A": {"k": 3}}}, "environments.A.k = 3: an environment has the numbers k_ref"),
+        ({"environments": {"A": 3}}, "value 3: [environments.A] must be a table."),
+    ],
+)
+def test_tables_of_the_reader_name_the_scene_they_stand_in(tables, said):
+    scene = Scene.from_tables(tables)
+    with pytest.raises(UsageError) as caught:
+        ReadOptions.from_mapping(dict(scene), file="scene.toml")
+    assert str(caught.value).startswith("scene.toml, ")
+    assert said in str(caught.value)
+
+
+def test_replacing_a_setting_keeps_the_rest_and_checks_it():
+    scene = Scene.from_tables({"inference": {"level": 0.9, "seed": 4}, "sessions": {"decimal": ","}})
+    changed = scene.with_inference(level=0.95, tolerance=None)
+    assert (changed.inference.level, changed.inference.seed, changed.sessions) == (0.95, 4, {"decimal": ","})
+    assert scene.inference.level == 0.9
+    with pytest.raises(UsageError, match=r"inference\.tolerance = 2"):
+        scene.with_inference(tolerance=2)
+
+
+def test_the_share_held_is_the_level_unless_given():
+    assert Scene.from_tables({"inference": {"level": 0.9}}).inference.held_share == 0.9
+    assert Scene.from_tables({"inference": {"level": 0.9, "share": 0.8}}).inference.held_share == 0.8
+
+
+def test_what_is_none_or_left_out_is_not_handed_on():
+    plain = Scene().to_dict()
+    assert "device" not in plain
+    assert "share" not in plain["inference"]
+    assert Scene.from_tables(plain) == Scene()
