@@ -148,7 +148,7 @@ def number(document: Any, place: str, *, digits: int = 5, style: str = "plain") 
     if isinstance(value, str) and value in _INFINITE:
         return Number(_INFINITE[value], value, place)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UsageError("a number was expected at this place of the report.", column=place, value=value)
+        raise UsageError("a number was expected at this place of the report.", key=place, value=value)
     if style == "count":
         return Number(f"{value:,}".replace(",", "\u202f"), repr(value), place)
     if style.startswith("short"):

@@ -100,7 +100,7 @@ def compare_models(
         )
     unknown = [name for name in models if name not in MODELS]
     if unknown:
-        raise UsageError(f"no such model; there are {', '.join(MODELS)}.", column="models", value=unknown[0])
+        raise UsageError(f"no such model; there are {', '.join(MODELS)}.", key="models", value=unknown[0])
     if sessions.form == "summary" or scene.model.pooling == "none":
         raise RefusalError(
             "models are compared on the sessions of subjects, pooled over environments.",

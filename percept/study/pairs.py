@@ -110,7 +110,9 @@ def compare_studies(first: Study, second: Study, *, seed: int = 1) -> PairCompar
     for name in ("family", "level"):
         a, b = (getattr(study.scene.inference, name) for study in (first, second))
         if a != b:
-            raise UsageError(f"the two studies are analysed with a {name} of {a} and {b}.", column=name)
+            raise UsageError(
+                f"the two studies are analysed with a {name} of {a} and {b}.", key=f"inference.{name}"
+            )
     if not set(first.environments) & set(second.environments):
         raise RefusalError("the two studies have no environment in common, by name.")
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]

@@ -193,7 +193,7 @@ def _positive(parameter: str, value: float | None) -> float:
     if value is None:
         raise UsageError(
             f"the {NAMES[parameter]} of the new environment is missing.",
-            column=parameter,
+            key=parameter,
             hint=f"The study analyses it: give a positive number of {UNITS[parameter]}.",
         )
     if not (np.isfinite(value) and value > 0):

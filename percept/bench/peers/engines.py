@@ -154,4 +154,4 @@ def engine(name: str) -> Engine:
         if one.name == name:
             return one
     known = ", ".join(one.name for one in ENGINES)
-    raise UsageError(f"no such engine; they are {known}.", column="engine", value=name)
+    raise UsageError(f"no such engine; they are {known}.", key="engine", value=name)
