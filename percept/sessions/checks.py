@@ -8,8 +8,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from percept.errors import UsageError
+from percept.sessions.options import IDS
 from percept.sessions.problems import Problems, shown
-from percept.sessions.records import Exclusion, Notice
+from percept.sessions.records import Exclusion, Notice, Source
 
 __all__ = [
     "check_duplicates",
@@ -18,11 +20,12 @@ __all__ = [
     "count_grid",
     "drop_unfinished",
     "look_alikes",
+    "refuse_twin",
     "settle_references",
 ]
 
 Place = Callable[[int], Mapping[str, object]]
-_CELL = ["subject", "session", "environment", "trial"]
+_CELL = [*IDS, "trial"]
 _FAR = 100.0
 
 
@@ -78,6 +81,19 @@ def settle_references(
                 **place(at_row),
             )
         table[column] = expected
+
+
+def refuse_twin(sources: Iterable[Source], name: str, sha256: str) -> None:
+    """Refuse a file that was read already, under whatever name.
+
+    Raises
+    ------
+    UsageError
+        The bytes are those of one of `sources`.
+    """
+    twin = next((source.name for source in sources if source.sha256 == sha256), None)
+    if twin is not None:
+        raise UsageError(f"byte for byte the same file as {twin}.", file=name, hint="Leave one of them out.")
 
 
 def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> None:

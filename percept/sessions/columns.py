@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from percept.errors import UsageError
-from percept.sessions.options import CANONICAL, SUMMARY, ColumnRule
+from percept.sessions.options import CANONICAL, NUMBERS, SUMMARY, ColumnRule
 from percept.sessions.problems import shown
 
 __all__ = ["ALIASES", "Resolution", "Slot", "resolve"]
@@ -27,7 +27,6 @@ _WORDS = {
     "b_final final_b damping_final final_damping",
 }
 ALIASES: Mapping[str, frozenset[str]] = {name: frozenset(words.split()) for name, words in _WORDS.items()}
-_NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 _WIDE = ("{column}_{{environment}}", "{{environment}}_{column}")
 
 
@@ -172,7 +171,7 @@ def _plain(name: str) -> str:
 def _wide_by_name(header: Sequence[str], found: Mapping[str, ColumnRule], file: str) -> dict[str, ColumnRule]:
     """Patterns such as "k_adj_VE1" or "VE1_k_adj", where a header has them."""
     for shape in _WIDE:
-        patterns = {c: shape.format(column=c) for c in _NUMBERS if c not in found}
+        patterns = {c: shape.format(column=c) for c in NUMBERS if c not in found}
         wide = {
             c: ColumnRule(pattern)
             for c, pattern in patterns.items()

@@ -21,11 +21,10 @@ _MARKS = (
 
 @dataclass(frozen=True)
 class Decoded:
-    """Text of a file, the encoding it had, and whether a byte-order mark stood at its start."""
+    """Text of a file, and the encoding it had."""
 
     text: str
     encoding: str
-    marked: bool
 
 
 def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
@@ -69,7 +68,7 @@ def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
             row=line_of(text, nul),
             hint='Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".',
         )
-    return Decoded(text, name, bool(mark))
+    return Decoded(text, name)
 
 
 def line_of(text: str, position: int) -> int:

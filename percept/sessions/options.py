@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from percept.errors import UsageError
 
-__all__ = ["CANONICAL", "KEPT_COLUMNS", "SUMMARY", "ColumnRule", "ExcludeRule", "ReadOptions"]
+__all__ = [
+    "CANONICAL",
+    "IDS",
+    "KEPT_COLUMNS",
+    "NUMBERS",
+    "SUMMARY",
+    "ColumnRule",
+    "ExcludeRule",
+    "ReadOptions",
+]
 
-CANONICAL = ("subject", "session", "environment", "trial", "k_ref", "b_ref", "k_adj", "b_adj")
+IDS = ("subject", "session", "environment")
+NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
+CANONICAL = (*IDS, "trial", *NUMBERS)
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
-_PLACES = frozenset({"subject", "session", "environment"})
 _PLACE = re.compile(r"\{(\w+)\}")
 
 
@@ -104,6 +114,25 @@ class ReadOptions:
     unfinished: Literal["keep", "exclude"] = "keep"
     sheet: str | None = None
 
+    def with_columns(self, columns: Mapping[str, Any] | None) -> ReadOptions:
+        """Return a copy in which further columns are declared.
+
+        Parameters
+        ----------
+        columns : mapping or None
+            As a scene's `[columns]`; it goes before what was declared.
+
+        Returns
+        -------
+        ReadOptions
+
+        Raises
+        ------
+        UsageError
+            An unknown canonical name or key, or a value that is no text.
+        """
+        return replace(self, columns={**self.columns, **_columns(columns or {})})
+
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
         """Build from a scene's tables, checking every key.
@@ -143,29 +172,13 @@ class ReadOptions:
                 key=f"sessions.{unknown[0]}",
             )
         return cls(
-            columns=parse_columns(tables.get("columns", {})),
+            columns=_columns(tables.get("columns", {})),
             environments=_environments(tables.get("environments", {})),
             **{key: _SESSION_KEYS[key](value, key) for key, value in sessions.items()},
         )
 
 
-def parse_columns(table: Any) -> Mapping[str, ColumnRule]:
-    """Check a `[columns]` table.
-
-    Parameters
-    ----------
-    table : mapping
-        From canonical name to a column name or a table {name, unit, path}.
-
-    Returns
-    -------
-    mapping of str to ColumnRule
-
-    Raises
-    ------
-    UsageError
-        An unknown canonical name or key, or a value that is no text.
-    """
+def _columns(table: Any) -> Mapping[str, ColumnRule]:
     rules: dict[str, ColumnRule] = {}
     for canonical, value in _table(table, "[columns]").items():
         if canonical not in CANONICAL and canonical not in SUMMARY:
@@ -243,7 +256,7 @@ def _texts(value: Any, key: str) -> tuple[str, ...]:
 
 def _filename(value: Any, key: str) -> str:
     places = _PLACE.findall(_text(value, key))
-    if not places or not set(places) <= _PLACES or len(set(places)) < len(places):
+    if not places or not set(places) <= set(IDS) or len(set(places)) < len(places):
         raise UsageError(
             "must name {subject}, {session} or {environment}, each once.",
             key=f"sessions.{key}",

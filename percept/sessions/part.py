@@ -16,16 +16,13 @@ from percept.sessions.cells import CellError, pick
 from percept.sessions.columns import Resolution, Slot, resolve
 from percept.sessions.dialect import Grid
 from percept.sessions.numbers import Mark, decimal_mark, is_missing, parse_numbers
-from percept.sessions.options import CANONICAL, KEPT_COLUMNS, ExcludeRule, ReadOptions
+from percept.sessions.options import CANONICAL, IDS, KEPT_COLUMNS, NUMBERS, ExcludeRule, ReadOptions
 from percept.sessions.problems import Problems, shown
 from percept.sessions.records import Exclusion, Notice
 from percept.sessions.summary import read_summary
 from percept.sessions.units import convert
 
 __all__ = ["Part", "check_columns", "read_part"]
-
-_IDS = ("subject", "session", "environment")
-_NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 
 
 @dataclass
@@ -292,7 +289,7 @@ class _Reader:
             self.rows = [row for row, k in zip(self.rows, mask, strict=True) if k]
 
     def _check_ids(self) -> None:
-        for c in ("subject", "session", "environment", "trial"):
+        for c in (*IDS, "trial"):
             for at, cell in enumerate(self.text.get(c, ())):
                 if not cell.strip():
                     self.problems.add(
@@ -308,7 +305,7 @@ class _Reader:
         return canonical if rule is None else rule.name
 
     def _numbers(self) -> dict[str, npt.NDArray[np.float64]]:
-        names = [c for c in (*_NUMBERS, "trial") if c in self.text]
+        names = [c for c in (*NUMBERS, "trial") if c in self.text]
         ranged = [
             f"own:{r.column}" for r in self.options.exclude if not r.equals and r.column not in CANONICAL
         ]
@@ -321,7 +318,7 @@ class _Reader:
             problems=self.problems,
         )
         out = {c: self._parse(c, label, mark) for c, label in labels.items()}
-        for c in (c for c in _NUMBERS if c in out):
+        for c in (c for c in NUMBERS if c in out):
             out[c] = convert(out[c], self.resolution.rules[c].unit, c[0])
         if "trial" in out:
             self._check_whole(out["trial"])
@@ -365,7 +362,7 @@ class _Reader:
         count = len(self.rows)
         columns: dict[str, Any] = {
             c: np.array(self.text[c], dtype=object) if c in self.text else np.full(count, "1", dtype=object)
-            for c in _IDS
+            for c in IDS
         }
         blank = np.full(count, np.nan)
         columns |= {c: numbers.get(c, blank) for c in ("k_ref", "b_ref")}
@@ -378,7 +375,7 @@ class _Reader:
 
     def _last(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Keep, per trial, the last value of each parameter; the row is that of the last event."""
-        keys = [*_IDS, "trial"]
+        keys = [*IDS, "trial"]
         last = frame.groupby(keys, sort=False, as_index=False).last()
         gone = len(frame) - len(last)
         if gone:

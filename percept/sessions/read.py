@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from percept.sessions import checks
 from percept.sessions.columns import resolve
 from percept.sessions.decode import decode
 from percept.sessions.dialect import Grid, read_grid
-from percept.sessions.options import ReadOptions, parse_columns
+from percept.sessions.options import IDS, ReadOptions
 from percept.sessions.part import Part, read_part
 from percept.sessions.problems import Problems
 from percept.sessions.recognise import refuse_binary, refuse_text
@@ -55,12 +55,8 @@ def read_sessions(
         What cannot be read as it stands, each problem with file, row, column, value and what to do; a
         :class:`~percept.sessions.problems.ReadError` lists up to ten and holds them all.
     """
-    options = options or ReadOptions()
-    if columns is not None:
-        options = replace(options, columns={**options.columns, **parse_columns(columns)})
+    options = (options or ReadOptions()).with_columns(columns)
     study = _Study(options)
-    if not paths:
-        raise UsageError("no file was given.", hint="Name at least one session file or folder.")
     files, ignored = expand(paths)
     if ignored:
         study.notices.append(Notice(f"{len(ignored)} files of other kinds in the folders are not read"))
@@ -152,27 +148,20 @@ class _Study:
         except NotPlain:
             return False
         problems.raise_if_any()
-        self._refuse_twin(file, stream.sha256)
+        checks.refuse_twin(self.sources, file, stream.sha256)
         self.sources.append(Source(file, stream.sha256, stream.part.counts["rows read"]))
         if blocks:
             for block in blocks:
-                for c in ("subject", "session", "environment"):
+                for c in IDS:
                     block[c] = np.asarray(block[c], dtype=object)
             stream.part.frame = pd.concat(blocks, ignore_index=True)
         stream.part.frame["file"] = len(self.sources) - 1
         self.parts.append(stream.part)
         return True
 
-    def _refuse_twin(self, name: str, sha256: str) -> None:
-        twin = next((s.name for s in self.sources if s.sha256 == sha256), None)
-        if twin is not None:
-            raise UsageError(
-                f"byte for byte the same file as {twin}.", file=name, hint="Leave one of them out."
-            )
-
     def add(self, entry: Input) -> None:
         """Read one input."""
-        self._refuse_twin(entry.name, entry.sha256)
+        checks.refuse_twin(self.sources, entry.name, entry.sha256)
         self.sources.append(Source(entry.name, entry.sha256, 0))
         named = names_from_file(entry.name, self.options.filename)
         self.take(read_grid_of(entry, self.options, self.notices), entry.name, entry.sha256, named)
@@ -253,7 +242,7 @@ def _trials(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Session
                 key="sessions.unfinished",
                 hint='Leave out unfinished = "exclude".',
             )
-    for what in ("subject", "session", "environment"):
+    for what in IDS:
         study.notices += checks.look_alikes(table[what].unique(), what)
     counts.update(checks.count_grid(table, parameters))
     groups = [c for c in table.columns if c not in TRIAL_COLUMNS and c not in ("row", "file")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,9 +14,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import RefusalError, UsageError
-from percept.sessions.checks import look_alikes
+from percept.sessions.checks import look_alikes, refuse_twin
 from percept.sessions.numbering import Registry, codes_of, distinct, grown
-from percept.sessions.options import ReadOptions, parse_columns
+from percept.sessions.options import IDS, ReadOptions
 from percept.sessions.problems import Problems
 from percept.sessions.read import read_sessions
 from percept.sessions.records import Notice, Source
@@ -90,13 +90,9 @@ def reduce_sessions(
         An adjustment or reference that has no response in the family: zero or negative on the log scale,
         or a zero reference.
     """
-    options = options or ReadOptions()
-    if columns is not None:
-        options = replace(options, columns={**options.columns, **parse_columns(columns)})
+    options = (options or ReadOptions()).with_columns(columns)
     if family not in ("lognormal", "normal"):
         raise UsageError('family is "lognormal" or "normal".', value=family)
-    if not paths:
-        raise UsageError("no file was given.", hint="Name at least one session file or folder.")
     state = _State(family, options)
     for file in expand(paths)[0]:
         state = _with_stream(state, file) or _with_whole(state, file)
@@ -171,11 +167,7 @@ class _State:
     def finish(self, sources: Sequence[Source], notices: Sequence[Notice], counts: Mapping[str, int]) -> None:
         """Record the file the last blocks came from."""
         for source in sources:
-            twin = next((s.name for s in self.sources if s.sha256 == source.sha256), None)
-            if twin is not None:
-                raise UsageError(
-                    f"byte for byte the same file as {twin}.", file=source.name, hint="Leave one of them out."
-                )
+            refuse_twin(self.sources, source.name, source.sha256)
         self.sources += sources
         self.notices += notices
         self.counts.update(counts)
@@ -183,7 +175,7 @@ class _State:
     def add(self, frame: pd.DataFrame, file: str) -> None:
         """Check and add one block."""
         rows = frame["row"].to_numpy()
-        ids = [codes_of(frame[c]) for c in ("subject", "session", "environment")]
+        ids = [codes_of(frame[c]) for c in IDS]
         # Ids are numbered once for each run of equal ones: files are mostly sorted.
         change = np.concatenate([[True], np.logical_or.reduce([c[1:] != c[:-1] for c, _ in ids])])
         starts = np.flatnonzero(change)

@@ -55,8 +55,10 @@ def expand(paths: Sequence[str | Path]) -> tuple[list[str], list[str]]:
     Raises
     ------
     UsageError
-        A path that does not exist, or a folder or pattern without a table.
+        No path, a path that does not exist, or a folder or pattern without a table.
     """
+    if not paths:
+        raise UsageError("no file was given.", hint="Name at least one session file or folder.")
     files: dict[str, str] = {}
     ignored: list[str] = []
     for given in paths:

@@ -28,7 +28,7 @@ from percept.sessions.columns import Resolution, resolve
 from percept.sessions.decode import decode
 from percept.sessions.dialect import read_grid, split_plain
 from percept.sessions.numbers import MISSING, decimal_mark
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import IDS, NUMBERS, ReadOptions
 from percept.sessions.part import Part, check_columns, read_part
 from percept.sessions.problems import Problems
 from percept.sessions.units import convert
@@ -40,8 +40,6 @@ LARGE = 4 << 20
 _BLOCK = 8 << 20
 _HEAD = 1 << 16
 _NEWLINE = ord("\n")
-_IDS = ("subject", "session", "environment")
-_NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 _NA = sorted({form for word in MISSING for form in (word, word.upper(), word.capitalize(), "NaN")})
 # Since pandas 3.1 the parser rounds correctly by default; before, it had to be asked.
 _EXACT: dict[str, Any] = (
@@ -123,14 +121,14 @@ class Stream:
         frame = self._parsed(raw)
         if frame is None or len(frame) != lines:
             return None, lines
-        for c in (c for c in _IDS if c in frame):
+        for c in (c for c in IDS if c in frame):
             frame[c] = _coded(np.ascontiguousarray(frame[c].to_numpy()))
         return (frame if self._unchanged(frame, raw) else None), lines
 
     def _parsed(self, raw: bytes) -> pd.DataFrame | None:
         columns = self.resolution.slots[0].columns
         names = {at: name for name, at in columns.items()}
-        kinds: dict[str, Any] = {name: object if name in _IDS else "float64" for name in columns}
+        kinds: dict[str, Any] = {name: object if name in IDS else "float64" for name in columns}
         if "trial" in columns:
             kinds["trial"] = "int64"
         try:
@@ -143,7 +141,7 @@ class Stream:
                 dtype=kinds,
                 decimal=self.mark,
                 keep_default_na=False,
-                na_values={name: _NA for name in columns if name in _NUMBERS},
+                na_values={name: _NA for name in columns if name in NUMBERS},
                 quoting=csv.QUOTE_NONE,
                 skip_blank_lines=False,
                 engine="c",
@@ -154,10 +152,10 @@ class Stream:
 
     def _unchanged(self, frame: pd.DataFrame, raw: bytes) -> bool:
         """Whether no value can be one that pandas made of something else."""
-        if any(not name.strip() for c in _IDS if c in frame for name in frame[c].cat.categories):
+        if any(not name.strip() for c in IDS if c in frame for name in frame[c].cat.categories):
             return False
         adjusted = np.zeros(len(frame), dtype=bool)
-        for name in (c for c in _NUMBERS if c in frame):
+        for name in (c for c in NUMBERS if c in frame):
             values = frame[name].to_numpy()
             # 0 may be an underflow, inf an overflow or a word, nothing but ones a column of True.
             if (values == 0).any() or np.isinf(values).any() or ((values == 1).all() and _says_true(raw)):
@@ -174,10 +172,10 @@ class Stream:
         if frame is None:
             return self._careful(raw, row)
         self.part.counts["rows read"] += len(frame)
-        for c in _IDS:
+        for c in IDS:
             if c not in frame:
                 frame[c] = np.full(len(frame), self.named.get(c, "1"), dtype=object)
-        for c in _NUMBERS:
+        for c in NUMBERS:
             if c not in frame:
                 frame[c] = np.nan
             elif self.resolution.rules[c].unit is not None:
@@ -252,7 +250,7 @@ def open_stream(
         return None
     doubts = Problems()
     columns = slots[0].columns
-    used = [(c, [r[at] for r in grid.cells]) for c, at in columns.items() if c in (*_NUMBERS, "trial")]
+    used = [(c, [r[at] for r in grid.cells]) for c, at in columns.items() if c in (*NUMBERS, "trial")]
     decimal = decimal_mark(used, grid.rows, file=file, declared=options.decimal, problems=doubts)
     if len(doubts) or "group" in grid.header:
         return None
