@@ -1,8 +1,7 @@
-"""Many studies on dask.distributed: one set of rows per study, resumable, one bad study never fatal."""
+"""Many studies on whatever workers there are: one set of rows each, resumable, a bad one never fatal."""
 
-from percept.batch.cluster import connected
 from percept.batch.folder import BatchFolder
 from percept.batch.inputs import StudySource, sources
 from percept.batch.run import Summary, run_batch
 
-__all__ = ["BatchFolder", "StudySource", "Summary", "connected", "run_batch", "sources"]
+__all__ = ["BatchFolder", "StudySource", "Summary", "run_batch", "sources"]

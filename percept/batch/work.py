@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from percept.batch.inputs import StudyFiles, batch_version
+from percept.batch.inputs import StudyFiles
 from percept.batch.rows import Outcome, Status, to_parquet
 from percept.errors import PerceptError, RefusalError
 from percept.scene import Scene
@@ -35,11 +35,6 @@ def analyse(files: StudyFiles) -> Outcome:
     status: Status
     intervals, shared = None, dict[str, Any]()
     try:
-        if files.version != batch_version():
-            raise RuntimeError(
-                "this worker has another version of percept or of its dependencies than where the batch was "
-                "started; give both the same."
-            )
         study = _study(files)
         intervals, shared = study.intervals, _found(study)
         withheld = study.fit is not None and not study.fit.run.gate.passed

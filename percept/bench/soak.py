@@ -122,17 +122,19 @@ def soak(minutes: float, *, workers: int = 2, every: float = 5.0, tolerance: flo
     -------
     Soak
     """
-    from percept.batch import connected, run_batch, sources
+    from percept.batch import run_batch, sources
+    from percept.workers import OnCluster, connected
 
     watch = _Watch(every)
     stop = time.monotonic() + 60.0 * minutes
     started, studies = time.monotonic(), 0
     with tempfile.TemporaryDirectory(prefix="percept-soak-") as root, connected(workers=workers) as client:
+        mapper = OnCluster(client)
         watch.start()
         try:
             for number, paths in enumerate(_batches(Path(root))):
                 found = sources(paths, changes={"tolerance": tolerance})
-                studies += run_batch(found, Path(root) / f"out-{number % 2}", client).studies
+                studies += run_batch(found, Path(root) / f"out-{number % 2}", mapper).studies
                 if time.monotonic() > stop:
                     break
         finally:

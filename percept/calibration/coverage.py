@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,7 +14,9 @@ import numpy as np
 from percept.calibration.checkpoint import Checkpoint
 from percept.calibration.judge import Judgement, judge_study
 from percept.calibration.plan import CoveragePlan
+from percept.calibration.studies import computed
 from percept.errors import UsageError
+from percept.workers import InProcess, Mapper
 
 __all__ = ["Coverage", "coverage", "coverage_markdown"]
 
@@ -59,11 +61,11 @@ def coverage(
     plan: CoveragePlan,
     studies: int,
     *,
-    workers: int | None = None,
+    mapper: Mapper | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Coverage]:
-    """Simulate and judge studies, in parallel, and average.
+    """Simulate and judge studies, and average.
 
     Parameters
     ----------
@@ -71,8 +73,8 @@ def coverage(
         What to simulate and how to analyse it.
     studies : int
         How many; study i does not depend on this number.
-    workers : int, optional
-        Processes; all cores by default, none beside this one for 1.
+    mapper : Mapper, optional
+        The workers; this process by default.
     checkpoint : path, optional
         File of judged studies, one JSON line each, appended to; lines of this plan are not computed again.
     progress : callable, optional
@@ -86,13 +88,17 @@ def coverage(
     ------
     UsageError
         Fewer than two studies, or a checkpoint that is not one.
+    RefusalError
+        Where a study could not be judged, by an error of the machine or of the code, or the mapper has no
+        workers any more; the checkpoint has the others.
     """
     if studies < 2:
         raise UsageError("a standard error needs at least two studies.", value=studies)
     kept = Checkpoint(checkpoint, plan.key, what="judged", pack=_pack, unpack=_unpack)
     judged = kept.read(studies)
     wanted = [index for index in range(studies) if index not in judged]
-    for index, found in _computed(plan, wanted, workers or os.cpu_count() or 1):
+    judge = functools.partial(judge_study, plan)
+    for index, found in computed(judge, wanted, mapper or InProcess(), name=f"coverage-{plan.key}"):
         judged[index] = found
         kept.append(index, found)
         if progress:
@@ -125,17 +131,6 @@ def coverage_markdown(rows: list[Coverage]) -> str:
         ]  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
-
-
-def _computed(plan: CoveragePlan, wanted: list[int], workers: int) -> Iterator[tuple[int, list[Judgement]]]:
-    if workers == 1 or len(wanted) < 2:
-        for index in wanted:
-            yield index, judge_study(plan, index)
-        return
-    with ProcessPoolExecutor(workers) as pool:
-        running = {pool.submit(judge_study, plan, index): index for index in wanted}
-        for done in as_completed(running):
-            yield running[done], done.result()
 
 
 def _averaged(plan: CoveragePlan, judged: list[list[Judgement]]) -> list[Coverage]:

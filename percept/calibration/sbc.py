@@ -8,10 +8,11 @@ the conditionals are right. All quantities of a design are judged together, by s
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,9 @@ from percept.calibration.bands import ecdf_band
 from percept.calibration.checkpoint import Checkpoint
 from percept.calibration.sbc_fit import Placed, place_study
 from percept.calibration.sbc_plan import FAULTS, SbcPlan
+from percept.calibration.studies import computed
 from percept.errors import UsageError
+from percept.workers import InProcess, Mapper
 
 __all__ = ["Calibration", "Uniformity", "calibrate", "judge_places", "sbc_markdown"]
 
@@ -93,7 +96,7 @@ def calibrate(
     plan: SbcPlan,
     fits: int,
     *,
-    workers: int = 1,
+    mapper: Mapper | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -106,12 +109,12 @@ def calibrate(
         The design and how it is fitted.
     fits : int
         How many studies; study i does not depend on this number.
-    workers : int
-        Processes; none beside this one for 1.
+    mapper : Mapper, optional
+        The workers; this process by default.
     checkpoint : path, optional
         File of placed studies, one JSON line each, appended to; lines of this plan are not computed again.
     seconds : float, optional
-        Start no more studies after this time; those done are judged, in order and without gaps in 1 worker.
+        Hand out no more studies after this time; those done are judged.
     progress : callable, optional
         Told how many studies are done, and of how many.
 
@@ -123,6 +126,9 @@ def calibrate(
     ------
     UsageError
         A checkpoint that is not one, or fewer than one study.
+    RefusalError
+        Where a study could not be placed, by an error of the machine or of the code, or the mapper has no
+        workers any more; the checkpoint has the others.
     """
     if fits < 1:
         raise UsageError("a calibration needs at least one study.", column="fits", value=fits)
@@ -130,7 +136,9 @@ def calibrate(
     placed = kept.read(fits)
     wanted = [index for index in range(fits) if index not in placed]
     stop = None if seconds is None else time.monotonic() + seconds
-    for index, one in _computed(plan, wanted, workers, stop):
+    started = itertools.takewhile(lambda _: stop is None or time.monotonic() < stop, wanted)
+    place = functools.partial(place_study, plan)
+    for index, one in computed(place, started, mapper or InProcess(), name=f"sbc-{plan.key}"):
         placed[index] = one
         kept.append(index, one)
         if progress:
@@ -204,30 +212,6 @@ def sbc_markdown(found: list[Calibration]) -> str:
         ]  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
-
-
-def _computed(
-    plan: SbcPlan, wanted: list[int], workers: int, stop: float | None
-) -> Iterator[tuple[int, Placed]]:
-    def late() -> bool:
-        return stop is not None and time.monotonic() >= stop
-
-    if workers == 1:
-        for index in wanted:
-            if late():
-                return
-            yield index, place_study(plan, index)
-        return
-    ahead = iter(wanted)
-    with ProcessPoolExecutor(workers) as pool:
-        running = {pool.submit(place_study, plan, i): i for i, _ in zip(ahead, range(workers), strict=False)}
-        while running:
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield running.pop(future), future.result()
-                following = None if late() else next(ahead, None)
-                if following is not None:
-                    running[pool.submit(place_study, plan, following)] = following
 
 
 def _unpack(line: Mapping[str, Any]) -> Placed:

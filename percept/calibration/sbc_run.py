@@ -11,6 +11,7 @@ from pathlib import Path
 
 from percept.calibration.sbc import Calibration, calibrate, sbc_markdown
 from percept.calibration.sbc_plan import SBC_DESIGNS, Fault, SbcPlan
+from percept.workers import Mapper
 
 __all__ = ["calibrate_designs", "write_calibrations"]
 
@@ -21,7 +22,7 @@ def calibrate_designs(
     designs: Sequence[str] = tuple(SBC_DESIGNS),
     fault: Fault = "none",
     seed: int = 1,
-    workers: int = 1,
+    mapper: Mapper | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     seconds: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -38,8 +39,8 @@ def calibrate_designs(
         A deliberate error, of `FAULTS`.
     seed : int
         Of the whole.
-    workers : int
-        Processes.
+    mapper : Mapper, optional
+        The workers; this process by default.
     checkpoint : path, optional
         File of placed studies; interrupted runs go on from it.
     seconds : float, optional
@@ -50,6 +51,11 @@ def calibrate_designs(
     Returns
     -------
     list of Calibration
+
+    Raises
+    ------
+    UsageError, RefusalError
+        As `calibrate`.
     """
     stop = None if seconds is None else time.monotonic() + seconds
     found = []
@@ -62,7 +68,7 @@ def calibrate_designs(
 
         plan = SbcPlan(design=design, seed=seed, fault=fault)
         found.append(
-            calibrate(plan, fits, workers=workers, checkpoint=checkpoint, seconds=share, progress=tell)
+            calibrate(plan, fits, mapper=mapper, checkpoint=checkpoint, seconds=share, progress=tell)
         )
     return found
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.commands.analysis import add_setting_arguments, settings
+from percept.commands.workers import add_worker_arguments
 
 if TYPE_CHECKING:
     from percept.batch import Summary
@@ -28,8 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--from", dest="listed", metavar="FILE", help="a text file with one STUDY per line")
     add_setting_arguments(parser)
-    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (all cores)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="a running dask scheduler, in their place")
+    add_worker_arguments(parser)
     parser.add_argument("--out", default="batch", metavar="DIR", help="folder to write into (batch)")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 
@@ -41,20 +41,21 @@ def run(arguments: argparse.Namespace) -> int:
     from percept.errors import UsageError
 
     try:
-        from percept.batch import connected, run_batch, sources
+        from percept.batch import run_batch, sources
     except ImportError as error:
         raise UsageError(
             f"{error.name} is not installed.", hint="Install percept with its extra: percept[cluster]."
         ) from None
     from percept.report.plain import plain
     from percept.scene import Scene
+    from percept.workers import open_mapper
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
     changes = settings(arguments)
     scene.with_inference(**changes)  # a wrong setting is wrong once, not once per study
     studies = sources(_named(arguments), scene=scene, changes=changes)
-    with connected(arguments.workers, arguments.scheduler) as client:
-        summary = run_batch(studies, arguments.out, client, progress=_Progress(shown=not arguments.quiet))
+    with open_mapper(arguments.workers, arguments.scheduler) as mapper:
+        summary = run_batch(studies, arguments.out, mapper, progress=_Progress(shown=not arguments.quiet))
     if arguments.json:
         print(json.dumps(plain({**vars(summary), "table": str(summary.table)}), indent=1))
     else:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from percept.commands.analysis import add_analysis_arguments, open_study
 from percept.commands.progress import SamplerProgress
+from percept.commands.workers import add_worker_arguments
 
 if TYPE_CHECKING:
     from percept.calibration.plan import CoveragePlan
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=["lognormal"],
         help="distribution of the simulated users (lognormal); the family of the model is --family",
     )
-    parser.add_argument("--workers", type=int, metavar="N", help="processes (all cores)")
+    add_worker_arguments(parser)
     parser.add_argument("--out", default="coverage", metavar="DIR", help="folder to write into (coverage)")
 
 
@@ -55,23 +56,22 @@ def run(arguments: argparse.Namespace) -> int:
     import pandas as pd
 
     from percept.calibration.coverage import coverage, coverage_markdown
+    from percept.workers import open_mapper
 
     out = Path(arguments.out)
+    plans = _plans(arguments)
     rows = []
-    for plan in _plans(arguments):
-        name = f"n = {plan.subjects}, {plan.truth} users"
+    with open_mapper(arguments.workers, arguments.scheduler) as mapper:
+        for plan in plans:
+            name = f"n = {plan.subjects}, {plan.truth} users"
 
-        def told(done: int, studies: int, name: str = name) -> None:
-            if not arguments.quiet and sys.stderr.isatty():
-                print(f"\r{name}: {done} of {studies} studies ", end="", file=sys.stderr, flush=True)
+            def told(done: int, studies: int, name: str = name) -> None:
+                if not arguments.quiet and sys.stderr.isatty():
+                    print(f"\r{name}: {done} of {studies} studies ", end="", file=sys.stderr, flush=True)
 
-        rows += coverage(
-            plan,
-            arguments.studies,
-            workers=arguments.workers,
-            checkpoint=out / "judged.jsonl",
-            progress=told,
-        )
+            rows += coverage(
+                plan, arguments.studies, mapper=mapper, checkpoint=out / "judged.jsonl", progress=told
+            )
     out.mkdir(parents=True, exist_ok=True)
     head = _HEAD.format(
         paths=" ".join(Path(path).name for path in arguments.sessions), source=_SOURCES[arguments.source]

@@ -6,6 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from percept.commands.workers import add_worker_arguments
+
 EXAMPLE = "percept sbc --fits 1000 --out reports/calibration"
 
 
@@ -15,8 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--designs", nargs="+", metavar="NAME", help="designs (all six)")
     parser.add_argument("--fault", default="none", metavar="NAME", help="a deliberate error to catch (none)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the studies (1)")
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (1)")
-    parser.add_argument("--seconds", type=float, metavar="S", help="stop starting fits after so long")
+    add_worker_arguments(parser)
+    parser.add_argument("--seconds", type=float, metavar="S", help="hand out no more fits after so long")
     parser.add_argument(
         "--out", default="calibration", metavar="DIR", help="folder to write into (calibration)"
     )
@@ -26,6 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
     from percept.calibration.sbc_plan import SBC_DESIGNS
     from percept.calibration.sbc_run import calibrate_designs, write_calibrations
+    from percept.workers import open_mapper
 
     def told(design: str, done: int, fits: int) -> None:
         if sys.stderr.isatty():
@@ -33,16 +36,17 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
-    found = calibrate_designs(
-        arguments.fits,
-        designs=tuple(arguments.designs or SBC_DESIGNS),
-        fault=arguments.fault,
-        seed=arguments.seed,
-        workers=arguments.workers,
-        checkpoint=out / "fits.jsonl",
-        seconds=arguments.seconds,
-        progress=told,
-    )
+    with open_mapper(arguments.workers, arguments.scheduler) as mapper:
+        found = calibrate_designs(
+            arguments.fits,
+            designs=tuple(arguments.designs or SBC_DESIGNS),
+            fault=arguments.fault,
+            seed=arguments.seed,
+            mapper=mapper,
+            checkpoint=out / "fits.jsonl",
+            seconds=arguments.seconds,
+            progress=told,
+        )
     write_calibrations(found, out)
     print(out / "sbc.md")
     return 0

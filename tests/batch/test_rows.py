@@ -68,16 +68,6 @@ def test_a_gate_that_fails_leaves_the_classical_rows_and_says_why(tmp_path):
     assert "Monte Carlo error" in found["message"][0]
 
 
-def test_a_worker_of_another_version_does_not_answer(tmp_path):
-    import dataclasses
-
-    path = tmp_path / "s.csv"
-    path.write_text(study_text(1))
-    outcome = analyse(dataclasses.replace(files_of(path), version="percept 0.0.0"))
-    assert outcome.status == "failed"
-    assert "another version" in outcome.message
-
-
 def test_infinite_limits_survive_and_missing_numbers_are_null():
     frame = pd.DataFrame({"lower": [-np.inf, 1.0], "share": [np.nan, 0.9]})
     rows = read(to_parquet({"study": "a"}, frame)).to_pylist()

@@ -14,6 +14,8 @@ from percept.calibration.coverage import Coverage, coverage, coverage_markdown
 from percept.calibration.judge import judge_study
 from percept.calibration.plan import CoveragePlan, fitted_values
 from percept.calibration.truth import Population
+from percept.workers import OnCluster
+from tests.workers.clusters import QUIET, in_threads
 
 PLAN = CoveragePlan(
     references=((10.0, 0.1), (1000.0, 1.0), (25_000.0, 25.0)),
@@ -45,7 +47,7 @@ def found(rows: list[Coverage], **wanted: str) -> Coverage:
 @pytest.fixture(scope="module")
 def rows() -> list[Coverage]:
     values = fixed_values(spread=1.5, environments=2)
-    return coverage(dataclasses.replace(PLAN, references=PLAN.references[:2], values=values), 40, workers=1)
+    return coverage(dataclasses.replace(PLAN, references=PLAN.references[:2], values=values), 40)
 
 
 def test_classical_coverage_is_the_stated_one_in_the_right_family(rows: list[Coverage]) -> None:
@@ -74,26 +76,33 @@ def test_region_boundaries_hold_whole_curves_at_their_level_and_pointwise_ones_l
     assert pointwise.held <= simultaneous.held
 
 
+@QUIET
 def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Path) -> None:
     path = tmp_path / "judged.jsonl"
     plan = dataclasses.replace(PLAN, references=PLAN.references[:2])
-    before = coverage(plan, 2, workers=1, checkpoint=path)
+    before = coverage(plan, 2, checkpoint=path)
     with path.open("a") as file:
         file.write('{"plan": "' + plan.key + '", "index": 2, "jud')  # cut short
     done: list[tuple[int, int]] = []
-    rows = coverage(plan, 4, workers=2, checkpoint=path, progress=lambda a, b: done.append((a, b)))
+    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+
+    def told(count: int, of: int) -> None:
+        done.append((count, of))
+
+    with in_threads() as client:
+        rows = coverage(plan, 4, mapper=OnCluster(client), checkpoint=path, progress=told)
     assert done == [(3, 4), (4, 4)]
-    assert rows == coverage(plan, 4, workers=1)
+    assert rows == coverage(plan, 4)
     # Another plan does not take these lines for its own.
-    assert coverage(dataclasses.replace(plan, seed=2), 2, workers=1, checkpoint=path) != before
-    assert coverage(plan, 2, workers=1, checkpoint=path) == before
+    assert coverage(dataclasses.replace(plan, seed=2), 2, checkpoint=path) != before
+    assert coverage(plan, 2, checkpoint=path) == before
 
 
 def test_a_checkpoint_that_is_none(tmp_path: Path) -> None:
     path = tmp_path / "judged.jsonl"
     path.write_text("nonsense\n" + json.dumps({"plan": "x", "index": 0, "judged": []}) + "\n")
     with pytest.raises(UsageError, match="not a line of judged studies"):
-        coverage(PLAN, 2, workers=1, checkpoint=path)
+        coverage(PLAN, 2, checkpoint=path)
 
 
 def test_truth_of_a_population() -> None:
@@ -131,7 +140,7 @@ def test_normal_users_below_zero_are_refused_by_a_lognormal_model_and_said_so() 
     plan = dataclasses.replace(PLAN, method="both", truth="normal", values=values)
     judged = judge_study(plan, 0)
     assert [one.claim for one in judged if one.method == "bayesian"] == ["refused"]
-    table = coverage_markdown(coverage(plan, 2, workers=1))
+    table = coverage_markdown(coverage(plan, 2))
     assert "| refused |" in table
 
 

@@ -1,6 +1,6 @@
 """Simulation-based calibration, reduced: right densities stay inside, wrong ones are caught.
 
-The full run is `percept calibrate --sbc`; its results are committed under reports/calibration.
+The full run is `percept sbc`; its results are committed under reports/calibration.
 """
 
 import dataclasses
@@ -14,9 +14,11 @@ from percept.calibration.sbc import calibrate, judge_places, sbc_markdown
 from percept.calibration.sbc_fit import Placed, place_study
 from percept.calibration.sbc_plan import FAULTS, SBC_DESIGNS, SbcPlan
 from percept.calibration.sbc_run import calibrate_designs, write_calibrations
+from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.sampling.moves import standard_moves
 from percept.inference.sampling.reference import Reference
+from tests.workers.clusters import QUIET
 
 PLAN = SbcPlan(design="one environment")
 
@@ -116,6 +118,21 @@ def test_study_is_the_same_however_it_is_run(tmp_path):
     assert path.read_text().startswith(kept)
     assert first.quantities[0].below != both.quantities[0].below or first.fits < both.fits
     assert place_study(PLAN, 2).values == json.loads(path.read_text().splitlines()[2])["values"]
+
+
+@QUIET
+def test_fits_are_the_same_on_two_workers(tmp_path):
+    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    found = []
+    for workers in ("1", "2"):
+        out = tmp_path / workers
+        asked = ["--fits", "3", "--designs", "one environment", "--workers", workers, "--out", str(out)]
+        assert main(["sbc", *asked]) == 0
+        lines = (out / "fits.jsonl").read_text().splitlines()
+        found.append(sorted(lines, key=lambda line: json.loads(line)["index"]))
+        assert [json.loads(line)["index"] for line in found[-1]] == [0, 1, 2]
+    assert found[0] == found[1]
+    assert (tmp_path / "1" / "sbc.json").read_bytes() == (tmp_path / "2" / "sbc.json").read_bytes()
 
 
 def test_interrupted_line_is_dropped_and_a_strange_one_refused(tmp_path):

@@ -1,20 +1,50 @@
-"""The way to workers: a cluster of this machine, or a scheduler somewhere."""
+"""The way to workers: this process, a cluster of this machine, or a scheduler somewhere."""
 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from percept.errors import UsageError
+from percept.workers.jobs import InProcess, Mapper
+from percept.workers.on_cluster import OnCluster
 
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["connected"]
+__all__ = ["connected", "open_mapper"]
 
 _SECONDS = 20.0
+
+
+@contextmanager
+def open_mapper(workers: int | None = None, scheduler: str | None = None) -> Iterator[Mapper]:
+    """Open the way to workers that is asked for: one is this process itself, more are a dask cluster.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Processes on this machine, one per core by default.
+    scheduler : str, optional
+        Address of a running scheduler, in place of workers here.
+
+    Yields
+    ------
+    Mapper
+
+    Raises
+    ------
+    UsageError
+        As `connected`.
+    """
+    if scheduler is None and (os.cpu_count() if workers is None else workers) == 1:
+        yield InProcess()
+    else:
+        with connected(workers, scheduler) as client:
+            yield OnCluster(client)
 
 
 @contextmanager
@@ -47,7 +77,8 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
         from distributed import Client, LocalCluster
     except ImportError:
         raise UsageError(
-            "dask.distributed is not installed.", hint="Install percept with its extra: percept[cluster]."
+            "more than one worker needs dask.distributed, which is not installed.",
+            hint="Install percept with its extra, percept[cluster], or give --workers 1.",
         ) from None
     if scheduler is not None:
         try:
