@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
+import secrets
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -38,9 +38,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     OSError
         Where it cannot be written; what stood there before stays, as it does after any error inside.
     """
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", suffix=_SUFFIX, dir=path.parent)
-    os.close(handle)
-    aside = Path(name)
+    aside = path.with_name(f".{path.name}-{secrets.token_hex(8)}{_SUFFIX}")
+    aside.touch(exist_ok=False)  # with the permissions any new file has, which `tempfile` would not give
     try:
         yield aside
         _sync(aside, os.O_RDWR)

@@ -17,6 +17,13 @@ def test_a_file_is_replaced_whole_and_nothing_stays_beside_it(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
 
+@posix
+def test_others_may_read_a_file_as_any_new_one(tmp_path):
+    write_whole(tmp_path / "a.txt", b"x")
+    (tmp_path / "plain.txt").write_bytes(b"x")
+    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain.txt").stat().st_mode
+
+
 def test_an_error_while_writing_leaves_what_was_there(tmp_path):
     path = tmp_path / "a.txt"
     write_whole(path, b"old")

@@ -104,8 +104,16 @@ def _methods(study: Study, *, as_json: bool) -> int:
 
     table = study.comparison
     if table is None:
-        why = "; ".join(f"{what}: {reason}" for what, reason in study.skipped)
-        raise RefusalError("there is only one method to compare.", hint=why)
+        asked = study.scene.inference.method
+        if asked != "both":
+            raise RefusalError(
+                f"only the {asked} method was asked for: there is nothing to compare it with.",
+                hint='Set method = "both", or give a second study.',
+            )
+        raise RefusalError(
+            "the Bayesian intervals are withheld, and the others stand alone.",
+            hint=dict(study.skipped)["Bayesian intervals"],
+        )
     curves = study.curve_comparison
     if as_json:
         _print_json({"comparison": table, "curves": curves})
@@ -133,7 +141,8 @@ def _print_curves(curves: pd.DataFrame, ratio: str) -> None:
 
 
 def _print(table: pd.DataFrame) -> None:
-    print(table.to_string(index=False, float_format="{:.4g}".format, na_rep="-"))
+    shown = table.dropna(axis=1, how="all")
+    print(shown.to_string(index=False, float_format="{:.4g}".format, na_rep="-"))
 
 
 def _print_json(parts: dict[str, Any]) -> None:

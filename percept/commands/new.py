@@ -32,5 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
             file=str(path),
             hint="Give another name, or remove it first.",
         ) from error
+    except OSError as error:
+        raise UsageError(
+            f"cannot be written: {error.strerror}.", file=str(path), hint="Name a folder that is there."
+        ) from error
     print(path)
     return 0

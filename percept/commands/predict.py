@@ -63,17 +63,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _left_out(study: Study, arguments: argparse.Namespace) -> int:
+    from percept.report.folder import filled_folder
     from percept.report.left_out import left_out_document, left_out_markdown
     from percept.report.plain import dumps
     from percept.study.left_out import leave_one_environment_out
 
     document = left_out_document(study, leave_one_environment_out(study))
     if arguments.out:
-        folder = Path(arguments.out)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "leave_one_out.json").write_text(dumps(document), encoding="utf-8")
-        (folder / "leave_one_out.md").write_text(left_out_markdown(document), encoding="utf-8")
-        print(folder / "leave_one_out.md")
+        page = "leave_one_out.md"
+        with filled_folder(arguments.out, last=page) as folder:
+            (folder / "leave_one_out.json").write_text(dumps(document), encoding="utf-8")
+            (folder / page).write_text(left_out_markdown(document), encoding="utf-8")
+        print(Path(arguments.out) / page)
     else:
         print(dumps(document) if arguments.json else left_out_markdown(document), end="")
     return 0

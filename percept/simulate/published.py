@@ -182,7 +182,9 @@ def read_summary(path: str | os.PathLike[str]) -> PublishedLimits:
                 skip_blank_lines=False,
                 index_col=False,
             )
-    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+    except OSError as error:
+        raise UsageError(f"the summary cannot be read: {error.strerror}.", file=file) from error
+    except (UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise UsageError(f"the summary cannot be read: {error}.", file=file) from error
     except pd.errors.ParserWarning as error:
         raise UsageError("a row has more fields than the header.", file=file) from error

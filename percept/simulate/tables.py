@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from percept.durable import write_whole
 from percept.errors import RefusalError, UsageError
 from percept.simulate.design import Design
 
@@ -77,7 +78,7 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     UsageError
-        If a row does not say that it is simulated, or the folder does not exist.
+        If a row does not say that it is simulated, or the file cannot be written.
     RefusalError
         If a value is not a finite number.
     """
@@ -96,10 +97,8 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
         if not np.isfinite(values).all():
             raise RefusalError("a simulated value is not finite.", file=str(target), column=name)
         text[name] = [np.format_float_positional(value, trim="-") for value in values]
-    part = target.with_name(target.name + ".part")
     try:
-        part.write_bytes(text.to_csv(index=False, lineterminator="\n").encode())
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+        write_whole(target, text.to_csv(index=False, lineterminator="\n").encode())
+    except OSError as error:
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(target)) from error
     return target

@@ -25,6 +25,7 @@ def folder(tmp_path_factory):
     table.assign(hand=third).to_csv(out / "three.csv", index=False)
     device = "[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n[frequency]\npoints = 5\n"
     (out / "scene.toml").write_text(f'{device}[sessions]\ngroups = ["hand"]\n')
+    (out / "hasty.toml").write_text("[inference]\ntolerance = 1e-4\nmost_steps = 200\n")
     (out / "light.toml").write_text(device.replace("mass = 1.0", "mass = 0.1"))
     return out
 
@@ -81,7 +82,8 @@ def test_methods_are_printed_with_their_reasons(folder, capsys):
         (["all.csv", "--scene", "scene.toml", "--by", "foot"], 2, "there is no such column"),
         (["all.csv", "--by", "hand", "--other-scene", "light.toml"], 2, "leave --other-scene out"),
         (["all.csv", "left.csv", "right.csv"], 2, "one or two studies"),
-        (["all.csv", "--method", "classical"], 1, "only one method to compare"),
+        (["all.csv", "--method", "classical"], 1, "only the classical method was asked for"),
+        (["all.csv", "--scene", "hasty.toml"], 1, "withheld, and the others stand alone. "),
     ],
 )
 def test_refused(folder, monkeypatch, capsys, words, code, message):
