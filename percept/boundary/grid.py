@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from percept.errors import UsageError
 
-__all__ = ["FLOOR", "TOLERANCE", "Grid", "adaptive_grid", "departure"]
+__all__ = ["FLOOR", "TOLERANCE", "Grid", "adaptive_grid", "adaptive_grids"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 #: Largest relative distance of the lines from the curves.
 TOLERANCE = 1e-3
@@ -84,53 +85,104 @@ def adaptive_grid(
     UsageError
         A range that is not 0 < lower < upper, or a tolerance outside (0, 1).
     """
+    (grid,) = adaptive_grids(
+        lambda _, omega: curves(omega),
+        1,
+        lower,
+        upper,
+        tolerance=tolerance,
+        including=including,
+        followed=followed,
+    )
+    return grid
+
+
+def adaptive_grids(
+    curves: Callable[[Indices, Array], Array],
+    count: int,
+    lower: float,
+    upper: float,
+    *,
+    tolerance: float = TOLERANCE,
+    including: Array | None = None,
+    followed: NDArray[np.bool_] | None = None,
+) -> list[Grid]:
+    """Choose frequencies for several sets of curves, each set its own, in as few calls as for one.
+
+    Parameters
+    ----------
+    curves : callable
+        Which set (M,), in order, and frequencies (M,), rad/s, to the curves (C, M) of those sets there.
+    count : int
+        How many sets.
+    lower, upper, tolerance, including, followed
+        As `adaptive_grid`, the same for all sets.
+
+    Returns
+    -------
+    list of Grid
+        One per set: what `adaptive_grid` would choose for it alone.
+
+    Raises
+    ------
+    UsageError
+        As `adaptive_grid`.
+    """
     if not 0.0 < lower < upper:
         raise UsageError("frequencies must satisfy 0 < lower < upper, in rad/s.", value=(lower, upper))
     if not 0.0 < tolerance < 1.0:
         raise UsageError("tolerance must lie in (0, 1).", value=tolerance)
+    start = _start(lower, upper, including)
+    # The points of all sets stand in one row, set after set.
+    owner, omega = np.repeat(np.arange(count), start.size), np.tile(start, count)
+    values = curves(owner, omega)
+    rows = np.ones(len(values), dtype=bool) if followed is None else followed
+    logs = _followed(omega, values[rows])
+    left = np.flatnonzero(owner[:-1] == owner[1:])
+    size, farthest = np.full(count, start.size), np.zeros(count)
+    while left.size:
+        middle, whose = np.sqrt(omega[left] * omega[left + 1]), owner[left]
+        found = curves(whose, middle)
+        true = _followed(middle, found[rows])
+        off = _CORNER * _departure(logs[:, left], logs[:, left + 1], true)
+        split = (off > tolerance) & (size[whose] < _MOST)
+        np.maximum.at(farthest, whose[~split], off[~split])
+        size += np.bincount(whose, minlength=count)
+        at = left + 1
+        owner, omega = np.insert(owner, at, whose), np.insert(omega, at, middle)
+        values, logs = np.insert(values, at, found, axis=1), np.insert(logs, at, true, axis=1)
+        new = left + np.arange(left.size)
+        left = np.sort(np.concatenate([new[split], new[split] + 1]))
+    ends = np.cumsum(size)[:-1]
+    parts = zip(np.split(omega, ends), np.split(values, ends, axis=1), farthest.tolist(), strict=True)
+    return [Grid(*part) for part in parts]
+
+
+def _start(lower: float, upper: float, including: Array | None) -> Array:
     count = max(3, int(np.ceil(_PER_DECADE * np.log10(upper / lower))) + 1)
     extra = np.empty(0) if including is None else np.asarray(including, dtype=float)
     extra = extra[(extra > lower) & (extra < upper)]
-    omega = np.unique(np.concatenate([np.geomspace(lower, upper, count), extra]))
-    values = curves(omega)
-    rows = np.ones(len(values), dtype=bool) if followed is None else followed
-    left = np.arange(omega.size - 1)
-    farthest = 0.0
-    while left.size:
-        middle = np.sqrt(omega[left] * omega[left + 1])
-        found = curves(middle)
-        off = _CORNER * departure(omega, values[rows], middle, found[rows])
-        split = (off > tolerance) & (omega.size < _MOST)
-        farthest = max(farthest, float(off[~split].max(initial=0.0)))
-        at = left + 1
-        omega, values = np.insert(omega, at, middle), np.insert(values, at, found, axis=1)
-        new = left + np.arange(left.size)
-        left = np.sort(np.concatenate([new[split], new[split] + 1]))
-    return Grid(omega, values, farthest)
+    return np.unique(np.concatenate([np.geomspace(lower, upper, count), extra]))
 
 
-def departure(omega: Array, values: Array, at: Array, true: Array) -> Array:
-    """Measure how far lines in log-log lie from curves, the worst of them at each frequency.
+def _followed(omega: Array, values: Array) -> Array:
+    """Logarithms of omega and, below it, of the curves; those below `FLOOR` of the largest count as that."""
+    return np.log(np.vstack([omega, np.maximum(values, FLOOR * values.max(axis=0))]))
+
+
+def _departure(left: Array, right: Array, true: Array) -> Array:
+    """Measure how far lines lie from curves between two points, the worst of them in each interval.
 
     Parameters
     ----------
-    omega, values : ndarray, shapes (M,) and (C, M)
-        Points of the lines.
-    at, true : ndarray, shapes (N,) and (C, N)
-        Where to look, and the curves there.
+    left, right, true : ndarray, shape (1 + C, N)
+        As `_followed` gives them: of the ends of N intervals, and at one place in each.
 
     Returns
     -------
     ndarray, shape (N,)
-        Largest abs(log(line/curve)); values below `FLOOR` of the largest curve count as that.
+        Largest abs(log(line/curve)).
     """
-    x, where = np.log(omega), np.log(at)
-    right = np.clip(np.searchsorted(x, where), 1, x.size - 1)
-    share = (where - x[right - 1]) / (x[right] - x[right - 1])
-    logs = np.log(_raised(values))
-    line = logs[:, right - 1] + share * (logs[:, right] - logs[:, right - 1])
-    return np.abs(line - np.log(_raised(true))).max(axis=0)
-
-
-def _raised(values: Array) -> Array:
-    return np.maximum(values, FLOOR * values.max(axis=0))
+    share = (true[0] - left[0]) / (right[0] - left[0])
+    line = left[1:] + share * (right[1:] - left[1:])
+    return np.asarray(np.abs(line - true[1:]).max(axis=0))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from percept import haptics
 from percept.boundary.draws import DrawBands, DrawCurves
-from percept.boundary.grid import TOLERANCE, Grid, adaptive_grid
+from percept.boundary.grid import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.records import Boundary, Shape
 from percept.haptics import AnyDevice, Coupling, Environment
 from percept.study.regions import Draws, Region
@@ -19,10 +19,14 @@ from percept.study.regions import Draws, Region
 __all__ = ["Bench", "Range", "environment_boundaries", "region_curves"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 # The proxies that a band through draws is followed by lie this many SDs out: about its usual reach.
 _PROXY = 3.0
 # Rows of a measured device that a grid starts from, at most twice as many.
 _MOST_ROWS = 128
+_BOXES = {"corner": haptics.corner_curves, "envelope": haptics.magnitude_envelope}
+# Stands where an ellipse has no limits of k and b; nothing is drawn from it.
+_NO_LIMITS = ((np.nan, np.nan), (np.nan, np.nan))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -115,15 +119,8 @@ def environment_boundaries(
     list of Boundary
     """
     place = _Place(bench, environment, frequencies)
-    found = []
-    for region in regions:
-        if region.ellipse is None:
-            found.append(_around(place, region, "corner"))
-        found.append(_around(place, region, "envelope"))
-    for drawn in draws:
-        if environment in drawn.pairs:
-            found += _through(place, drawn)
-    return found
+    through = [drawn for drawn in draws if environment in drawn.pairs]
+    return [*_around(place, regions), *_through(place, through)]
 
 
 def region_curves(
@@ -158,109 +155,151 @@ def region_curves(
         centre = (float(ellipse.centre[0]), float(ellipse.centre[1]))
         return envelope(omega, device, centre, ellipse.shape, ellipse.radius, period, hold=hold)
     assert region.limits is not None
-    box = haptics.corner_curves if shape == "corner" else haptics.magnitude_envelope
-    return box(omega, device, *region.limits, period, hold=hold)
+    return _BOXES[shape](omega, device, *region.limits, period, hold=hold)
 
 
+@dataclasses.dataclass(frozen=True)
 class _Place:
     """One environment on a bench: its own curves are followed beside every boundary's."""
 
-    def __init__(self, bench: Bench, environment: str, frequencies: Range) -> None:
-        self.bench, self.environment, self.frequencies = bench, environment, frequencies
-        self._known: dict[float, tuple[float, float]] = {}
-
-    def own(self, omega: Array) -> Array:
-        """abs(Z_h) of the reference, without and through the coupling, shape (2, M).
-
-        Grids halve the same intervals for one boundary after another: what was evaluated is kept.
-        """
-        places = omega.tolist()
-        new = np.array([place for place in places if place not in self._known])
-        if new.size:
-            pair = (self.bench.curve(self.environment, new, coupled=coupled) for coupled in (False, True))
-            values = zip(*(curve.tolist() for curve in pair), strict=True)
-            self._known.update(zip(new.tolist(), values, strict=True))
-        return np.array([self._known[place] for place in places]).T
+    bench: Bench
+    environment: str
+    frequencies: Range
 
     def sampled(
-        self, curves: Callable[[Array], Array], smooth: tuple[bool, ...]
-    ) -> tuple[dict[str, Any], Array]:
-        """Evaluate curves (rows `smooth` or not) where asked, or where they need it, with what all share."""
-        bench = self.bench
+        self, curves: Callable[[Indices, Array], Array], count: int, smooth: tuple[bool, ...]
+    ) -> Iterator[tuple[dict[str, Any], Array]]:
+        """Evaluate `count` sets of curves (rows `smooth` or not) where asked, or where they need it.
 
-        def stacked(omega: Array) -> Array:
-            return np.concatenate([self.own(omega), curves(omega)])
+        Yields of each set what all boundaries share, and its curves.
+        """
+        bench, wanted = self.bench, self.frequencies
 
-        wanted = self.frequencies
+        def stacked(which: Indices, omega: Array) -> Array:
+            own = [bench.curve(self.environment, omega, coupled=coupled) for coupled in (False, True)]
+            return np.concatenate([own, curves(which, omega)])
+
+        if not count:
+            return
         if wanted.omega is not None:
-            grid = Grid(wanted.omega, stacked(wanted.omega), np.nan)
+            which = np.repeat(np.arange(count), wanted.omega.size)
+            values = stacked(which, np.tile(wanted.omega, count))
+            grids = [Grid(wanted.omega, part, np.nan) for part in np.split(values, count, axis=1)]
         else:
-            grid = adaptive_grid(
+            grids = adaptive_grids(
                 stacked,
+                count,
                 wanted.lower,
                 wanted.upper,
                 tolerance=wanted.tolerance,
                 including=bench.resonances(self.environment),
                 followed=np.array((True, True, *smooth)),
             )
-        reference, coupled = grid.values[:2]
-        shared = {
-            "environment": self.environment,
-            "omega": grid.omega,
-            "reference": reference,
-            "coupled": coupled if bench.coupling is not None else None,
-            "departure": grid.departure if wanted.omega is None else None,
-        }
-        return shared, grid.values[2:]
+        for grid in grids:
+            reference, coupled = grid.values[:2]
+            shared = {
+                "environment": self.environment,
+                "omega": grid.omega,
+                "reference": reference,
+                "coupled": coupled if bench.coupling is not None else None,
+                "departure": grid.departure if wanted.omega is None else None,
+            }
+            yield shared, grid.values[2:]
 
 
-def _around(place: _Place, region: Region, shape: Shape) -> Boundary:
-    bench = place.bench
-
-    def curves(omega: Array) -> Array:
-        return np.stack(region_curves(region, shape, omega, bench.device, bench.period, hold=bench.hold))
-
-    shared, (lower, upper) = place.sampled(curves, (True, True))
-    return Boundary(
-        lower=lower,
-        upper=upper,
-        shape=shape,
-        kind=region.kind,
-        method=region.method,
-        family=region.family,
-        joint=region.joint,
-        level=region.level,
-        **shared,
-    )
-
-
-def _through(place: _Place, drawn: Draws) -> Iterator[Boundary]:
-    bench = place.bench
-    pairs = drawn.pairs[place.environment]
-    ensemble = DrawCurves(bench.device, *pairs, bench.period, level=drawn.level, hold=bench.hold)
-
-    def curves(omega: Array) -> Array:
-        bands = ensemble.at(omega)
-        out = _PROXY * bands.sd
-        return np.stack([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
-
-    # Quantiles of draws are rough on a small scale: the points follow the band's smooth proxies.
-    shared, (lower, upper, low, high) = place.sampled(curves, (False, False, True, True))
-    logs = np.log(low), np.log(high)
-    bands = DrawBands(lower, upper, 0.5 * (logs[0] + logs[1]), 0.5 * (logs[1] - logs[0]) / _PROXY)
-    shapes: dict[Shape, tuple[Array, Array]] = {
-        "pointwise": (lower, upper),
-        "simultaneous": ensemble.simultaneous(bands),
-    }
-    for shape, (low, high) in shapes.items():
+def _around(place: _Place, regions: list[Region]) -> Iterator[Boundary]:
+    outlines: list[tuple[Region, Shape]] = []
+    for region in regions:
+        if region.ellipse is None:
+            outlines.append((region, "corner"))
+        outlines.append((region, "envelope"))
+    drawn = place.sampled(_Outlines(place.bench, outlines).at, len(outlines), (True, True))
+    for (region, shape), (shared, (lower, upper)) in zip(outlines, drawn, strict=True):
         yield Boundary(
-            lower=low,
-            upper=high,
+            lower=lower,
+            upper=upper,
             shape=shape,
-            kind=drawn.kind,
-            method=drawn.method,
-            family=drawn.family,
-            joint="joint",
-            level=drawn.level,
+            kind=region.kind,
+            method=region.method,
+            family=region.family,
+            joint=region.joint,
+            level=region.level,
             **shared,
         )
+
+
+class _Outlines:
+    """Lower and upper curves around several regions: all rectangles of one shape are drawn at once."""
+
+    def __init__(self, bench: Bench, outlines: list[tuple[Region, Shape]]) -> None:
+        self._bench, self._outlines = bench, outlines
+        self._boxes = {
+            shape: np.array([one is shape and region.ellipse is None for region, one in outlines])
+            for shape in _BOXES
+        }
+        self._limits = np.array([region.limits or _NO_LIMITS for region, _ in outlines], dtype=float)
+
+    def at(self, which: Indices, omega: Array) -> Array:
+        """Evaluate the outlines `which` (M,) at frequencies (M,), rad/s, each; shape (2, M), N·s/m."""
+        bench = self._bench
+        curves = np.empty((2, omega.size))
+        for shape, around in _BOXES.items():
+            here = np.flatnonzero(self._boxes[shape][which])
+            if here.size:
+                stiffness, damping = np.moveaxis(self._limits[which[here]], 0, -1)
+                limits = tuple(stiffness), tuple(damping)
+                curves[:, here] = around(omega[here], bench.device, *limits, bench.period, hold=bench.hold)
+        for one, part in _runs(which):
+            region, shape = self._outlines[one]
+            if region.ellipse is not None:
+                curves[:, part] = region_curves(
+                    region, shape, omega[part], bench.device, bench.period, hold=bench.hold
+                )
+        return curves
+
+
+def _runs(which: Indices) -> Iterator[tuple[int, slice]]:
+    """Yield every value of an increasing sequence, and where it stands."""
+    ends = [*np.flatnonzero(np.diff(which)) + 1, which.size]
+    for start, end in zip([0, *ends], ends, strict=False):
+        yield int(which[start]), slice(start, end)
+
+
+def _through(place: _Place, draws: list[Draws]) -> Iterator[Boundary]:
+    bench = place.bench
+    ensembles = [
+        DrawCurves(
+            bench.device, *one.pairs[place.environment], bench.period, level=one.level, hold=bench.hold
+        )
+        for one in draws
+    ]
+
+    def curves(which: Indices, omega: Array) -> Array:
+        parts = []
+        for one, part in _runs(which):
+            bands = ensembles[one].at(omega[part])
+            out = _PROXY * bands.sd
+            parts.append([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
+        return np.concatenate(parts, axis=1)
+
+    # Quantiles of draws are rough on a small scale: the points follow the band's smooth proxies.
+    sampled = place.sampled(curves, len(draws), (False, False, True, True))
+    for drawn, ensemble, (shared, (lower, upper, low, high)) in zip(draws, ensembles, sampled, strict=True):
+        logs = np.log(low), np.log(high)
+        bands = DrawBands(lower, upper, 0.5 * (logs[0] + logs[1]), 0.5 * (logs[1] - logs[0]) / _PROXY)
+        shapes: dict[Shape, tuple[Array, Array]] = {
+            "pointwise": (lower, upper),
+            "simultaneous": ensemble.simultaneous(bands),
+        }
+        for shape, (below, above) in shapes.items():
+            yield Boundary(
+                lower=below,
+                upper=above,
+                shape=shape,
+                kind=drawn.kind,
+                method=drawn.method,
+                family=drawn.family,
+                joint="joint",
+                level=drawn.level,
+                **shared,
+            )

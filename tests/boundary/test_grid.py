@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from percept.boundary.grid import FLOOR, adaptive_grid, departure
+from percept.boundary.grid import FLOOR, adaptive_grid, adaptive_grids
 from percept.errors import UsageError
 from percept.haptics import Device, magnitude_envelope
 
@@ -78,10 +78,36 @@ def test_what_no_number_of_points_can_follow_is_admitted() -> None:
     assert 4096 <= grid.omega.size < 3 * 4096
 
 
-def test_departure_of_a_known_bend() -> None:
-    omega = np.array([1.0, np.e**2])
-    values = np.array([[1.0, 1.0]])
-    assert departure(omega, values, np.array([np.e]), np.array([[2.0]]))[0] == pytest.approx(np.log(2.0))
+def test_departure_is_twice_what_was_seen_in_the_middle() -> None:
+    bend = 5e-4
+    start = adaptive_grid(lambda omega: np.ones((1, omega.size)), 0.1, 10.0).omega[::2]
+
+    def bent(omega: np.ndarray) -> np.ndarray:
+        return np.where(np.isin(omega, start), 1.0, np.exp(0.5 * bend))[None]
+
+    grid = adaptive_grid(bent, 0.1, 10.0)
+    assert grid.omega.size == 2 * start.size - 1
+    assert grid.departure == pytest.approx(bend)
+
+
+def test_sets_of_curves_are_chosen_for_as_if_alone() -> None:
+    corners = np.array([0.5, 2.3, 40.0])
+
+    def bent(which: np.ndarray, omega: np.ndarray) -> np.ndarray:
+        return np.stack([np.maximum(1.0, omega / corners[which]), np.sin(30.0 * omega) + 2.0])
+
+    options = {"including": np.array([0.7, 2.3]), "followed": np.array([True, False])}
+    together = adaptive_grids(bent, corners.size, 0.1, 100.0, **options)
+    sizes = set()
+    for one, grid in enumerate(together):
+        alone = adaptive_grid(
+            lambda omega, one=one: bent(np.full(omega.size, one), omega), 0.1, 100.0, **options
+        )
+        np.testing.assert_array_equal(grid.omega, alone.omega)
+        np.testing.assert_array_equal(grid.values, alone.values)
+        assert grid.departure == alone.departure
+        sizes.add(grid.omega.size)
+    assert len(sizes) > 1
 
 
 @pytest.mark.parametrize(("lower", "upper"), [(0.0, 1.0), (2.0, 1.0)])
