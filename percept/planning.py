@@ -131,8 +131,7 @@ def plan_mean(
     def factor(n: int) -> float:
         return float(t_upper(claim.tail() / 2.0, n - 1) / np.sqrt(n))
 
-    n, reached = _smallest(factor, wanted / spread, assurance)
-    expected = factor(n) * _mean_sd(n) * spread
+    n, reached, expected = _smallest(factor, wanted, spread, assurance)
     return Plan(
         kind="mean",
         n=n,
@@ -180,12 +179,12 @@ def plan_user(
     def factor(n: int) -> float:
         return float(t_upper(half_tail, n - 1) * np.sqrt(1.0 + 1.0 / n))
 
-    n, reached = _smallest(factor, ratio * least, assurance)
+    n, reached, expected = _smallest(factor, ratio, 1.0 / least, assurance)
     return Plan(
         kind="user",
         n=n,
         assurance=reached,
-        expected=factor(n) * _mean_sd(n) / least,
+        expected=expected,
         wanted=ratio,
         level=float(level),
     )
@@ -233,26 +232,30 @@ def plan_share(
     def factor(n: int) -> float:
         return float(tolerance_factor(n, outside, doubt))
 
-    n, reached = _smallest(factor, ratio * least, assurance)
+    n, reached, expected = _smallest(factor, ratio, 1.0 / least, assurance)
     return Plan(
         kind="share",
         n=n,
         assurance=reached,
-        expected=factor(n) * _mean_sd(n) / least,
+        expected=expected,
         wanted=ratio,
         level=float(confidence),
         share=float(share),
     )
 
 
-def _smallest(factor: Callable[[int], float], wanted: float, assurance: float) -> tuple[int, float]:
-    """Return the smallest n with P(factor(n)·SD ≤ wanted) ≥ assurance for σ = 1, and what is reached."""
+def _smallest(
+    factor: Callable[[int], float], wanted: float, sigma: float, assurance: float
+) -> tuple[int, float, float]:
+    """Return the smallest n with P(factor·SD ≤ wanted) ≥ assurance, that probability, and E factor·SD."""
     if not 0.0 < assurance < 1.0:
-        raise UsageError("assurance must lie strictly between 0 and 1.", value=assurance)
+        raise UsageError(
+            "assurance must lie strictly between 0 and 1.", value=assurance, hint="80 percent is written 0.8."
+        )
 
     def reached(n: int) -> float:
         half = (n - 1.0) / 2.0
-        return float(special.gammainc(half, half * (wanted / factor(n)) ** 2))
+        return float(special.gammainc(half, half * (wanted / sigma / factor(n)) ** 2))
 
     few, enough = 1, 2
     while reached(enough) < assurance:
@@ -267,7 +270,7 @@ def _smallest(factor: Callable[[int], float], wanted: float, assurance: float) -
             few = middle
         else:
             enough = middle
-    return enough, reached(enough)
+    return enough, reached(enough), factor(enough) * _mean_sd(enough) * sigma
 
 
 def _mean_sd(n: int) -> float:
