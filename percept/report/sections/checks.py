@@ -3,103 +3,110 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from percept.report.sections.part import Part
 
 __all__ = ["build"]
 
-#: Per table: where it stands under /checks, caption, columns of words with their heads, and columns of
-#: numbers with heads, digits and style.
-_TABLES: tuple[tuple[str, str, dict[str, str], dict[str, tuple[str, int, str]]], ...] = (
-    (
+
+@dataclass(frozen=True)
+class _Table:
+    """A table of the document: what it shows, in words and in numbers.
+
+    Attributes
+    ----------
+    place : str
+        Where it stands under /checks.
+    caption : str
+        What it says.
+    words : mapping of str to str
+        Heads of the columns of text.
+    numbers : mapping of str to (str, int, str)
+        Heads of the columns of numbers, their digits and style.
+    """
+
+    place: str
+    caption: str
+    words: Mapping[str, str]
+    numbers: Mapping[str, tuple[str, int, str]]
+
+
+def _plain(digits: int, **heads: str) -> dict[str, tuple[str, int, str]]:
+    return {name: (head, digits, "plain") for name, head in heads.items()}
+
+
+_CELL = {"environment": "Environment", "parameter": "Parameter"}
+_SIGN = {
+    **_plain(2, lower="lower", value="mean", upper="upper"),
+    **_plain(3, positive="probability above 0"),
+}
+_TABLES = (
+    _Table(
         "loo/subjects",
         "Each subject left out: log predictive density given the others, Pareto index of leaving it out, and "
         "the probability of lying as far off or farther.",
         {"subject": "Subject"},
-        {
-            "elpd": ("log density", 4, "plain"),
-            "pareto_k": ("Pareto index", 2, "plain"),
-            "farther": ("as far or farther", 2, "plain"),
-        },
+        {**_plain(4, elpd="log density"), **_plain(2, pareto_k="Pareto index", farther="as far or farther")},
     ),
-    (
+    _Table(
         "models/table",
         "Smaller models by the log predictive density of subjects left out, with standard errors.",
         {"model": "Model"},
         {
-            "elpd": ("log density", 4, "plain"),
-            "se": ("error", 2, "plain"),
-            "difference": ("to the first", 3, "plain"),
-            "difference_se": ("error", 2, "plain"),
+            **_plain(4, elpd="log density"),
+            **_plain(2, se="error"),
+            **_plain(3, difference="to the first"),
+            **_plain(2, difference_se="error"),
             "rough": ("rough", 3, "count"),
         },
     ),
-    (
+    _Table(
         "statistics",
         "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new studies "
         "drawn from the posterior.",
-        {"environment": "Environment", "parameter": "Parameter", "statistic": "Statistic"},
+        {**_CELL, "statistic": "Statistic"},
         {
-            "observed": ("observed", 3, "plain"),
-            "lower": ("lower", 3, "plain"),
-            "upper": ("upper", 3, "plain"),
-            "above": ("probability of more", 2, "plain"),
+            **_plain(3, observed="observed", lower="lower", upper="upper"),
+            **_plain(2, above="probability of more"),
         },
     ),
-    (
+    _Table(
         "shrinkage",
         "Centres before and after pooling, in N/m (k) and N·s/m (b), and the share of the way from the raw "
         "mean to the trend over environments that they moved.",
-        {"environment": "Environment", "parameter": "Parameter"},
-        {
-            "raw": ("raw mean", 4, "plain"),
-            "centre": ("centre", 4, "plain"),
-            "trend": ("trend", 4, "plain"),
-            "moved": ("moved", 2, "percent"),
-        },
+        _CELL,
+        {**_plain(4, raw="raw mean", centre="centre", trend="trend"), "moved": ("moved", 2, "percent")},
     ),
-    (
+    _Table(
         "correlation",
         "Correlation of k and b between users: of the deviations within an environment, of the effect "
         "shared by all, and of the population of each environment.",
         {"of": "Of", "environment": "Environment"},
-        {
-            "lower": ("lower", 2, "plain"),
-            "value": ("mean", 2, "plain"),
-            "upper": ("upper", 2, "plain"),
-            "positive": ("probability above 0", 3, "plain"),
-        },
+        _SIGN,
     ),
-    (
+    _Table(
         "weber",
         "κ, the change of log spread per decade of the reference; zero is Weber's law.",
         {"parameter": "Parameter"},
-        {
-            "lower": ("lower", 2, "plain"),
-            "value": ("mean", 2, "plain"),
-            "upper": ("upper", 2, "plain"),
-            "positive": ("probability above 0", 3, "plain"),
-        },
+        _SIGN,
     ),
-    (
+    _Table(
         "sensitivity",
         "Sensitivity of the posterior of the average user, the next user and the spread to raising priors or "
         "likelihood to a power; from 0.05 on it is worth a look.",
-        {"environment": "Environment", "parameter": "Parameter", "quantity": "Of", "diagnosis": "Diagnosis"},
-        {"prior": ("priors", 2, "plain"), "likelihood": ("likelihood", 2, "plain")},
+        {**_CELL, "quantity": "Of", "diagnosis": "Diagnosis"},
+        _plain(2, prior="priors", likelihood="likelihood"),
     ),
-    (
+    _Table(
         "prior",
         "What the priors alone say, before any data: quantiles of the average and the next user, in N/m (k) "
         "and N·s/m (b).",
-        {"environment": "Environment", "parameter": "Parameter", "kind": "Kind"},
-        {
-            f"q{share}": (f"{share} %", 3, "plain")
-            for share in ("0.5", "5", "25", "50", "75", "95", "99.5")
-        },
+        {**_CELL, "kind": "Kind"},
+        _plain(3, **{f"q{share}": f"{share} %" for share in ("0.5", "5", "25", "50", "75", "95", "99.5")}),
     ),
-)  # fmt: skip
+)
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
@@ -117,9 +124,9 @@ def build(document: Mapping[str, Any]) -> Part | None:
     if not checks:
         return None
     tables = [
-        {"place": f"/checks/{place}", "caption": caption, "words": words, "numbers": numbers, "rows": rows}
-        for place, caption, words, numbers in _TABLES
-        if (rows := _rows(checks, place))
+        {**vars(table), "place": f"/checks/{table.place}", "rows": rows}
+        for table in _TABLES
+        if (rows := _rows(checks, table.place))
     ]
     messages = list(checks["loo"]["messages"])
     if checks["models"]:
