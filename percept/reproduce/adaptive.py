@@ -19,7 +19,6 @@ from percept.haptics import (
     qualifying_region,
     required_damping,
 )
-from percept.inference import prediction_interval
 from percept.reproduce.published import THEORETICAL, Published
 
 __all__ = ["Adapted", "TradeOff", "adapted_couplings", "next_user_boundaries", "trade_off"]
@@ -96,18 +95,9 @@ def next_user_boundaries(
     tuple of EnvironmentBoundary
         Of the scene's family.
     """
-    limits = prediction_interval(
-        published.moments, level=published.limits.level, family=published.scene.inference.family
-    )
-    low, high = np.asarray(limits.lower), np.asarray(limits.upper)
     return tuple(
-        EnvironmentBoundary(
-            wall.environment,
-            *magnitude_envelope(
-                omega, device, (low[row, 0], high[row, 0]), (low[row, 1], high[row, 1]), published.period
-            ),
-        )
-        for row, wall in enumerate(published.walls)
+        EnvironmentBoundary(wall.environment, *magnitude_envelope(omega, device, k, b, published.period))
+        for wall, (k, b) in zip(published.walls, published.next_user, strict=True)
     )
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.haptics import Coupling, Device, corner_curves, magnitude_envelope, perceived_impedance
-from percept.inference import prediction_interval
 from percept.reproduce.published import Published, Wall
 
 __all__ = [
@@ -182,13 +181,8 @@ def environments_inside(published: Published, mass: FloatArray, damping: FloatAr
     """
     mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
     device, omega = Device(mass[..., None], damping[..., None]), published.omega(_RANGE)
-    limits = prediction_interval(
-        published.moments, level=published.limits.level, family=published.scene.inference.family
-    )
-    low, high = np.asarray(limits.lower), np.asarray(limits.upper)
     count = np.zeros(mass.shape, dtype=np.int64)
-    for row, wall in enumerate(published.walls):
-        k, b = ((low[row, p], high[row, p]) for p in (0, 1))
+    for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
         lower, upper = magnitude_envelope(omega, device, k, b, published.period)
         felt = np.abs(
             perceived_impedance(omega, device, wall.environment, published.period, coupling=published.tuned)
@@ -226,6 +220,4 @@ def largest(true_at: Callable[[FloatArray], BoolArray], candidates: FloatArray) 
             low = middle
         else:
             high = middle
-        if middle in (low, high) and np.nextafter(low, high) >= high:
-            break
     return float(low)

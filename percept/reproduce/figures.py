@@ -90,9 +90,8 @@ def _fig4(published: Published) -> Drawing:
         "fig-4",
         "Fig. 4: stability of the theoretical and the tuned coupling",
         f"Re 1/Z_c of both couplings and its lower bound for a rigid device of {needed:.4g} N·s/m, with "
-        f"which "
-        "the theoretical one just touches it. The knots of the paper’s figure are resonances it gives no "
-        "numbers for.",
+        "which the theoretical one just touches it. The knots of the paper’s figure are resonances it gives "
+        "no numbers for.",
         (120.0, 80.0),
         draw,
     )
@@ -122,7 +121,7 @@ def _fig7_wide(published: Published, wall: Wall, letter: str) -> Drawing:
         f"Fig. 7{letter}: {wall.name}",
         f"Boundaries, reference, and reference through the coupling, {_device(published.device)}.",
         _PAIR,
-        partial(_draw_panel, published, published.device, wall, np.geomspace(*_WIDE, _POINTS), True),
+        partial(_draw_panel, published, published.device, wall, np.geomspace(*_WIDE, _POINTS), log=True),
     )
 
 
@@ -135,7 +134,7 @@ def _fig7_close(
         f"Fig. {panel.name}: {panel.wall.name}, {title}",
         f"The paper reads: {panel.says}. {'So it is' if true else 'Not so'} with {_device(device)}.",
         _PAIR,
-        partial(_draw_panel, published, device, panel.wall, np.linspace(*panel.window, 121), False),
+        partial(_draw_panel, published, device, panel.wall, np.linspace(*panel.window, 121), log=False),
     )
 
 
@@ -158,7 +157,7 @@ def _device(device: Device) -> str:
 
 
 def _draw_panel(
-    published: Published, device: Device, wall: Wall, omega: devices.FloatArray, log: bool, figure: Figure
+    published: Published, device: Device, wall: Wall, omega: devices.FloatArray, figure: Figure, *, log: bool
 ) -> None:
     (ax,) = panels(figure, left=18, bottom=24, right=5)
     _draw_four(ax, published, device, wall, omega, coupling=published.tuned, log=log)
@@ -222,9 +221,8 @@ def _maps(published: Published) -> Drawing:
     return Drawing(
         "device-maps",
         "How verdicts move with the device, whose mass and damping were not published",
-        "Shaded: the reading of the paper is true over the whole window; in the last map the darker, "
-        "the more "
-        "environments stay inside the next user’s boundary through the tuned coupling. Above a line the "
+        "Shaded: the reading of the paper is true over the whole window; in the last map the darker, the "
+        "more environments stay inside the next user’s boundary through the tuned coupling. Above a line the "
         "coupling named is stable; the cross is the scene’s device.",
         (150.0, 128.0),
         draw,

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
-from percept.haptics import Coupling, Device, Environment
-from percept.inference import Moments
+from percept.haptics import Coupling, Device, EffectiveImpedance, Environment, effective_impedance
+from percept.inference import Moments, prediction_interval
 from percept.scene import Scene
 from percept.simulate import PublishedLimits, read_summary
 
@@ -149,6 +149,21 @@ class Published:
         """The coupling found by tuning."""
         assert self.scene.coupling is not None
         return Coupling(self.scene.coupling.stiffness, self.scene.coupling.damping)
+
+    @cached_property
+    def next_user(self) -> NDArray[np.float64]:
+        """Limits of the next user, prediction intervals of the scene's family.
+
+        Shape (environments, 2, 2): by environment, of stiffness (N/m) and damping (N·s/m), lower and upper.
+        """
+        limits = prediction_interval(
+            self.moments, level=self.limits.level, family=self.scene.inference.family
+        )
+        return np.stack([np.asarray(limits.lower), np.asarray(limits.upper)], axis=-1)
+
+    def through_coupling(self, wall: Wall) -> EffectiveImpedance:
+        """Return what a reference is through the tuned coupling where Fig. 7 looks closely."""
+        return effective_impedance(LOOKED_AT, wall.environment, self.tuned, self.period)
 
     def omega(self, points: int = 241) -> NDArray[np.float64]:
         """Return ω over the perceivable range, rad/s, shape (points,), evenly on a logarithmic scale."""

@@ -107,8 +107,7 @@ def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> N
         origin = place(int(first.loc[(subject, session, environment, trial)]))
         problems.add(
             f"subject {shown([subject])}, session {shown([session])}, environment {shown([environment])}, "
-            f"trial {trial} "
-            f"stands already in {origin.get('file')}:{origin.get('row')}.",
+            f"trial {trial} stands already in {origin.get('file')}:{origin.get('row')}.",
             hint='Name the trial column in [columns]; for a row per event declare [sessions] keep = "last"; '
             "else remove one row.",
             **place(int(at)),

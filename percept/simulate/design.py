@@ -84,8 +84,8 @@ class Design:
             )
         if counts.ndim != 2 or counts.shape[0] == 0 or counts.shape[1] != references.shape[0]:
             raise UsageError(
-                f"trials must have one row per subject and {references.shape[0]} column(s), "
-                "one per environment.",
+                f"trials must have one row per subject and {references.shape[0]} column(s), one per "
+                "environment.",
                 key="trials",
                 value=counts.shape,
             )

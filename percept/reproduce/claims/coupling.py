@@ -11,7 +11,6 @@ from percept.haptics import (
     magnitude_envelope,
     perceived_impedance,
 )
-from percept.inference import prediction_interval
 from percept.reproduce.claims.record import Claim, Quantity, listed
 from percept.reproduce.devices import MASSES
 from percept.reproduce.published import LOOKED_AT, Published
@@ -40,7 +39,10 @@ def other_environments(published: Published) -> Claim:
         )
         + f". Of those not drawn, {sum(below)} of {len(below)} fall below their limits.",
         margin=Quantity("effective stiffness over lower limit, least of those not drawn", worst),
-        numbers=_quantities(published, stiffness),
+        numbers=[
+            Quantity(f"effective stiffness, {wall.name}", float(k), "N/m")
+            for wall, k in zip(published.walls, stiffness, strict=True)
+        ],
         source="percept.haptics.effective_impedance(10, environment, coupling, period).stiffness",
     )
 
@@ -104,8 +106,7 @@ def always_smaller(published: Published) -> Claim:
         finding=f"With m = {device.mass:g} kg and b_d = {device.damping:g} N·s/m it is smaller in "
         f"{found.mean():.1%} of environments and frequencies. Where the mass dominates it is larger: "
         f"{wall.name} at {LOOKED_AT:g} rad/s has {through:.6g} N·s/m with and {without:.6g} without. "
-        f"Environment and "
-        f"coupling alone, |Z_eff| < |Z_e|, is true in {alone.mean():.1%}.",
+        f"Environment and coupling alone, |Z_eff| < |Z_e|, is true in {alone.mean():.1%}.",
         margin=Quantity("share of cases in which it is smaller", float(found.mean()), "%"),
         numbers=[
             Quantity(f"|Z_h_vc| of {wall.name}", through, "N·s/m"),
@@ -119,15 +120,11 @@ def always_smaller(published: Published) -> Claim:
 def affects_realism(published: Published) -> Claim:
     """Judge the conclusion that a static coupling can spoil realism, by the next user's boundary."""
     omega, period = published.omega(61), published.period
-    limits = prediction_interval(published.moments, level=published.limits.level, family="lognormal")
-    low, high = np.asarray(limits.lower), np.asarray(limits.upper)
     spoilt = []
-    for row, wall in enumerate(published.walls):
+    for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
         for mass in (0.0, *MASSES[::14]):
             device = Device(mass, published.device.damping)
-            lower, upper = magnitude_envelope(
-                omega, device, (low[row, 0], high[row, 0]), (low[row, 1], high[row, 1]), period
-            )
+            lower, upper = magnitude_envelope(omega, device, k, b, period)
             direct, coupled = (
                 np.abs(perceived_impedance(omega, device, wall.environment, period, coupling=coupling))
                 for coupling in (None, published.tuned)
@@ -152,20 +149,4 @@ def affects_realism(published: Published) -> Claim:
 
 def _effective(published: Published) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the stiffness each reference shows through the tuned coupling, N/m."""
-    return np.array(
-        [
-            float(
-                effective_impedance(LOOKED_AT, wall.environment, published.tuned, published.period).stiffness
-            )
-            for wall in published.walls
-        ]
-    )
-
-
-def _quantities(
-    published: Published, stiffness: np.ndarray[tuple[int], np.dtype[np.float64]]
-) -> list[Quantity]:
-    return [
-        Quantity(f"effective stiffness, {wall.name}", float(k), "N/m")
-        for wall, k in zip(published.walls, stiffness, strict=True)
-    ]
+    return np.array([float(published.through_coupling(wall).stiffness) for wall in published.walls])

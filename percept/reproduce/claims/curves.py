@@ -9,7 +9,6 @@ from percept.haptics import (
     Device,
     corner_crossings,
     corner_curves,
-    effective_impedance,
     environment_impedance,
     perceived_impedance,
 )
@@ -41,8 +40,8 @@ def upper_above(published: Published) -> Claim:
         paper="Both upper limits give the upper boundary, both lower ones the lower.",
         cases=above,
         condition=f"ω stays below the crossing, which {listed(crossing)} have inside the perceivable range",
-        finding="Stiffness raises |Z_h| only where it outweighs the device’s mass. With "
-        f"m = {device.mass:g} kg and b_d = {device.damping:g} N·s/m the curves cross at "
+        finding=f"Stiffness raises |Z_h| only where it outweighs the device’s mass. With m = {device.mass:g} "
+        f"kg and b_d = {device.damping:g} N·s/m the curves cross at "
         + ", ".join(f"{value:.4g} ({name})" for name, value in first.items())
         + " rad/s; there the band is empty, and beyond it upside down. The exact envelope has no crossing.",
         margin=Quantity("environments whose curves stay apart", sum(above)),
@@ -95,7 +94,7 @@ def magnitude_suffices(published: Published) -> Claim:
     same, told = [], []
     for wall in published.walls:
         found = curves(np.array([LOOKED_AT]), published.device, wall, published.tuned, published.period)
-        shown = effective_impedance(LOOKED_AT, wall.environment, published.tuned, published.period)
+        shown = published.through_coupling(wall)
         for how, felt, k, b in (
             ("direct", found.direct, wall.k, wall.b),
             ("coupled", found.coupled, float(shown.stiffness), float(shown.damping)),
@@ -141,8 +140,7 @@ def window_suffices(published: Published) -> Claim:
         condition=f"one means Fig. {listed([name for name, share in shares.items() if share == 1.0])}",
         finding=f"The windows reach {min(widths.values()):.1%} to {max(widths.values()):.1%} around "
         f"{LOOKED_AT:g} rad/s. Of {lowest:g} to {top:g} rad/s (on a logarithmic scale, with the scene’s "
-        f"device) "
-        "the statements are true over "
+        "device) the statements are true over "
         + ", ".join(f"{share:.1%} (Fig. {name})" for name, share in shares.items())
         + ".",
         margin=Quantity("smallest share of the range", min(shares.values()), "%"),
@@ -169,9 +167,8 @@ def like_shapes(published: Published) -> Claim:
         paper="|Z_h| is the higher the higher the environment’s impedance.",
         cases=ordered,
         condition=f"ω is below about {until:.3g} rad/s, where the device’s mass takes over",
-        finding=f"With m = {published.device.mass:g} kg the order of "
-        f"{listed([wall.name for wall in drawn])} is "
-        f"kept over {ordered.mean():.1%} of the range, up to {until:.3g} rad/s.",
+        finding=f"With m = {published.device.mass:g} kg the order of {listed([wall.name for wall in drawn])} "
+        f"is kept over {ordered.mean():.1%} of the range, up to {until:.3g} rad/s.",
         margin=Quantity("share of the range in order", float(ordered.mean()), "%"),
         numbers=[Quantity("ω up to which they are in order", until, "rad/s")],
         source="percept.haptics.perceived_impedance(omega, device, environment, period)",

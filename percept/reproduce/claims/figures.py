@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from percept.haptics import Device, effective_impedance, required_damping
+from percept.haptics import Device, required_damping
 from percept.reproduce.claims.record import Claim, Quantity, listed
 from percept.reproduce.devices import DAMPINGS, MASSES, Panel, curves, largest, over_devices, panels
 from percept.reproduce.published import LOOKED_AT, THEORETICAL, Published
@@ -37,9 +37,8 @@ def free_motion(published: Published) -> Claim:
         paper="In nearly free motion |Z_h| and |Z_h_vc| lie below both boundaries.",
         cases=_everywhere(published, panel),
         condition=_light(mass, damping),
-        finding=f"The statement needs a light device: {_light(mass, damping)}. With the scene's device "
-        f"(m = {device.mass:g} kg, b_d = {device.damping:g} N·s/m) |Z_h| is {found.direct[0]:.5g} N·s/m "
-        f"between "
+        finding=f"The statement needs a light device: {_light(mass, damping)}. With the scene's device (m = "
+        f"{device.mass:g} kg, b_d = {device.damping:g} N·s/m) |Z_h| is {found.direct[0]:.5g} N·s/m between "
         f"boundaries of {found.lower[0]:.5g} and {found.upper[0]:.5g} N·s/m at {LOOKED_AT:g} rad/s. What is "
         f"called a lower limit of perception is a bias: the limits of k, {k_low:g} to {k_high:g} N/m, leave "
         f"out {panel.wall.k:g} N/m.",
@@ -66,11 +65,10 @@ def one_device(published: Published) -> Claim:
         paper="One device is behind Fig. 4 and Fig. 7b.",
         cases=both,
         condition=f"its mass stays below {_limit(heaviest)} kg",
-        finding=f"With {THEORETICAL.stiffness / 1e3:g} kN/m on its limit, as Fig. 4 has it, a rigid "
-        f"device has "
-        f"at least {needed:.5g} N·s/m; Fig. 7b asks for at most {damping:.4g} N·s/m, whatever the mass. "
-        f"{int(both.sum())} of {both.size} masses tried do both. No rigid device should be calibrated "
-        f"to both.",
+        finding=f"With {THEORETICAL.stiffness / 1e3:g} kN/m on its limit, as Fig. 4 has it, a rigid device "
+        f"has at least {needed:.5g} N·s/m; Fig. 7b asks for at most {damping:.4g} N·s/m, whatever the mass. "
+        f"{int(both.sum())} of {both.size} masses tried do both. No rigid device should be calibrated to "
+        "both.",
         margin=Quantity("damping Fig. 4 needs over what Fig. 7b allows", needed / damping),
         numbers=[
             Quantity("damping Fig. 4 needs", needed, "N·s/m"),
@@ -85,23 +83,22 @@ def middle_impedance(published: Published) -> Claim:
     panel = panels(published)[1]
     lightest, heaviest = mass_limits(published, panel)
     least_at, most_at = mass_limits(published, panel, omega=np.array([LOOKED_AT]))
-    shown = effective_impedance(LOOKED_AT, panel.wall.environment, published.tuned, published.period)
+    felt = float(published.through_coupling(panel.wall).stiffness)
     k_low, k_high = panel.wall.stiffness
-    inside = min(float(shown.stiffness) - k_low, k_high - float(shown.stiffness))
+    inside = min(felt - k_low, k_high - felt)
     return Claim.judged(
         "fig-7d",
         place="Fig. 7d, section 5",
         paper=f"At {panel.wall.name} both lie inside the boundaries, the coupled one lower.",
         cases=_everywhere(published, panel),
         condition=f"the device's mass is below {lightest:.3g} to {heaviest:.3g} kg, depending on its damping",
-        finding=f"True over the window for masses up to {lightest:.4g} to {heaviest:.4g} kg, depending "
-        f"on the "
-        f"damping; at {LOOKED_AT:g} rad/s alone up to {least_at:.4g} to {most_at:.4g} kg. Through "
-        f"the coupling {panel.wall.k:g} N/m feels like {float(shown.stiffness):.4g} N/m, and its limits are "
-        f"{k_low:g} to {k_high:g} N/m.",
+        finding=f"True over the window for masses up to {lightest:.4g} to {heaviest:.4g} kg, depending on "
+        f"the damping; at {LOOKED_AT:g} rad/s alone up to {least_at:.4g} to {most_at:.4g} kg. Through the "
+        f"coupling {panel.wall.k:g} N/m feels like {felt:.4g} N/m, and its limits are {k_low:g} to "
+        f"{k_high:g} N/m.",
         margin=Quantity("effective stiffness inside its limits by", inside, "N/m"),
         numbers=[
-            Quantity("effective stiffness", float(shown.stiffness), "N/m"),
+            Quantity("effective stiffness", felt, "N/m"),
             Quantity("largest mass, least", lightest, "kg"),
             Quantity("largest mass, most", heaviest, "kg"),
             Quantity(f"largest mass at {LOOKED_AT:g} rad/s, least", least_at, "kg"),
@@ -114,7 +111,7 @@ def middle_impedance(published: Published) -> Claim:
 def high_impedance(published: Published) -> Claim:
     """Judge Fig. 7f: without coupling above, with coupling below."""
     panel = panels(published)[2]
-    shown = effective_impedance(LOOKED_AT, panel.wall.environment, published.tuned, published.period)
+    felt = float(published.through_coupling(panel.wall).stiffness)
     k_low, k_high = panel.wall.stiffness
     above = panel.wall.k / k_high - 1
     found = over_devices(published, panel, MASSES, DAMPINGS[:, None])
@@ -125,14 +122,13 @@ def high_impedance(published: Published) -> Claim:
         cases=_everywhere(published, panel),
         condition=f"the device is among the {found.mean():.0%} of those tried with which it does",
         finding=f"{panel.wall.k:g} N/m lies above its upper limit {k_high:g} N/m by {above:.2%}; through the "
-        f"coupling it feels like {float(shown.stiffness):.5g} N/m, {1 - float(shown.stiffness) / k_low:.1%} "
-        f"below the lower limit {k_low:g} N/m. The statement is true of {found.mean():.0%} of the "
-        f"devices tried "
-        f"(m to {MASSES[-1]:g} kg, b_d to {DAMPINGS[-1]:g} N·s/m).",
+        f"coupling it feels like {felt:.5g} N/m, {1 - felt / k_low:.1%} below the lower limit {k_low:g} N/m. "
+        f"The statement is true of {found.mean():.0%} of the devices tried (m to {MASSES[-1]:g} kg, b_d to "
+        f"{DAMPINGS[-1]:g} N·s/m).",
         margin=Quantity("reference above its upper limit", above, "%"),
         numbers=[
-            Quantity("effective stiffness", float(shown.stiffness), "N/m"),
-            Quantity("effective stiffness over lower limit", float(shown.stiffness) / k_low),
+            Quantity("effective stiffness", felt, "N/m"),
+            Quantity("effective stiffness over lower limit", felt / k_low),
         ],
         source="percept.reproduce.devices.over_devices; percept.haptics.effective_impedance",
     )

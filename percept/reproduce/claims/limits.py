@@ -165,8 +165,7 @@ def thirty_subjects(published: Published) -> Claim:
         finding=f"With {ENOUGH_SUBJECTS} subjects t is still {t / z - 1:.1%} above its normal limit, and the "
         f"interval of the mean then holds fewer users than with {published.limits.n}: {share:.1%}. More "
         f"subjects narrow it. Limits for {level:.0%} of users take {factor:.4g} SDs at n = "
-        f"{ENOUGH_SUBJECTS}, "
-        f"against {z:.4g} if mean and SD were known. The study had {published.limits.n}.",
+        f"{ENOUGH_SUBJECTS}, against {z:.4g} if mean and SD were known. The study had {published.limits.n}.",
         margin=Quantity(f"expected share of users at n = {ENOUGH_SUBJECTS} minus level", share - level, "%"),
         numbers=[Quantity("t over its normal limit", t / z), Quantity("subjects", published.limits.n)],
         source="percept plan; percept.inference.tolerance_factor(30, 0.99, 0.95)",

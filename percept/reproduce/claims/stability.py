@@ -76,8 +76,7 @@ def _stable_with(published: Published, coupling: Coupling, name: str, place: str
         cases=needed <= DAMPINGS,
         condition=f"the device has at least {needed:.6g} N·s/m (rigid; its damping was never published)",
         finding=f"Eq. 10 asks a rigid device for {needed:.6g} N·s/m, most at {float(record.omega):.6g} "
-        f"rad/s. "
-        f"With b_c = {float(best.coupling_damping):.4g} N·s/m the same stiffness would ask for "
+        f"rad/s. With b_c = {float(best.coupling_damping):.4g} N·s/m the same stiffness would ask for "
         f"{float(best.device_damping):.4g} N·s/m only. The scene’s device has {own:g}.",
         margin=Quantity("damping asked for", needed, "N·s/m"),
         numbers=[
@@ -105,10 +104,9 @@ def worst_case(published: Published) -> Claim:
         cases=[verdict == "unstable" for verdict in verdicts],
         condition="the device’s mass is one of those with which it is unstable",
         finding=f"Absolute stability is the conservative side: of {len(verdicts)} masses tried with the "
-        f"damping "
-        f"Eq. 10 asks for, {verdicts.count('unstable')} are unstable with some passive hand and environment. "
-        f"Instability means that the device falls short of it: the scene’s has {short.smallest_margin:.3g} "
-        f"times what is asked for at {short.binding_omega:.5g} rad/s.",
+        f"damping Eq. 10 asks for, {verdicts.count('unstable')} are unstable with some passive hand and "
+        "environment. Instability means that the device falls short of it: the scene’s has "
+        f"{short.smallest_margin:.3g} times what is asked for at {short.binding_omega:.5g} rad/s.",
         margin=Quantity("unstable cases at the limit", verdicts.count("unstable")),
         numbers=[Quantity("margin of the scene's device", short.smallest_margin)],
         source="percept.haptics.absolute_stability(device, coupling, period)",
@@ -131,12 +129,10 @@ def direct_rendering(published: Published) -> Claim:
         paper="The references are displayed stably without a coupling.",
         cases=own > colgate,
         condition=f"b_d is above {colgate.max():g} N·s/m; with {own:g} N·s/m it is true of {listed(fine)}",
-        finding=f"Passive by themselves they need b_d > kT/2 + |b|: "
-        f"{', '.join(f'{x:.4g}' for x in colgate)} N·s/m "
-        f"(true hold, backward difference); the paper’s own Eqs 7 and 8 ask for kT/2 − b: "
-        f"{', '.join(f'{x:.4g}' for x in paper)} N·s/m. Where this fails a wall may chatter, which "
-        f"would bias "
-        "what is set.",
+        finding=f"Passive by themselves they need b_d > kT/2 + |b|: {', '.join(f'{x:.4g}' for x in colgate)} "
+        "N·s/m (true hold, backward difference); the paper’s own Eqs 7 and 8 ask for kT/2 − b: "
+        f"{', '.join(f'{x:.4g}' for x in paper)} N·s/m. Where this fails a wall may chatter, which would "
+        "bias what is set.",
         margin=Quantity("damping asked for, largest", float(colgate.max()), "N·s/m"),
         numbers=[
             *(

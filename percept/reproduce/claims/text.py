@@ -35,7 +35,7 @@ def environments_in_text(published: Published) -> Claim:
 
 
 def substitution(published: Published) -> Claim:
-    """Judge the substitution of Tustin's method as Eqs 5 and 7 print it, at DC, where s is 0."""
+    """Judge the substitution of Tustin's method as Eqs 5 and 7 print it, where Fig. 7 looks closely."""
     period = published.period
     z = np.exp(1j * LOOKED_AT * period)
     printed = complex(2 / period * (z - 1 / z + 1))
