@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))} (sampling, magnitude)",
     )
-    parser.add_argument("--stability", action="store_true", help="digits kept: moments and haptics")
+    parser.add_argument("--stability", action="store_true", help="digits kept: moments, density and haptics")
     parser.add_argument(
         "--cases", type=int, default=2000, metavar="N", help="cases of the haptics digits (2000)"
     )
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     parts = list(arguments.parts) or ([] if arguments.stability else ["sampling", "magnitude"])
     if arguments.stability:
-        parts += ["moments", "haptics"]
+        parts += ["moments", "density", "haptics"]
     unknown = [part for part in parts if part not in _PARTS]
     if unknown:
         raise UsageError(
@@ -113,6 +113,12 @@ def _coverage(arguments: argparse.Namespace) -> Sequence[Any]:
     return coverage()
 
 
+def _density(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.density_digits import density_digits
+
+    return density_digits()
+
+
 def _haptics(arguments: argparse.Namespace) -> Sequence[Any]:
     from percept.bench.haptics_digits import digits_kept
 
@@ -125,15 +131,23 @@ def _skipping(arguments: argparse.Namespace) -> Sequence[Any]:
     return skipping_cost()
 
 
+def _growth(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.growth import growth
+
+    return growth(told=_told)
+
+
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": _sampling,
     "magnitude": _magnitude,
     "propagation": _propagation,
     "memory": _memory,
     "moments": _moments,
+    "density": _density,
     "coverage": _coverage,
     "haptics": _haptics,
     "skipping": _skipping,
+    "growth": _growth,
 }
 
 

@@ -1,0 +1,227 @@
+"""How run time grows with a study: rows, subjects, patterns, environments, frequencies, draws."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.boundary.draws import DrawCurves
+from percept.haptics import Device
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.statistics import Statistics, from_trials
+from percept.inference.sampling.run import Settings, sample
+
+__all__ = ["FITTED", "SIZES", "Growth", "growth", "growth_study"]
+
+Array: TypeAlias = NDArray[np.float64]
+Task: TypeAlias = Callable[[], None]
+
+ROWS, SUBJECTS, PATTERNS, ENVIRONMENTS = "trial rows", "subjects, equal patterns", "patterns", "environments"
+OMEGA, DRAWS = "frequencies", "draws"
+#: Sizes along every axis.
+SIZES: Mapping[str, tuple[int, ...]] = {
+    ROWS: (50, 500, 5_000, 50_000, 500_000, 5_000_000),
+    SUBJECTS: (10, 100, 1_000, 10_000),
+    PATTERNS: (1, 2, 5, 10, 20, 40),
+    ENVIRONMENTS: (1, 2, 5, 10, 20, 50, 100, 200),
+    OMEGA: (10, 100, 1_000, 10_000),
+    DRAWS: (100, 1_000, 10_000, 100_000, 1_000_000),
+}
+#: Sizes at which a whole fit is timed too.
+FITTED: Mapping[str, tuple[int, ...]] = {
+    ROWS: (50, 5_000_000),
+    SUBJECTS: (10, 10_000),
+    PATTERNS: (1, 10),
+    ENVIRONMENTS: (1, 5, 10),
+}
+#: Growth of a density call that is promised not to be passed.
+_PROMISED = {ROWS: 1.10, SUBJECTS: 1.10}
+
+_CELLS = 5  # subjects and environments of the studies whose rows are counted
+_MANY = 40  # subjects of the studies whose patterns are counted
+_POINTS = 256  # four ensembles of 64 walkers
+_SHORTEST = 0.01  # s; shorter tasks are repeated within a round
+_OTHER_OMEGA, _OTHER_DRAWS = 10, 1_000
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Run time of one task at one size.
+
+    Attributes
+    ----------
+    task : {"density call", "propagation", "fit"}
+        256 values of the log density; quantiles of abs(Z_h) over the draws at all frequencies (10 where
+        the draws are varied, which are 1000 otherwise); sampling to a tolerance of 5 %.
+    along : str
+        What was varied.
+    size : int
+        Its value.
+    seconds : float
+        Median processor time over the rounds.
+    ratio : float
+        Median over the rounds of the time over that of the smallest size in the same round.
+    ratio_low, ratio_high : float
+        Quartiles of the same.
+    promised : float or None
+        What the ratio is promised to stay below.
+    """
+
+    task: str
+    along: str
+    size: int
+    seconds: float
+    ratio: float
+    ratio_low: float
+    ratio_high: float
+    promised: float | None
+
+
+def growth(
+    *,
+    rounds: int = 15,
+    fit_rounds: int = 3,
+    sizes: Mapping[str, Sequence[int]] = SIZES,
+    fitted: Mapping[str, Sequence[int]] = FITTED,
+    told: Callable[[str], None] = lambda line: None,
+) -> list[Growth]:
+    """Time density calls, propagation and fits along every axis.
+
+    Parameters
+    ----------
+    rounds, fit_rounds : int
+        Rounds of density calls and propagation, and of fits; the sizes of an axis take turns in each.
+    sizes, fitted : mapping of str to sequence of int
+        Sizes along the axes of `SIZES`, the smallest first; those at which a study is also fitted.
+    told : callable
+        Told what is measured.
+
+    Returns
+    -------
+    list of Growth
+    """
+    rows = []
+    for along, values in sizes.items():
+        told(f"growth with {along}")
+        studied = along not in (OMEGA, DRAWS)
+        tasks = {
+            size: _density_call(along, size) if studied else _propagation(along, size) for size in values
+        }
+        name = "density call" if studied else "propagation"
+        rows += _rows(name, along, _turns(tasks, rounds), _PROMISED.get(along))
+    for along, values in fitted.items():
+        told(f"fits with {along}")
+        tasks = {size: _fit(along, size) for size in values}
+        rows += _rows("fit", along, _turns(tasks, fit_rounds), None)
+    return rows
+
+
+def growth_study(along: str, size: int, *, seed: int = 1) -> Statistics:
+    """Reduce a simulated study of stiffness and damping to what the density reads.
+
+    Parameters
+    ----------
+    along : str
+        "trial rows": 5 subjects in 5 environments, size/25 trials each; "subjects, equal patterns": one
+        trial in each of 5 environments; "patterns": 40 subjects with so many distinct vectors of 1 to 3
+        trials in 5 environments; "environments": 10 subjects, one trial each.
+    size : int
+        Its value.
+    seed : int
+        Of the responses.
+
+    Returns
+    -------
+    Statistics
+    """
+    counts = _counts(along, size)
+    subjects, environments = counts.shape
+    rng = np.random.default_rng(seed)
+    cell_means = 0.1 * rng.standard_normal((subjects, 1, 2)) + 0.2 * rng.standard_normal((*counts.shape, 2))
+    cell = np.repeat(np.arange(counts.size), counts.ravel())
+    response = cell_means.reshape(-1, 2)[cell]
+    response += 0.05 * rng.standard_normal(response.shape)
+    return from_trials(
+        response,
+        cell // environments,
+        cell % environments,
+        np.tile(np.linspace(-1.5, 1.5, environments) if environments > 1 else 0.0, (2, 1)),
+        parameters=("k", "b"),
+        environments=tuple(f"VE{j + 1}" for j in range(environments)),
+        subjects=tuple(f"S{i + 1}" for i in range(subjects)),
+    )
+
+
+def _counts(along: str, size: int) -> NDArray[np.intp]:
+    """Trials per subject and environment."""
+    if along == ROWS:
+        return np.full((_CELLS, _CELLS), math.ceil(size / _CELLS**2))
+    if along == SUBJECTS:
+        return np.ones((size, _CELLS), dtype=np.intp)
+    if along == ENVIRONMENTS:
+        return np.ones((10, size), dtype=np.intp)
+    # From the second on: the first has no repeats, and with it a study of one pattern no trial level.
+    distinct = itertools.islice(itertools.product((1, 2, 3), repeat=_CELLS), 1, size + 1)
+    return np.resize(np.array(list(distinct)), (_MANY, _CELLS))
+
+
+def _density_call(along: str, size: int) -> Task:
+    density = CollapsedDensity(growth_study(along, size))
+    points = 0.5 * np.random.default_rng(1).standard_normal((_POINTS, density.dimension))
+    return lambda: _done(density(points))
+
+
+def _fit(along: str, size: int) -> Task:
+    model = Pooled(CollapsedDensity(growth_study(along, size)))
+    return lambda: _done(sample(model, IntervalEstimands(model), Settings(tolerance=0.05)))
+
+
+def _propagation(along: str, size: int) -> Task:
+    omegas, draws = (size, _OTHER_DRAWS) if along == OMEGA else (_OTHER_OMEGA, size)
+    rng = np.random.default_rng(1)
+    k, b = (np.exp(centre + 0.1 * rng.standard_normal(draws)) for centre in (9.0, 2.0))
+    omega = np.geomspace(0.1, 100.0, omegas)
+    return lambda: _done(DrawCurves(Device(1.0, 5.0), k, b, 1e-3, level=0.99).at(omega))
+
+
+def _done(result: object) -> None:
+    """Let go of a result."""
+
+
+def _turns(tasks: Mapping[int, Task], rounds: int) -> dict[int, Array]:
+    """Processor time of each task in every round, after one call that is not counted, s."""
+    often = {size: max(1, round(_SHORTEST / max(_time(task), 1e-9))) for size, task in tasks.items()}
+    found = {size: np.empty(rounds) for size in tasks}
+    for i in range(rounds):
+        for size, task in tasks.items():
+            found[size][i] = _time(task, often[size])
+    return found
+
+
+def _time(task: Task, often: int = 1) -> float:
+    begun = time.process_time()
+    for _ in range(often):
+        task()
+    return (time.process_time() - begun) / often
+
+
+def _rows(task: str, along: str, found: Mapping[int, Array], promised: float | None) -> list[Growth]:
+    first = next(iter(found.values()))
+    rows = []
+    for size, seconds in found.items():
+        low, ratio, high = np.quantile(seconds / first, [0.25, 0.5, 0.75])
+        rows.append(
+            Growth(
+                task, along, size, float(np.median(seconds)), float(ratio), float(low), float(high), promised
+            )
+        )
+    return rows
