@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import BoolArray, FloatArray, nonnegative_array, ratio
+from percept.haptics._arrays import (
+    ComplexArray,
+    FloatArray,
+    complex_from,
+    nonnegative_array,
+    ratio,
+)
+from percept.haptics._gaps import Gaps, where_positive
 from percept.haptics._search import golden_section, wide_section
 from percept.haptics._warp import Warp, warp
 from percept.haptics.design import max_coupling_stiffness, max_coupling_stiffness_at
@@ -135,14 +142,11 @@ def design_couplings(
     UsageError
         As `qualifying_region`.
     """
-
-    def region(chosen: Sequence[EnvironmentBoundary]) -> QualifyingRegion:
-        return qualifying_region(
-            omega, device, chosen, period, discretization=discretization, hold=hold, damping=damping
-        )
-
+    judge = _judge(omega, device, boundaries, period, discretization, hold)
+    seen = judge.seen(damping)
     return CouplingDesign(
-        each=tuple(region([boundary]) for boundary in boundaries), common=region(boundaries)
+        each=tuple(_region(judge.only(i), seen.only(i)) for i in range(len(boundaries))),
+        common=_region(judge, seen),
     )
 
 
@@ -188,6 +192,18 @@ def qualifying_region(
         No boundary, a boundary of another length than ω, ω not strictly between 0 and Nyquist or outside a
         device's table, a device with arrays as parameters, T not positive.
     """
+    judge = _judge(omega, device, boundaries, period, discretization, hold)
+    return _region(judge, judge.seen(damping))
+
+
+def _judge(
+    omega: ArrayLike,
+    device: AnyDevice,
+    boundaries: Sequence[EnvironmentBoundary],
+    period: float,
+    discretization: str | None,
+    hold: str,
+) -> _Judge:
     if not boundaries:
         raise UsageError("a coupling needs at least one boundary to stay inside of.")
     grid = warp(omega, period)
@@ -199,26 +215,107 @@ def qualifying_region(
                 "a boundary and omega differ in length.", value=(boundary.lower.shape, grid.omega.shape)
             )
     check_single(device, Coupling(0.0, 0.0))
-    judge = _Judge(grid, device, tuple(boundaries), discretization, hold)
-    lines = judge.lines() if damping is None else nonnegative_array(damping, "damping", "N·s/m")
-    lines = np.unique(lines)
-    intervals = judge.intervals(lines)
-    largest = _extreme(judge, lines, np.array([-part.max(initial=-np.inf) for part in intervals]), last=True)
-    softest = _extreme(judge, lines, np.array([part.min(initial=np.inf) for part in intervals]), last=False)
-    return QualifyingRegion(damping=lines, intervals=tuple(intervals), largest=largest, softest=softest)
+    walls = tuple(_Walls.of(grid, device, boundary, discretization, hold) for boundary in boundaries)
+    return _Judge(grid, device, walls, discretization, hold)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class _Walls:
+    """What one boundary asks at each ω.
+
+    With Z_c = b_c + k_c·ζ, Z_h_vc = (Z_dZ_e + Z_cZ_h)/(Z_e + Z_c): both are linear in k_c.
+
+    Attributes
+    ----------
+    z_e, z_h, uncoupled, zeta : ndarray of complex, shape (n,)
+        Z_e and Z_h, N·s/m; Z_dZ_e, (N·s/m)²; ζ, s.
+    boundary : EnvironmentBoundary
+    """
+
+    z_e: ComplexArray
+    z_h: ComplexArray
+    uncoupled: ComplexArray
+    zeta: ComplexArray
+    boundary: EnvironmentBoundary
+
+    @classmethod
+    def of(
+        cls,
+        grid: Warp,
+        device: AnyDevice,
+        boundary: EnvironmentBoundary,
+        discretization: str | None,
+        hold: str,
+    ) -> _Walls:
+        period, omega = grid.period, grid.omega
+        z_e = environment_impedance(omega, boundary.environment, period)
+        z_d = device_impedance(omega, device, period)
+        z_h = z_d + zero_order_hold(omega, period, kind=hold) * z_e
+        zeta = complex_from(period / 2 if discretization == "backward" else 0.0, -grid.inverse_rate)
+        return cls(z_e, z_h, z_d * z_e, zeta, boundary)
+
+    def forbidden(self, lines: FloatArray) -> FloatArray:
+        """Return the open intervals of k_c that leave the boundary, shape (lines, cuts, 2)."""
+        zeta, z_h, b_c = self.zeta, self.z_h, lines[:, None]
+        top0, top1 = self.uncoupled + b_c * z_h, zeta * z_h
+        under0, under1 = self.z_e + b_c, zeta
+        over, under = np.abs(top0), np.abs(under0)
+        along, across = (top0 * np.conj(top1)).real, (under0 * np.conj(under1)).real
+        cuts = []
+        for limit, side in ((self.boundary.upper, 1.0), (self.boundary.lower, -1.0)):
+            bounded = np.isfinite(limit)
+            u = np.where(bounded, limit, 0.0)
+            # Products of sum and difference, where squares of near numbers would cancel.
+            a = np.abs(zeta) ** 2 * (np.abs(z_h) - u) * (np.abs(z_h) + u)
+            half_b = along - u**2 * across
+            c = (over - u * under) * (over + u * under)
+            cut = where_positive(side * np.broadcast_to(a, c.shape), side * half_b, side * c)
+            cuts.append(np.where(bounded[:, None], cut, np.nan))
+        return np.concatenate(cuts, axis=1).reshape(lines.size, -1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """What is known of some lines of b_c: the stable k_c, and what each boundary forbids."""
+
+    damping: FloatArray
+    ceiling: FloatArray
+    forbidden: tuple[FloatArray, ...]
+
+    def only(self, boundary: int) -> _Lines:
+        """Return the lines as one boundary alone leaves them."""
+        return _Lines(self.damping, self.ceiling, (self.forbidden[boundary],))
+
+    def gaps(self) -> Gaps:
+        """Return what qualifies on each line."""
+        return Gaps.of(self.ceiling, np.concatenate(self.forbidden, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
 class _Judge:
     """The question put to each line of b_c."""
 
     grid: Warp
     device: AnyDevice
-    boundaries: tuple[EnvironmentBoundary, ...]
+    walls: tuple[_Walls, ...]
     discretization: str | None
     hold: str
 
-    def lines(self) -> FloatArray:
+    def only(self, boundary: int) -> _Judge:
+        """Ask for one boundary alone."""
+        return replace(self, walls=(self.walls[boundary],))
+
+    def seen(self, damping: ArrayLike | None) -> _Lines:
+        """Look at the lines asked for, or at as many as show the whole region."""
+        lines = self._usual() if damping is None else nonnegative_array(damping, "damping", "N·s/m")
+        return self.at(np.unique(lines))
+
+    def at(self, damping: FloatArray) -> _Lines:
+        """Look at lines of b_c, shape (n,), N·s/m."""
+        forbidden = tuple(wall.forbidden(damping) for wall in self.walls)
+        return _Lines(damping, self._stable_stiffness(damping), forbidden)
+
+    def _usual(self) -> FloatArray:
         """Return b_c from 0 to the largest that is stable at all."""
         omega = search_grid(self.device, self.grid.period)
         everywhere = warp(omega, self.grid.period)
@@ -226,12 +323,6 @@ class _Judge:
         viscous, _ = demands(everywhere, self.hold)
         largest = float(np.maximum(ratio(available, viscous, empty=np.inf), 0.0).min())
         return np.concatenate([largest * np.linspace(0, 1, 81), largest * np.geomspace(1e-4, 1, 81)])
-
-    def intervals(self, lines: FloatArray) -> list[FloatArray]:
-        """Return the qualifying k_c of each line, shape (m, 2)."""
-        ceiling = self._stable_stiffness(lines)
-        forbidden = np.concatenate([self._forbidden(boundary, lines) for boundary in self.boundaries], axis=1)
-        return [_gaps(high, cuts) for high, cuts in zip(ceiling, forbidden, strict=True)]
 
     def _stable_stiffness(self, lines: FloatArray) -> FloatArray:
         discretization, period = self.discretization or "backward", self.grid.period
@@ -255,88 +346,35 @@ class _Judge:
         low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, omega.size - 1)]
         return np.minimum(seen.min(axis=0), limit(golden_section(limit, low, high)))
 
-    def _forbidden(self, boundary: EnvironmentBoundary, lines: FloatArray) -> FloatArray:
-        """Return the open intervals of k_c that leave a boundary, shape (lines, cuts, 2).
 
-        With Z_c = b_c + k_c·ζ, Z_h_vc = (Z_dZ_e + Z_cZ_h)/(Z_e + Z_c): both are linear in k_c.
-        """
-        period, omega = self.grid.period, self.grid.omega
-        z_e = environment_impedance(omega, boundary.environment, period)
-        z_d = device_impedance(omega, self.device, period)
-        z_h = z_d + zero_order_hold(omega, period, kind=self.hold) * z_e
-        zeta = (period / 2 if self.discretization == "backward" else 0.0) - 1j * self.grid.inverse_rate
-        b_c = lines[:, None]
-        top0, top1 = z_d * z_e + b_c * z_h, zeta * z_h
-        under0, under1 = z_e + b_c, zeta
-        cuts = []
-        for limit, side in ((boundary.upper, 1.0), (boundary.lower, -1.0)):
-            bounded = np.isfinite(limit)
-            u = np.where(bounded, limit, 0.0)
-            # Products of sum and difference, where squares of near numbers would cancel.
-            a = np.abs(zeta) ** 2 * (np.abs(z_h) - u) * (np.abs(z_h) + u)
-            half_b = (top0 * np.conj(top1)).real - u**2 * (under0 * np.conj(under1)).real
-            c = (np.abs(top0) - u * np.abs(under0)) * (np.abs(top0) + u * np.abs(under0))
-            cut = _where_positive(side * np.broadcast_to(a, c.shape), side * half_b, side * c)
-            cuts.append(np.where(bounded[:, None], cut, np.nan))
-        return np.concatenate(cuts, axis=1).reshape(lines.size, -1, 2)
+def _region(judge: _Judge, seen: _Lines) -> QualifyingRegion:
+    gaps = seen.gaps()
+    largest, softest = _extremes(judge, seen.damping, gaps.costs())
+    return QualifyingRegion(damping=seen.damping, intervals=gaps.lines(), largest=largest, softest=softest)
 
 
-def _where_positive(a: FloatArray, half_b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return where a·k² + 2·half_b·k + c > 0: two open intervals, NaN where absent; shape (..., 4)."""
-    discriminant = half_b**2 - a * c
-    real = discriminant > 0
-    root = half_b + np.copysign(np.sqrt(np.where(real, discriminant, 0.0)), half_b)
-    # Divisions by zero leave inf for the root that is not there, and NaN for none.
-    one, other = ratio(-root, a, empty=np.nan), ratio(-c, root, empty=np.nan)
-    low, high = np.fmin(one, other), np.fmax(one, other)
-    nothing = np.full_like(low, np.nan)
-    linear = a == 0
-    single = -c / np.where(half_b == 0, 1.0, 2 * half_b)
-    below, above = np.full_like(low, -np.inf), np.full_like(low, np.inf)
-    outside = np.stack([below, low, high, above], axis=-1)
-    inside = np.stack([low, high, nothing, nothing], axis=-1)
-    everywhere = np.stack([below, above, nothing, nothing], axis=-1)
-    nowhere = np.stack([nothing] * 4, axis=-1)
-    rising = np.stack([single, above, nothing, nothing], axis=-1)
-    falling = np.stack([below, single, nothing, nothing], axis=-1)
+def _extremes(judge: _Judge, lines: FloatArray, costs: FloatArray) -> tuple[Coupling | None, Coupling | None]:
+    """Return the couplings at the largest and the smallest k_c, also between the lines beside the best."""
+    best = costs.argmin(axis=1)
+    if not np.isfinite(costs.min()):
+        return None, None
 
-    def pick(condition: BoolArray, yes: FloatArray, no: FloatArray) -> FloatArray:
-        return np.where(np.asarray(condition)[..., None], yes, no)
+    def cost(damping: FloatArray) -> FloatArray:
+        # Both searches in one call: the first column is the one for the largest k_c.
+        found = judge.at(damping.ravel()).gaps().costs().reshape(2, *damping.shape)
+        return np.stack([found[0, :, 0], found[1, :, 1]], axis=1)
 
-    curved = pick(a > 0, pick(real, outside, everywhere), pick(real, inside, nowhere))
-    straight = pick(half_b > 0, rising, pick(half_b < 0, falling, pick(c > 0, everywhere, nowhere)))
-    return pick(linear, straight, curved)
+    low, high = lines[np.maximum(best - 1, 0)], lines[np.minimum(best + 1, lines.size - 1)]
+    candidates = np.stack([wide_section(cost, low, high), lines[best]])
+    damping = candidates[cost(candidates).argmin(axis=0), [0, 1]]
+    on_largest, on_softest = judge.at(damping).gaps().lines()
+    low_k, high_k = on_largest[-1]
+    largest = Coupling(float(high_k - _inset(low_k, high_k)), float(damping[0]))
+    low_k, high_k = on_softest[0]
+    # k_c = 0 needs no inset: nothing is cut there.
+    softest = low_k + _inset(low_k, high_k) if low_k else 0.0
+    return largest, Coupling(float(softest), float(damping[1]))
 
 
-def _gaps(ceiling: float, forbidden: FloatArray) -> FloatArray:
-    """Return what is left of [0, ceiling] without the forbidden intervals, shape (m, 2)."""
-    if ceiling <= 0:
-        return np.empty((0, 2))
-    cuts = forbidden[~np.isnan(forbidden).any(axis=1)]
-    cuts = cuts[np.argsort(cuts[:, 0])]
-    starts = np.minimum(np.append(cuts[:, 0], np.inf), ceiling)
-    ends = np.maximum.accumulate(np.concatenate([[0.0], cuts[:, 1]]))
-    left = np.stack([ends, starts], axis=1)
-    return left[left[:, 1] > left[:, 0]]
-
-
-def _extreme(judge: _Judge, lines: FloatArray, cost: FloatArray, *, last: bool) -> Coupling | None:
-    """Return the coupling at the largest or smallest k_c, looking between the lines beside the best one."""
-    best = int(np.argmin(cost))
-    if not np.isfinite(cost[best]):
-        return None
-
-    def between(damping: FloatArray) -> FloatArray:
-        sets = judge.intervals(damping)
-        return np.array([-part.max(initial=-np.inf) if last else part.min(initial=np.inf) for part in sets])
-
-    low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
-    found = wide_section(lambda places: between(places[:, 0])[:, None], low, high)
-    candidates = np.append(found, lines[best])
-    damping = candidates[int(np.argmin(between(candidates)))]
-    intervals = judge.intervals(np.array([damping]))[0]
-    low_k, high_k = intervals[-1] if last else intervals[0]
-    inset = min(_INSIDE * high_k, (high_k - low_k) / 2)
-    # k_c = 0 and the origin of the interval need no inset: nothing is cut there.
-    stiffness = high_k - inset if last else (low_k + inset if low_k else 0.0)
-    return Coupling(float(stiffness), float(damping))
+def _inset(low: float, high: float) -> float:
+    return min(_INSIDE * high, (high - low) / 2)
