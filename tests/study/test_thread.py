@@ -36,12 +36,12 @@ def test_classical_limits_print_as_the_published_table(name):
 
 
 @pytest.fixture(scope="module")
-def study():
-    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), hbfd_scene(tolerance=0.05))
+def classical():
+    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), hbfd_scene(method="classical"))
 
 
-def test_both_methods_stand_side_by_side(study):
-    marginal = study.intervals.query("joint == 'marginal' and family == 'lognormal'")
+def test_both_methods_stand_side_by_side(fitted):
+    marginal = fitted.intervals.query("joint == 'marginal' and family == 'lognormal'")
     counts = marginal.groupby(["environment", "parameter", "kind"])["method"].agg(set)
     assert len(counts) == 30
     assert all(methods == {"classical", "bayesian"} for methods in counts)
@@ -49,30 +49,30 @@ def test_both_methods_stand_side_by_side(study):
     assert (marginal["estimate"] < marginal["upper"]).all()
 
 
-def test_kinds_nest(study):
+def test_kinds_nest(fitted):
     keys = ["environment", "parameter", "method", "family", "joint"]
-    lower = study.intervals.pivot_table(index=keys, columns="kind", values="lower")
-    upper = study.intervals.pivot_table(index=keys, columns="kind", values="upper")
+    lower = fitted.intervals.pivot_table(index=keys, columns="kind", values="lower")
+    upper = fitted.intervals.pivot_table(index=keys, columns="kind", values="upper")
     assert (lower["mean"] > lower["user"]).all()
     assert (lower["user"] > lower["share"]).all()
     assert (upper["mean"] < upper["user"]).all()
     assert (upper["user"] < upper["share"]).all()
 
 
-def test_same_seed_same_bits_and_another_within_monte_carlo_error(study):
-    sessions = study.sessions
-    again = Study(sessions, study.scene)
-    pd.testing.assert_frame_equal(again.intervals, study.intervals, check_exact=True)
-    other = Study(sessions, study.scene.with_inference(seed=2))
-    first, second = study.fit.run, other.fit.run
+def test_same_seed_same_bits_and_another_within_monte_carlo_error():
+    table = frame()
+    sessions = Sessions.from_frame(table[table.environment.isin(["VE2", "VE4"])])
+    one, again, other = (Study(sessions, hbfd_scene(tolerance=0.1, seed=seed)) for seed in (1, 1, 2))
+    pd.testing.assert_frame_equal(again.intervals, one.intervals, check_exact=True)
+    first, second = one.fit.run, other.fit.run
     difference = first.estimates.value - second.estimates.value
     error = np.hypot(first.errors, second.errors)
     assert np.abs(difference / error).max() < 5.0
     assert np.any(difference != 0)
 
 
-def test_boundaries_hold_what_they_say(study):
-    boundaries = study.boundaries_at(np.geomspace(0.1, 100.0, 61))
+def test_boundaries_hold_what_they_say(fitted):
+    boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 61))
     shapes = {(b.method, b.shape) for b in boundaries}
     assert {("classical", "corner"), ("classical", "envelope"), ("bayesian", "pointwise")} <= shapes
     named = {(b.environment, b.kind, b.method, b.family, b.joint, b.shape): b for b in boundaries}
@@ -88,14 +88,14 @@ def test_boundaries_hold_what_they_say(study):
             assert np.mean(b.upper / b.lower >= point.upper / point.lower) > 0.9
 
 
-def test_corner_curves_are_equations_16_and_17(study):
+def test_corner_curves_are_equations_16_and_17(classical):
     """Both lower limits together, both upper together, straight through Eqs 7, 8 and 13."""
-    rows = study.intervals.query(
+    rows = classical.intervals.query(
         "environment == 'VE3' and kind == 'mean' and family == 'normal' and joint == 'marginal'"
     ).set_index("parameter")
     corner = next(
         b
-        for b in study.boundaries
+        for b in classical.boundaries
         if (b.environment, b.kind, b.method, b.family, b.joint, b.shape)
         == ("VE3", "mean", "classical", "normal", "marginal", "corner")
     )
@@ -119,8 +119,9 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
 
 
 def test_failed_gate_withholds_the_bayesian_numbers():
-    scene = hbfd_scene(tolerance=1e-4, most_steps=300)
-    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
+    table = frame()
+    few = Sessions.from_frame(table[table.environment.isin(["VE2", "VE4"])])
+    study = Study(few, hbfd_scene(tolerance=1e-4, most_steps=200))
     assert set(study.intervals["method"]) == {"classical"}
     assert study.posterior is None
     reason = dict(study.skipped)["Bayesian intervals"]
@@ -160,12 +161,13 @@ def test_zero_reference_is_refused_without_a_scale():
 
 def test_no_scatter_is_refused_and_resolution_answers():
     table = frame()
+    table = table[table.environment.isin(["VE1", "VE2"])]
     table.loc[table.environment == "VE2", "k_adj"] = 1000.0
     sessions = Sessions.from_frame(table)
     with pytest.raises(RefusalError, match="all subjects adjusted alike in stiffness of VE2") as caught:
-        _ = Study(sessions, hbfd_scene(tolerance=0.05)).fit
+        _ = Study(sessions, hbfd_scene()).fit
     assert "resolution.k" in str(caught.value)
-    scene = Scene.from_tables({"model": {"resolution": {"k": 10.0}}, "inference": {"tolerance": 0.05}})
+    scene = Scene.from_tables({"model": {"resolution": {"k": 10.0}}, "inference": {"tolerance": 0.1}})
     study = Study(sessions, scene)
     assert study.fit.run.gate.passed
     cell = study.intervals.query("environment == 'VE2' and parameter == 'k' and method == 'bayesian'")
@@ -173,7 +175,7 @@ def test_no_scatter_is_refused_and_resolution_answers():
 
 
 def test_one_parameter_alone():
-    scene = hbfd_scene(tolerance=0.05)
+    scene = hbfd_scene(tolerance=0.2)
     tables = scene.model_dump(exclude_none=True)
     tables["inference"]["parameters"] = ("k",)
     study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene.from_tables(tables))
@@ -183,19 +185,19 @@ def test_one_parameter_alone():
     assert ("boundaries and band", "only stiffness was adjusted") in study.skipped
 
 
-def test_posterior_keeps_named_dimensions(study):
-    posterior = study.posterior["posterior"]
+def test_posterior_keeps_named_dimensions(fitted):
+    posterior = fitted.posterior["posterior"]
     assert posterior["population_mean"].dims == ("chain", "draw", "parameter", "environment")
-    assert list(posterior["environment"].values) == list(study.environments)
-    assert posterior.sizes["chain"] == study.fit.run.settings.ensembles
+    assert list(posterior["environment"].values) == list(fitted.environments)
+    assert posterior.sizes["chain"] == fitted.fit.run.settings.ensembles
     # Draws and the smooth mixture must describe one posterior: compare medians on the log scale.
     draws = np.log(posterior["population_mean"].values)
-    laws_mean = np.log(study.fit.estimate).reshape(draws.shape[2:])
+    laws_mean = np.log(fitted.fit.estimate).reshape(draws.shape[2:])
     spread = draws.std(axis=(0, 1))
     error = spread / np.sqrt(draws.shape[0] * draws.shape[1] / 4)
     assert np.all(np.abs(draws.mean(axis=(0, 1)) - laws_mean) < 5 * error)
 
 
-def test_records_are_frozen(study):
+def test_records_are_frozen(classical):
     with pytest.raises(dataclasses.FrozenInstanceError):
-        study.boundaries[0].level = 0.5
+        classical.boundaries[0].level = 0.5
