@@ -1,4 +1,4 @@
-"""Scatter that no proper posterior comes of: none at all, or both parameters in exact proportion."""
+"""Scatter that no posterior can be sampled from: none at all, or both parameters in proportion."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from percept.study.units import NAMES, UNITS
 __all__ = ["refuse_degenerate"]
 
 Array = NDArray[np.float64]
-_PROPORTION = 1e-12  # remainder of a regression over what is regressed, below which it is rounding
+#: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
+#: six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
+_PROPORTION = 1e-3
 
 
 def refuse_degenerate(statistics: Statistics, scene: Scene) -> None:
-    """Refuse cells without scatter, and pairs that move in exact proportion, unless the scene gives steps.
+    """Refuse cells without scatter, and pairs that move in proportion, unless the scene gives steps.
 
-    Near a correlation of one the density of pairs in exact proportion grows as (1 - rho²)^(-(f - 1)/2) for
-    every environment's f degrees of freedom; from four such half powers on no prior of rho holds it.
+    Near a correlation of one the density of pairs in proportion grows as (1 - rho²)^(-(f - 1)/2) for every
+    environment's f degrees of freedom; from four such half powers on no prior of rho holds it. A remainder
+    ends that growth, too near one for walkers to follow where it is small.
 
     Parameters
     ----------
@@ -84,8 +87,8 @@ def _refuse_proportion(scatter: list[Array], df: Array, what: str) -> None:
         powers += freedom - 1.0
     if len(signs) == 1 and powers >= 4.0:
         raise RefusalError(
-            f"stiffness and damping of {what} move in exact proportion in every environment: a "
-            "correlation of one has no proper posterior.",
+            f"stiffness and damping of {what} move in proportion, to within {_PROPORTION:.1%}, in every "
+            "environment: a correlation of one has no proper posterior.",
             column="b_adj",
             hint="Analyse one of them, [inference] parameters, or give the steps: [model] resolution.",
         )

@@ -34,14 +34,16 @@ def study(rng, *, subjects=5, trials=2):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("rest", [0.0, 1e-9])
 @pytest.mark.parametrize("level", ["trials", "means"])
-def test_exact_proportion_is_refused(level, sign):
+def test_proportion_is_refused(level, sign, rest):
+    """Exact, or at a correlation of 1 - 1e-9."""
     cell, trial, subject, environment = study(np.random.default_rng(1), trials=2 if level == "trials" else 1)
     part = trial if level == "trials" else cell
-    part[:, 1] = sign * 0.7 * part[:, 0]
+    part[:, 1] = sign * 0.7 * (part[:, 0] + np.sqrt(2.0 * rest) * part[:, 1])
     response = cell + trial if level == "trials" else cell
     what = "a subject's trials" if level == "trials" else "the subjects' means"
-    with pytest.raises(RefusalError, match=rf"stiffness and damping of {what} move in exact proportion"):
+    with pytest.raises(RefusalError, match=rf"stiffness and damping of {what} move in proportion"):
         refuse_degenerate(statistics(response, subject, environment), Scene())
     steps = Scene.model_validate({"model": {"resolution": {"k": 0.5, "b": 0.01}}})
     refuse_degenerate(statistics(response, subject, environment), steps)
@@ -52,6 +54,13 @@ def test_one_environment_out_of_proportion_is_enough():
     loose = environment == 1
     trial[~loose, 1] = trial[~loose, 0]
     refuse_degenerate(statistics(cell + trial, subject, environment), Scene())
+
+
+def test_a_correlation_of_999_in_a_thousand_is_no_proportion():
+    cell, _, subject, environment = study(np.random.default_rng(6), trials=1)
+    cell[:, 1] = cell[:, 0] + np.sqrt(2e-3) * cell[:, 1]
+    assert np.corrcoef(cell[environment == 0].T)[0, 1] > 0.998
+    refuse_degenerate(statistics(cell, subject, environment), Scene())
 
 
 def test_proportions_of_both_signs_contradict_each_other():
