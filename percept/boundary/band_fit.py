@@ -18,8 +18,10 @@ Array = NDArray[np.float64]
 #: Parameters of each law, in order.
 LAWS: dict[str, tuple[str, ...]] = {"weber": ("w",), "offset": ("c", "w"), "power": ("w", "p")}
 _GRID = 41
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-_STEPS = 30
+# Halving alone settles the widest bracket in thirty-odd steps; Newton's take about six.
+_STEPS = 60
+# After a step as short as this Newton's next would be lost in rounding.
+_SETTLED = 1e-9
 
 
 def fit_law(law: str, impedance: Array, bands: Array) -> Array:
@@ -129,20 +131,7 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
     best = (np.einsum("gj,gj->g", curves, curves) - 2.0 * y @ curves.T).argmin(axis=1)
     step = (high - low) / (_GRID - 1)
     centre = np.where(np.isfinite(grid[best]), grid[best], low)
-    left, right = centre - step, centre + step
-    width = _GOLDEN * (right - left)
-    first, second = right - width, left + width
-    at_first, at_second = _cost(first, impedance, y), _cost(second, impedance, y)
-    for _ in range(_STEPS):
-        lower = at_first <= at_second
-        left, right = np.where(lower, left, first), np.where(lower, second, right)
-        # One of the two inner places is kept; only the other is new.
-        width = _GOLDEN * (right - left)
-        new = np.where(lower, right - width, left + width)
-        at_new = _cost(new, impedance, y)
-        first, second = np.where(lower, new, second), np.where(lower, first, new)
-        at_first, at_second = np.where(lower, at_new, at_second), np.where(lower, at_first, at_new)
-    found = 0.5 * (left + right)
+    found = _stationary(centre - step, centre + step, impedance, y)
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
     none = _cost(np.full(len(y), -np.inf), impedance, y) <= _cost(found, impedance, y)
     ratio = np.where(none, 0.0, np.exp(found))
@@ -150,7 +139,44 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
     return np.stack([ratio * w, w], axis=1)
 
 
+def _stationary(left: Array, right: Array, impedance: Array, y: Array) -> Array:
+    """Find where the cost turns from falling to rising: Newton's steps, halving the bracket where they fail.
+
+    The cost itself is flat at its minimum, and would give half the digits. Where it rises all the way, or
+    falls, the end that is lower.
+    """
+    rises, falls = _slope(left, impedance, y)[0] >= 0, _slope(right, impedance, y)[0] <= 0
+    found = np.where(rises, left, np.where(falls, right, 0.5 * (left + right)))
+    active = np.flatnonzero(~rises & ~falls)
+    for _ in range(_STEPS):
+        at = found[active]
+        slope, bend = _slope(at, impedance, y[active])
+        right[active] = np.where(slope > 0, at, right[active])
+        left[active] = np.where(slope > 0, left[active], at)
+        new = at - np.divide(slope, bend, out=np.full_like(at, np.inf), where=bend > 0)
+        inside = (new >= left[active]) & (new <= right[active])
+        found[active] = np.where(inside, new, 0.5 * (left[active] + right[active]))
+        active = active[np.abs(found[active] - at) > _SETTLED]
+        if not active.size:
+            break
+    return found
+
+
+def _slope(log_ratio: Array, impedance: Array, y: Array) -> tuple[Array, Array]:
+    """Half the first and second derivative of the summed squares by the logarithm of c/w."""
+    offset = np.exp(log_ratio)[:, None]
+    off = _centred(y - np.log(offset + impedance))
+    share = offset / (offset + impedance)
+    pull = np.einsum("sj,sj->s", off, share)
+    spread = _centred(share)
+    bend = np.einsum("sj,sj->s", spread, spread) - pull + np.einsum("sj,sj->s", off, share**2)
+    return -pull, bend
+
+
 def _cost(log_ratio: Array, impedance: Array, y: Array) -> Array:
-    off = y - np.log(np.exp(log_ratio)[:, None] + impedance)
-    off -= (off.sum(axis=1) / off.shape[1])[:, None]
+    off = _centred(y - np.log(np.exp(log_ratio)[:, None] + impedance))
     return np.einsum("sj,sj->s", off, off) / off.shape[1]
+
+
+def _centred(values: Array) -> Array:
+    return values - (values.sum(axis=1) / values.shape[1])[:, None]

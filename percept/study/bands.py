@@ -15,7 +15,7 @@ from percept.boundary.band import (
 )
 from percept.study.band_replicates import Replicates
 from percept.study.bayesian import Fit
-from percept.study.cells import both_limits
+from percept.study.cells import paired_limits
 from percept.study.posterior import thinned_points
 
 __all__ = ["band_study", "weber_trend"]
@@ -98,23 +98,15 @@ def weber_trend(fit: Fit, *, level: float) -> pd.DataFrame | None:
 
 
 def _rows(intervals: pd.DataFrame, omega: float) -> list[dict[str, object]]:
-    marginal = intervals[intervals["joint"] == "marginal"]
+    labels = ("environment", "method", "kind", "family")
     rows: list[dict[str, object]] = []
-    for (environment, method, kind, family), cell in marginal.groupby(
-        ["environment", "method", "kind", "family"], sort=False
-    ):
-        found = both_limits(cell)
-        if found is None:
-            continue
-        lower, upper = (float(end) for end in environment_magnitude_range(omega, *found))
-        k_ref, b_ref = (float(cell.loc[cell["parameter"] == p, "reference"].iloc[0]) for p in ("k", "b"))
+    for cell, limits in paired_limits(intervals[intervals["joint"] == "marginal"], labels):
+        lower, upper = (float(end) for end in environment_magnitude_range(omega, *limits))
+        k_ref, b_ref = (float(cell[p]["reference"]) for p in ("k", "b"))
         impedance = float(np.hypot(b_ref, k_ref / omega))
         rows.append(
             {
-                "environment": environment,
-                "method": method,
-                "kind": kind,
-                "family": family,
+                **{label: cell["k"][label] for label in labels},
                 "impedance": impedance,
                 "lower": lower,
                 "upper": upper,

@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import Any
+
 import pandas as pd
 
-__all__ = ["Limits", "both_limits"]
+__all__ = ["Limits", "paired_limits"]
 
 Limits = tuple[float, float]
 
 
-def both_limits(rows: pd.DataFrame) -> tuple[Limits, Limits] | None:
-    """Take the limits of stiffness and damping from the rows of one interval.
+def paired_limits(
+    intervals: pd.DataFrame, labels: Sequence[str]
+) -> Iterator[tuple[dict[str, dict[str, Any]], tuple[Limits, Limits]]]:
+    """Pair the rows of stiffness and damping that agree in all labels.
 
     Parameters
     ----------
-    rows : DataFrame
-        At most one row per parameter.
+    intervals : DataFrame
+        Of `Study.intervals`, at most one row per parameter and labels.
+    labels : sequence of str
+        Columns.
 
-    Returns
-    -------
-    stiffness, damping : tuple of float
-        Lower and upper, N/m and N·s/m; None where a parameter is missing.
+    Yields
+    ------
+    rows : dict of str to dict
+        Both rows by parameter; pairs in order of first appearance, those without one of the two left out.
+    limits : pair of (float, float)
+        Lower and upper of stiffness and of damping, N/m and N·s/m.
     """
-    limits = {
-        str(p): (float(low), float(high))
-        for p, low, high in rows[["parameter", "lower", "upper"]].itertuples(index=False)
-    }
-    return (limits["k"], limits["b"]) if len(limits) == 2 else None
+    pairs: dict[tuple[Any, ...], dict[str, dict[str, Any]]] = {}
+    for row in intervals.to_dict("records"):
+        one = {str(name): value for name, value in row.items()}
+        pairs.setdefault(tuple(one[label] for label in labels), {})[one["parameter"]] = one
+    for rows in pairs.values():
+        if len(rows) == 2:
+            k, b = ((float(rows[p]["lower"]), float(rows[p]["upper"])) for p in ("k", "b"))
+            yield rows, (k, b)

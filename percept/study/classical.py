@@ -61,8 +61,9 @@ def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: str) -
         Parameter-major. Lognormal moments are None where a value, or a published mean, is zero or
         negative, and all are where there is no scatter.
     """
+    tables = list(sessions.table.groupby("environment", sort=False))
     for parameter in parameters:
-        for environment, table in sessions.table.groupby("environment", sort=False):
+        for environment, table in tables:
             moments = _moments(sessions, table, parameter, family)
             if isinstance(moments, str):
                 yield Cell(parameter, str(environment), None, moments)
@@ -85,13 +86,14 @@ def _moments(sessions: Sessions, table: pd.DataFrame, parameter: str, family: st
         if family == "lognormal" and np.any(moments.mean <= 0):
             return "the published mean is zero or negative"
         return moments
-    values = table[["subject", f"{parameter}_adj"]].dropna()
-    adjusted = values[f"{parameter}_adj"].to_numpy(dtype=float)
-    if values["subject"].nunique() < 2:
+    known = table[f"{parameter}_adj"].notna().to_numpy()
+    adjusted = table[f"{parameter}_adj"].to_numpy(dtype=float)[known]
+    subjects = table["subject"].to_numpy()[known]
+    if len(set(subjects.tolist())) < 2:
         return "it has fewer than two subjects"
     if family == "lognormal" and np.any(adjusted <= 0):
         return "a value is zero or negative"
-    return subject_means(adjusted, values["subject"].to_numpy(), family=family).moments()  # type: ignore[arg-type]
+    return subject_means(adjusted, subjects, family=family).moments()  # type: ignore[arg-type]
 
 
 def cell_interval(

@@ -135,12 +135,15 @@ def _realism(
     bench: Bench, coupling: Coupling, boundaries: tuple[Boundary, ...], regions: tuple[Region, ...]
 ) -> pd.DataFrame:
     found = {(r.environment, r.method, r.kind, r.family, r.joint): r for r in regions}
+    effective = {
+        name: haptics.effective_impedance(10.0, reference, coupling, bench.period)
+        for name, reference in bench.references.items()
+    }
     rows = []
     for boundary in boundaries:
         if boundary.coupled is None:
             continue
         reference = bench.references[boundary.environment]
-        effective = haptics.effective_impedance(10.0, reference, coupling, bench.period)
         key = (boundary.environment, boundary.method, boundary.kind, boundary.family, boundary.joint)
         row: dict[str, Any] = dict(
             zip(("environment", "method", "kind", "family", "joint"), key, strict=True)
@@ -151,8 +154,8 @@ def _realism(
             row[f"share_inside_{name}"] = member.inside
             row[f"leaves_{name}"] = member.leaves
             row[f"margin_{name}"] = member.margin
-        row["effective_stiffness"] = float(effective.stiffness)
-        row["effective_damping"] = float(effective.damping)
+        row["effective_stiffness"] = float(effective[boundary.environment].stiffness)
+        row["effective_damping"] = float(effective[boundary.environment].damping)
         if boundary.shape == "envelope":
             row |= _plane(found[key], boundary.omega, reference, coupling, bench.period)
         rows.append(row)

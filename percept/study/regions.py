@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.regions import EllipseRegion
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.cells import Limits, both_limits
+from percept.study.cells import Limits, paired_limits
 from percept.study.classical import FAMILIES
 from percept.study.posterior import thinned_points
 
@@ -132,20 +132,11 @@ def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     ------
     Region
     """
-    keys = ["environment", "kind", "method", "family", "joint"]
-    for found, rows in intervals.groupby(keys, sort=False):
-        limits = both_limits(rows.assign(**{side: displayable(rows[side].to_numpy()) for side in _SIDES}))
-        if limits is not None:
-            environment, kind, method, family, joint = (str(part) for part in found)
-            yield Region(
-                environment=environment,
-                kind=kind,
-                method=method,
-                family=family,
-                joint=joint,
-                level=float(rows["level"].iloc[0]),
-                limits=limits,
-            )
+    shown = intervals.assign(**{side: displayable(intervals[side].to_numpy()) for side in _SIDES})
+    labels = ("environment", "kind", "method", "family", "joint")
+    for rows, limits in paired_limits(shown, labels):
+        said: dict[str, Any] = {label: str(rows["k"][label]) for label in labels}
+        yield Region(**said, level=float(rows["k"]["level"]), limits=limits)
 
 
 def subject_pairs(sessions: Sessions, family: Family) -> Pairs:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -45,6 +46,26 @@ def test_offset_equals_a_general_optimiser() -> None:
 
         best = least_squares(residual, [0.0, -2.0], xtol=1e-14, ftol=1e-14, gtol=1e-14)
         np.testing.assert_allclose([c, w], np.exp(best.x), rtol=1e-5)
+
+
+def test_offset_is_exact_to_more_digits_than_its_cost_shows() -> None:
+    bands = simulated("offset", 40, seed=5)
+    checked = 0
+    for row, (c, w) in zip(bands, fit_law("offset", Z, bands), strict=True):
+        if not c:
+            continue
+        z, y = [mpmath.mpf(v) for v in Z.tolist()], [mpmath.log(mpmath.mpf(v)) for v in row.tolist()]
+
+        def slope(t: mpmath.mpf, z: list[mpmath.mpf] = z, y: list[mpmath.mpf] = y) -> mpmath.mpf:
+            off = [b - mpmath.log(mpmath.exp(t) + a) for a, b in zip(z, y, strict=True)]
+            mean = mpmath.fsum(off) / len(off)
+            return mpmath.fsum((o - mean) / (1 + a * mpmath.exp(-t)) for o, a in zip(off, z, strict=True))
+
+        with mpmath.workdps(40):
+            exact = mpmath.exp(mpmath.findroot(slope, mpmath.log(c / w)))
+        assert c / w == pytest.approx(float(exact), rel=1e-11)
+        checked += 1
+    assert checked > 20
 
 
 def test_no_offset_where_bands_fall_short_at_low_impedance() -> None:
