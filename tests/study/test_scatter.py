@@ -49,30 +49,44 @@ def test_proportion_is_refused(level, sign, rest):
     refuse_degenerate(statistics(response, subject, environment), steps)
 
 
+def refused(response, subject, environment):
+    try:
+        refuse_degenerate(statistics(response, subject, environment), Scene())
+    except RefusalError:
+        return True
+    return False
+
+
 def test_one_environment_out_of_proportion_is_enough():
     cell, trial, subject, environment = study(np.random.default_rng(2))
     loose = environment == 1
-    trial[~loose, 1] = trial[~loose, 0]
-    refuse_degenerate(statistics(cell + trial, subject, environment), Scene())
+    apart = trial[loose, 1].copy()
+    trial[:, 1] = trial[:, 0]
+    assert refused(cell + trial, subject, environment)
+    trial[loose, 1] = apart
+    assert not refused(cell + trial, subject, environment)
 
 
 def test_a_correlation_of_999_in_a_thousand_is_no_proportion():
     cell, _, subject, environment = study(np.random.default_rng(6), trials=1)
-    cell[:, 1] = cell[:, 0] + np.sqrt(2e-3) * cell[:, 1]
-    assert np.corrcoef(cell[environment == 0].T)[0, 1] > 0.998
-    refuse_degenerate(statistics(cell, subject, environment), Scene())
+    near = cell[:, 0] + np.sqrt(2e-3) * cell[:, 1]
+    assert np.corrcoef(cell[environment == 0, 0], near[environment == 0])[0, 1] > 0.998
+    assert not refused(np.stack([cell[:, 0], near], axis=1), subject, environment)
+    assert refused(cell[:, [0, 0]], subject, environment)
 
 
 def test_proportions_of_both_signs_contradict_each_other():
     cell, trial, subject, environment = study(np.random.default_rng(3))
-    trial[:, 1] = np.where(environment == 0, -1.0, 1.0) * trial[:, 0]
-    refuse_degenerate(statistics(cell + trial, subject, environment), Scene())
+    for sign_of_first, contradicts in ((1.0, False), (-1.0, True)):
+        trial[:, 1] = np.where(environment == 0, sign_of_first, 1.0) * trial[:, 0]
+        assert refused(cell + trial, subject, environment) != contradicts
 
 
-def test_a_few_pairs_are_no_reason():
-    """One degree of freedom per environment is always in proportion, and integrable."""
-    cell, _, subject, environment = study(np.random.default_rng(4), subjects=2, trials=1)
-    refuse_degenerate(statistics(cell, subject, environment), Scene())
+@pytest.mark.parametrize(("subjects", "expected"), [(2, False), (3, False), (4, True)])
+def test_a_few_pairs_are_no_reason(subjects, expected):
+    """A density of (1 - rho²)^(-(f - 1)/2) per environment: three half powers are integrable, six are not."""
+    cell, _, subject, environment = study(np.random.default_rng(4), subjects=subjects, trials=1)
+    assert refused(cell[:, [0, 0]], subject, environment) == expected
 
 
 def test_no_scatter_is_refused_with_the_step_to_give():
