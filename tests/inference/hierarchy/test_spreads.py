@@ -68,9 +68,12 @@ def test_map_is_dense_algebra(loadings, weights, omega):
 
 
 @pytest.mark.parametrize("omega", [1e-70, 1e70])
-def test_extreme_spreads_stay_finite(omega):
+def test_extreme_spreads_keep_their_digits(omega):
     basis, weight = np.array([LOADINGS["trend"]]), np.array([WEIGHTS["uneven"]])
-    u = np.array([[[30.0], [-30.0], [0.0], [1.0]]])
-    found = SpreadMap(CENTRE, basis, ROUGH[None], weight)(u, np.full((1, 1), omega), np.ones((1, 2, 1)))
-    for part in (found.log_sigma, found.trend, found.log_density):
-        assert np.all(np.isfinite(part))
+    u, trend = np.array([[30.0], [-30.0], [0.0], [1.0]]), np.ones((2, 1))
+    found = SpreadMap(CENTRE, basis, ROUGH[None], weight)(u[None], np.full((1, 1), omega), trend[None])
+    with mp.workdps(400):
+        arguments = (LOADINGS["trend"], WEIGHTS["uneven"], mp.mpf(omega), u[:, 0], trend[:, 0])
+        value, given, log_density = dense(*arguments)
+    for part, exact in ((found.log_sigma, value), (found.trend, given), (found.log_density, [log_density])):
+        np.testing.assert_allclose(part.ravel(), np.array([float(one) for one in exact]), rtol=1e-13)
