@@ -31,10 +31,10 @@ def test_every_flipped_bit_and_every_missing_tail_is_noticed(run):
     for place in places:
         harmed = bytearray(data)
         harmed[place] ^= 1 << int(rng.integers(8))
-        with pytest.raises(DamagedEntry):
+        with pytest.raises(DamagedEntry, match="its checksum does not fit"):
             decode(bytes(harmed))
     for end in [0, 1, 13, 14, 45, 46, *rng.integers(0, len(data), 50).tolist()]:
-        with pytest.raises(DamagedEntry):
+        with pytest.raises(DamagedEntry, match="its checksum does not fit"):
             decode(data[:end])
 
 

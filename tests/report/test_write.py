@@ -99,7 +99,7 @@ def test_formats_are_those_asked_for(quick, tmp_path):
 def test_a_refusal_leaves_nothing_behind(tmp_path):
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
     one = type(read_sessions(DATASETS / "hbfd_sessions.csv")).from_frame(table[table["subject"] == "S01"])
-    with pytest.raises(PerceptError):
+    with pytest.raises(PerceptError, match="at least two subjects"):
         write_report(Study(one, Scene()), tmp_path / "deep" / "out")
     assert list(tmp_path.iterdir()) == []
 
