@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 __all__ = ["connected", "open_mapper"]
 
 _SECONDS = 20.0
+# What dask keeps about its workers for a dashboard grows for an hour: some 0.4 MB per second and worker of
+# sampled call stacks, and a few MB of measurements.
+_NO_RECORDS = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.log-length": 60,
+}
 
 
 @contextmanager
@@ -51,7 +57,9 @@ def open_mapper(workers: int | None = None, scheduler: str | None = None) -> Ite
 def connected(workers: int | None = None, scheduler: str | None = None) -> Iterator[Client]:
     """Connect to a scheduler, or start one with workers of its own and end them afterwards.
 
-    Every worker has one thread, and its BLAS one: the matrices are a few tens wide.
+    Every worker here has one thread, and its BLAS one: the matrices are a few tens wide. Their memory stays
+    level: dask's profiler is off. For workers elsewhere that is their environment's affair
+    (``DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False``).
 
     Parameters
     ----------
@@ -74,6 +82,7 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
     if workers is not None and workers < 1:
         raise UsageError("must be at least 1.", column="--workers", value=workers)
     try:
+        from dask import config
         from distributed import Client, LocalCluster
     except ImportError:
         raise UsageError(
@@ -93,6 +102,7 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
             yield client
         return
     with (
+        config.set(_NO_RECORDS),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

@@ -1,4 +1,5 @@
 import sys
+import time
 
 import pytest
 
@@ -36,13 +37,22 @@ def test_without_dask_one_worker_works_and_more_name_the_extra(monkeypatch):
             opened(workers, scheduler)
 
 
-def test_workers_of_this_machine_are_processes_with_one_thread_each():
+def spin(seconds):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        pass
+    return seconds
+
+
+def test_workers_of_this_machine_are_processes_with_one_thread_each_and_keep_no_records():
     pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
     with connected(workers=2) as client:
         assert sorted(client.nthreads().values()) == [1, 1]
         blas = client.run(lambda: __import__("os").environ["OPENBLAS_NUM_THREADS"])
         assert set(blas.values()) == {"1"}
-        assert sorted(a.result for a in OnCluster(client).map(abs, [Job("a", -2), Job("b", 3)])) == [2, 3]
+        jobs = [Job("a", 1.5), Job("b", 1.0)]  # longer than a second, dask's cycle of keeping profiles
+        assert sorted(answer.result for answer in OnCluster(client).map(spin, jobs)) == [1.0, 1.5]
+        assert client.profile()["count"] == 0
 
 
 def test_no_scheduler_at_the_address_is_said(monkeypatch):
