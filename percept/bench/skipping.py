@@ -50,7 +50,7 @@ PACKAGES = (
 STAGES = (
     "intervals",
     "fit",
-    "posterior",
+    "posterior_groups",
     "regions",
     "curve_draws",
     "boundaries",

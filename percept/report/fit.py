@@ -37,8 +37,10 @@ def write_fit(study: Study, out_dir: str | Path) -> Path:
     PerceptError
         What the study refuses.
     """
+    from percept.study.posterior_file import write_posterior
+
     with filled_folder(out_dir, last="fit.json") as folder:
         (folder / "fit.json").write_text(dumps(build_document(study, curves=False)), encoding="utf-8")
-        if study.posterior is not None:
-            study.posterior.to_netcdf(folder / "posterior.nc")
+        if study.posterior_groups is not None:
+            write_posterior(study.posterior_groups, folder / "posterior.nc")
     return Path(out_dir) / "fit.json"

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
+from percept.browser import find_browser
 from percept.errors import UsageError
 
-__all__ = ["find_browser", "print_pdf"]
+__all__ = ["print_pdf"]
 
-_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _PATIENCE = 120.0
-
-
-def find_browser() -> str | None:
-    """Return the path of a Chromium, None where there is none.
-
-    Returns
-    -------
-    str or None
-        What the environment variable PERCEPT_BROWSER names, else the first of the usual names.
-    """
-    named = os.environ.get("PERCEPT_BROWSER")
-    return next((path for name in ([named] if named else _NAMES) if (path := shutil.which(name))), None)
 
 
 def print_pdf(page: Path, target: Path) -> None:

@@ -5,12 +5,32 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-__all__ = ["dumps", "plain"]
+__all__ = ["Digits", "dumps", "plain"]
+
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
+
+
+class Digits(dict[float, str]):
+    """Shortest text of each double that reads back to it, worked out once however often it is written.
+
+    Grids and references stand in a document for one curve after another, and in its tables again.
+    """
+
+    def __missing__(self, value: float) -> str:
+        text = repr(value)
+        if value:
+            # Zero and minus zero would be the same key.
+            self[value] = text
+        return text
+
+    def of(self, values: Iterable[float]) -> Iterator[str]:
+        """Give the texts of several doubles."""
+        return map(self.__getitem__, values)
 
 
 def plain(value: Any) -> Any:
@@ -56,13 +76,15 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no plain form.")
 
 
-def dumps(document: Mapping[str, Any]) -> str:
+def dumps(document: Mapping[str, Any], *, digits: Digits | None = None) -> str:
     """Write a plain document as JSON: full precision, stable order, readable, one final newline.
 
     Parameters
     ----------
     document : mapping
         As `plain` returns it.
+    digits : Digits, optional
+        Texts known already.
 
     Returns
     -------
@@ -74,7 +96,7 @@ def dumps(document: Mapping[str, Any]) -> str:
     ValueError
         Where a NaN or an infinity is left.
     """
-    return _written(document, "") + "\n"
+    return _written(document, "", Digits() if digits is None else digits) + "\n"
 
 
 def _real(value: float) -> float | str | None:
@@ -85,17 +107,27 @@ def _real(value: float) -> float | str | None:
     return value
 
 
-def _written(value: Any, indent: str) -> str:
-    nested = isinstance(value, (dict, list)) and any(
-        isinstance(part, (dict, list)) for part in (value.values() if isinstance(value, dict) else value)
-    )
-    if not nested and not isinstance(value, dict):
-        return json.dumps(value, ensure_ascii=False, allow_nan=False)
-    deeper = indent + " "
-    if isinstance(value, dict):
-        parts = [
-            f"{deeper}{json.dumps(name, ensure_ascii=False)}: {_written(part, deeper)}"
-            for name, part in value.items()
-        ]
-        return "{\n" + ",\n".join(parts) + f"\n{indent}}}" if parts else "{}"
-    return "[\n" + ",\n".join(deeper + _written(part, deeper) for part in value) + f"\n{indent}]"
+def _written(value: Any, indent: str, digits: Digits) -> str:
+    if isinstance(value, dict) and value:
+        deeper = indent + " "
+        parts = [f"{deeper}{_text(name)}: {_written(part, deeper, digits)}" for name, part in value.items()]
+        return "{\n" + ",\n".join(parts) + f"\n{indent}}}"
+    if isinstance(value, list):
+        kinds = set(map(type, value))
+        if kinds == {float}:
+            return _numbers(value, digits)
+        if dict in kinds or list in kinds:
+            deeper = indent + " "
+            parts = [deeper + _written(part, deeper, digits) for part in value]
+            return "[\n" + ",\n".join(parts) + f"\n{indent}]"
+    return _text(value)
+
+
+def _text(value: Any) -> str:
+    return _ENCODER.encode(value)
+
+
+def _numbers(values: list[float], digits: Digits) -> str:
+    text = f"[{', '.join(digits.of(values))}]"
+    # Of all doubles only nan and inf are written with a letter n; JSON has no word for them.
+    return _text(values) if "n" in text else text

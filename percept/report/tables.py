@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from percept.report.plain import Digits
 from percept.report.select import distinct, matching
 
 __all__ = ["csv_tables"]
@@ -16,13 +17,15 @@ _RISKY = ("=", "+", "-", "@", "\t", "\r")
 _INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
 
 
-def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
+def csv_tables(document: Mapping[str, Any], *, digits: Digits | None = None) -> dict[str, str]:
     """Return the tables of a document.
 
     Parameters
     ----------
     document : mapping
         As `percept.report.document.build_document` returns it.
+    digits : Digits, optional
+        Texts known already.
 
     Returns
     -------
@@ -39,7 +42,7 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
         heads = {name: name for name in _INTERVAL} | limits | {"n": "n", "covers": "covers"}
         tables[f"intervals_{parameter}.csv"] = _table(heads, rows)
     if document["boundaries"]:
-        tables["boundaries.csv"] = _boundaries(document["boundaries"])
+        tables["boundaries.csv"] = _boundaries(document["boundaries"], Digits() if digits is None else digits)
     cells = document["data"]["cells"]
     for parameter in distinct(cells, "parameter"):
         unit = _UNITS[parameter]
@@ -58,7 +61,7 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
     return tables
 
 
-def _boundaries(records: Sequence[Mapping[str, Any]]) -> str:
+def _boundaries(records: Sequence[Mapping[str, Any]], digits: Digits) -> str:
     labels = ("environment", "kind", "method", "family", "joint", "shape", "level")
     curves = {
         "omega": "omega (rad/s)",
@@ -71,9 +74,13 @@ def _boundaries(records: Sequence[Mapping[str, Any]]) -> str:
     for record in records:
         # The labels of a curve are quoted once; hundreds of points follow, in which nothing needs quotes.
         head = _line([_cell(record[name]) for name in labels]).rstrip("\n") + ","
-        columns = [map(_cell, record.get(name) or [None] * len(record["omega"])) for name in curves]
+        columns = [_column(record.get(name) or [None] * len(record["omega"]), digits) for name in curves]
         parts += [f"{head}{','.join(point)}\n" for point in zip(*columns, strict=True)]
     return "".join(parts)
+
+
+def _column(values: list[Any], digits: Digits) -> Iterable[str]:
+    return digits.of(values) if set(map(type, values)) == {float} else map(_cell, values)
 
 
 def _table(heads: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from percept.report.document import build_document
 from percept.report.folder import filled_folder
 from percept.report.pdf import print_pdf
-from percept.report.plain import dumps
+from percept.report.plain import Digits, dumps
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -85,17 +85,19 @@ def _fill(
     from percept.report.plates import draw_plates
     from percept.report.references import bibtex
     from percept.report.tables import csv_tables
+    from percept.study.posterior_file import write_posterior
 
-    (folder / "report.json").write_text(dumps(document), encoding="utf-8")
+    digits = Digits()
+    (folder / "report.json").write_text(dumps(document, digits=digits), encoding="utf-8")
     step("tables")
     (folder / "tables").mkdir()
-    for name, text in (csv_tables(document) | latex_tables(document)).items():
+    for name, text in (csv_tables(document, digits=digits) | latex_tables(document)).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
     (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
     step("figures")
     plates = draw_plates(drawings(document), folder / "figures", formats=formats)
-    if study.posterior is not None:
+    if study.posterior_groups is not None:
         step("posterior")
-        study.posterior.to_netcdf(folder / "posterior.nc")
+        write_posterior(study.posterior_groups, folder / "posterior.nc")
     step("page")
     (folder / "report.html").write_text(render_page(document, plates, date=date), encoding="utf-8")

@@ -17,7 +17,7 @@ from percept.inference.sampling.records import Progress
 from percept.scene import Scene
 from percept.study.bands import weber_trend
 from percept.study.bayesian import Fit
-from percept.study.posterior import full_tree, subject_density, thinned_points
+from percept.study.posterior import data_tree, full_groups, subject_density, thinned_points
 from percept.study.sensitivity import power_scaling
 from percept.study.subject_checks import SubjectChecks, check_statistics, check_subjects
 from percept.study.units import UNITS
@@ -94,7 +94,7 @@ def model_checks(
         loo=check_subjects(fit, subjects, scene, progress=progress),
         statistics=check_statistics(fit, subjects, scene),
         prior=prior_quantiles(fit, subjects, seed=seed),
-        sensitivity=power_scaling(full_tree(fit, seed=seed)),
+        sensitivity=power_scaling(data_tree(full_groups(fit, seed=seed))),
         shrinkage=shrinkage_table(fit, subjects),
         correlation=correlation_table(fit, subjects, level=level),
         weber=_weber(fit, level),

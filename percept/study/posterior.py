@@ -1,7 +1,8 @@
-"""The posterior as an ArviZ DataTree with named dimensions."""
+"""The posterior in groups of named arrays, as ArviZ keeps them; and as its DataTree."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +14,39 @@ from percept.inference.hierarchy.pooled import Pooled
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
 
-__all__ = ["full_tree", "posterior_tree", "subject_density", "thinned_points"]
+__all__ = [
+    "Groups",
+    "data_tree",
+    "full_groups",
+    "posterior_groups",
+    "subject_density",
+    "thinned_points",
+]
 
 Array = np.ndarray[Any, Any]
 #: Log likelihoods (draws times subjects) that a tree holds; larger studies keep fewer draws.
 _MOST = 1 << 24
 _PRIOR_DRAWS = 4000
 _CELL = ["parameter", "environment"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Groups:
+    """What a DataTree of a posterior is made of.
+
+    Attributes
+    ----------
+    arrays : dict of str to (dict of str to ndarray)
+        By group and variable, each (chains, draws per chain, ...).
+    dims : dict of str to list of str
+        By variable, names of the dimensions after chain and draw.
+    coords : dict of str to list of str
+        Labels along a dimension.
+    """
+
+    arrays: dict[str, dict[str, Array]]
+    dims: dict[str, list[str]]
+    coords: dict[str, list[str]]
 
 
 def thinned_points(fit: Fit) -> tuple[np.ndarray[Any, Any], int]:
@@ -39,8 +66,8 @@ def subject_density(fit: Fit) -> SubjectDensity | None:
     return SubjectDensity(model.density, data.response, data.subject, data.environment)
 
 
-def posterior_tree(fit: Fit, *, seed: int) -> Any:
-    """Build the DataTree: scales, correlations, locations and new users, one chain per ensemble.
+def posterior_groups(fit: Fit, *, seed: int) -> Groups:
+    """Collect scales, correlations, locations and new users, one chain per ensemble.
 
     Parameters
     ----------
@@ -51,29 +78,30 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
 
     Returns
     -------
-    DataTree
-        Groups `posterior` (scales on the response scale; `population_mean` in N/m and N·s/m),
+    Groups
+        `posterior` (scales on the response scale; `population_mean` in N/m and N·s/m),
         `posterior_predictive` (`new_user`), `sample_stats` (`lp`).
     """
     points, per_chain = thinned_points(fit)
     means, users = _draws(fit, points, seed)
-    return _tree(fit, *_posterior(fit, points, per_chain, means, users))
+    groups, dims = _posterior(fit, points, per_chain, means, users)
+    return Groups(groups, dims, _coords(fit))
 
 
-def full_tree(fit: Fit, *, seed: int) -> Any:
-    """Build the DataTree with what model checks by ArviZ need beside the posterior.
+def full_groups(fit: Fit, *, seed: int) -> Groups:
+    """Collect what model checks by ArviZ need beside the posterior too.
 
     Parameters
     ----------
     fit : Fit
         A sampled posterior of the pooled model of sessions.
     seed : int
-        As for `posterior_tree`; the draws are the same.
+        As for `posterior_groups`; the draws are the same.
 
     Returns
     -------
-    DataTree
-        Beside the groups of `posterior_tree`: `population_sd` (SD between users, response scale) in
+    Groups
+        Beside those of `posterior_groups`: `population_sd` (SD between users, response scale) in
         `posterior`; `log_likelihood` (`trials`, per subject, given locations and scales, on the response
         scale); `log_prior` (of every top-level prior); `prior` and `prior_predictive`, with the names and
         units of their posterior twins. Studies of very many subjects keep fewer draws.
@@ -115,7 +143,7 @@ def full_tree(fit: Fit, *, seed: int) -> Any:
         native_means, native_users = (fit.prepared.scale.native(v) for v in (prior_means, prior_users))
     groups["prior"]["population_mean"] = native_means.reshape(1, -1, *grid)
     groups["prior_predictive"] = {"new_user": native_users.reshape(1, -1, *grid)}
-    return _tree(fit, groups, dims, {"subject": list(density.statistics.subjects)})
+    return Groups(groups, dims, {**_coords(fit), "subject": list(density.statistics.subjects)})
 
 
 def _draws(fit: Fit, points: Array, seed: int) -> tuple[Array, Array]:
@@ -153,26 +181,28 @@ def _labels(fit: Fit) -> tuple[list[str], list[str]]:
     return list(dict.fromkeys(p for p, _ in cells)), list(dict.fromkeys(e for _, e in cells))
 
 
-def _tree(
-    fit: Fit,
-    groups: dict[str, dict[str, Array]],
-    dims: dict[str, list[str]],
-    coords: dict[str, list[str]] | None = None,
-) -> Any:
+def _coords(fit: Fit) -> dict[str, list[str]]:
+    parameters, environments = _labels(fit)
+    cells = [f"{p} in {e}" for p, e in fit.prepared.model.cells]
+    return {"parameter": parameters, "environment": environments, "cell": cells}
+
+
+def data_tree(groups: Groups) -> Any:
+    """Build an ArviZ DataTree.
+
+    Parameters
+    ----------
+    groups : Groups
+        As `posterior_groups` or `full_groups` give them.
+
+    Returns
+    -------
+    DataTree
+        Without time stamps, which would make equal runs differ.
+    """
     import arviz_base
 
-    parameters, environments = _labels(fit)
-    tree = arviz_base.from_dict(
-        groups,
-        coords={
-            "parameter": parameters,
-            "environment": environments,
-            "cell": [f"{p} in {e}" for p, e in fit.prepared.model.cells],
-            **(coords or {}),
-        },
-        dims=dims,
-    )
-    # Time stamps would make equal runs differ.
+    tree = arviz_base.from_dict(groups.arrays, coords=groups.coords, dims=groups.dims)
     for node in tree.subtree:
         node.attrs.pop("created_at", None)
     return tree

@@ -25,7 +25,7 @@ def power_scaling(tree: Any) -> pd.DataFrame:
     Parameters
     ----------
     tree : DataTree
-        As `percept.study.posterior.full_tree` gives it.
+        Of `percept.study.posterior.full_groups`.
 
     Returns
     -------

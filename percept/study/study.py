@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from percept.study.device_sensitivity import DeviceSensitivity
     from percept.study.model_checks import ModelChecks
     from percept.study.model_choice import ModelChoice
+    from percept.study.posterior import Groups
     from percept.study.regions import Draws, Region
 
 __all__ = ["Study"]
@@ -127,14 +128,23 @@ class Study:
         return fit(prepared, self.scene, progress=self._progress, store=self._store)
 
     @cached_property
-    def posterior(self) -> Any:
-        """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
+    def posterior_groups(self) -> Groups | None:
+        """Posterior as named arrays, draws thinned to the effective size; None without a passed fit."""
         if self.fit is None or not self.fit.run.gate.passed:
             return None
-        from percept.study.posterior import full_tree, posterior_tree, subject_density
+        from percept.study.posterior import full_groups, posterior_groups, subject_density
 
         full = self.scene.checks is not None and subject_density(self.fit) is not None
-        return (full_tree if full else posterior_tree)(self.fit, seed=self.scene.inference.seed)
+        return (full_groups if full else posterior_groups)(self.fit, seed=self.scene.inference.seed)
+
+    @cached_property
+    def posterior(self) -> Any:
+        """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
+        if self.posterior_groups is None:
+            return None
+        from percept.study.posterior import data_tree
+
+        return data_tree(self.posterior_groups)
 
     @cached_property
     def checks(self) -> ModelChecks | None:

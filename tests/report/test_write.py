@@ -35,7 +35,8 @@ def test_the_posterior_reads_back(report, both_study):
     import xarray as xr
 
     with xr.open_datatree(report / "posterior.nc", engine="h5netcdf") as tree:
-        assert set(tree.children) == set(both_study.posterior.children)
+        assert tree.equals(both_study.posterior)
+        assert tree["posterior"].attrs["creation_library"] == "percept"
 
 
 def test_files_of_the_user_stay_and_a_second_run_gives_the_same(quick, tmp_path):

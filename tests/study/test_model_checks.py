@@ -11,7 +11,8 @@ from scipy import stats
 from percept import Scene, Study, UsageError, read_sessions
 from percept.study.model_checks import correlation_table
 from percept.study.model_choice import compare_models
-from percept.study.posterior import full_tree, posterior_tree, subject_density
+from percept.study.posterior import data_tree, full_groups, posterior_groups, subject_density
+from percept.study.posterior_file import write_posterior
 from percept.study.sensitivity import power_scaling
 from tests.study.checked import study_of, table_of
 
@@ -85,10 +86,11 @@ def test_tree_is_the_posterior_with_groups_that_arviz_understands(clean, tmp_pat
         "posterior", "posterior_predictive", "sample_stats", "log_likelihood", "log_prior", "prior",
         "prior_predictive",
     }  # fmt: skip
-    plain = posterior_tree(clean.fit, seed=7)
+    plain = data_tree(posterior_groups(clean.fit, seed=7))
     np.testing.assert_array_equal(plain["posterior/population_mean"], tree["posterior/population_mean"])
-    clean.posterior.to_netcdf(tmp_path / "posterior.nc")
+    write_posterior(clean.posterior_groups, tmp_path / "posterior.nc")
     with xarray.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as opened:
+        assert opened.equals(tree)
         assert opened["log_likelihood/trials"].dims == ("chain", "draw", "subject")
         assert opened["prior_predictive/new_user"].dims == ("chain", "draw", "parameter", "environment")
         with warnings.catch_warnings():
@@ -104,7 +106,7 @@ def test_tree_is_the_posterior_with_groups_that_arviz_understands(clean, tmp_pat
 
 
 def test_log_likelihood_is_that_of_the_stored_draws(clean):
-    tree = full_tree(clean.fit, seed=7)
+    tree = data_tree(full_groups(clean.fit, seed=7))
     posterior = tree["posterior"].to_dataset().isel(chain=1, draw=[0, 5])
     data = clean.fit.prepared.trials
     for d in range(2):
@@ -129,7 +131,7 @@ def test_a_prior_against_the_data_is_seen():
     study = study_of(
         table, model={"priors": {"alpha_sd": 0.05, "gamma_sd": 0.01, "tau_scale": 0.05}}, tolerance=0.1
     )
-    found = power_scaling(full_tree(study.fit, seed=7))
+    found = power_scaling(data_tree(full_groups(study.fit, seed=7)))
     means = found[found["quantity"] == "mean"]
     assert (means["prior"] > 0.05).all()
     assert means["diagnosis"].str.contains("priors \\(of bias most\\)").all()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, METHODS, array, distinct, each_by_itself
@@ -114,4 +113,5 @@ def _curves(document: Mapping[str, Any], names: list[str]) -> list[dict[str, Any
 
 def _short(values: list[Any]) -> list[float | None]:
     """Round to seven digits; what is not finite is not drawn."""
-    return [float(f"{value:.7g}") if np.isfinite(value) else None for value in array(values)]
+    numbers = array(values).tolist()
+    return [float(f"{value:.7g}") if math.isfinite(value) else None for value in numbers]
