@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib import metadata
 
-__all__ = ["BROWSERS", "Dependency", "dependencies", "find_browser", "unmet"]
-
-#: Names under which a browser that can print a page may be installed.
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+__all__ = ["Dependency", "dependencies", "unmet"]
 
 
 @dataclass(frozen=True)
@@ -79,8 +75,3 @@ def _fits(version: str | None, wanted: str) -> bool | None:
     except ImportError:
         return None
     return SpecifierSet(wanted).contains(version, prereleases=True)
-
-
-def find_browser() -> str | None:
-    """Return the path of the first browser found, None without one."""
-    return next((path for name in BROWSERS if (path := shutil.which(name))), None)

@@ -20,7 +20,8 @@ def run(arguments: argparse.Namespace) -> int:
     import sys
 
     from percept import __version__
-    from percept.commands.dependencies import dependencies, find_browser, unmet
+    from percept.browser import find_browser
+    from percept.commands.dependencies import dependencies, unmet
 
     found = list(dependencies())
     broken = unmet(found)

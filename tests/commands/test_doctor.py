@@ -1,14 +1,12 @@
 import json
 import platform
-import stat
-from pathlib import Path
 
 import numpy
 import pytest
 
 from percept import __version__
 from percept.cli import main
-from percept.commands.dependencies import dependencies, find_browser, unmet
+from percept.commands.dependencies import dependencies, unmet
 
 
 def test_json_says_what_is_installed(capsys):
@@ -45,12 +43,3 @@ def test_what_is_missing_or_too_old_is_told(line, complete):
     (found,) = dependencies([line])
     assert (unmet([found]) == []) is complete
     assert found.name == line.partition(">=")[0].partition("[")[0]
-
-
-def test_a_browser_on_the_path_is_found(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert find_browser() is None
-    program = tmp_path / "chromium"
-    program.write_text("#!/bin/sh\n")
-    program.chmod(program.stat().st_mode | stat.S_IXUSR)
-    assert Path(find_browser()) == program

@@ -28,13 +28,6 @@ _FLAGS = (
 _PATIENCE = 60.0
 
 
-def find_browser() -> str | None:
-    """Path of a Chromium, None where there is none; PERCEPT_BROWSER names one."""
-    named = os.environ.get("PERCEPT_BROWSER")
-    names = [named] if named else ["chromium", "chromium-browser", "google-chrome"]
-    return next((path for name in names if (path := shutil.which(name))), None)
-
-
 def _high(pair: tuple[int, int]) -> tuple[int, int]:
     """Move two descriptors out of the way of 3 and 4."""
     moved = tuple(fcntl.fcntl(one, fcntl.F_DUPFD_CLOEXEC, 10) for one in pair)

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from percept import Scene, Study, read_sessions
+from percept.browser import find_browser
 from percept.report import write_report
 
-from .browser import Browser, Tab, find_browser
+from .browser import Browser, Tab
 
 ROOT = Path(__file__).parents[2]
 
