@@ -8,10 +8,10 @@ from pathlib import Path
 
 from percept.errors import UsageError
 
-__all__ = ["DEFAULT_LIMIT", "cache_folder", "cache_limit"]
+__all__ = ["cache_folder", "cache_limit"]
 
 #: Bytes the cache may take where PERCEPT_CACHE_LIMIT does not say otherwise.
-DEFAULT_LIMIT = 1_000_000_000
+_DEFAULT_LIMIT = 1_000_000_000
 
 
 def cache_folder() -> Path | None:
@@ -37,7 +37,7 @@ def cache_folder() -> Path | None:
 
 
 def cache_limit() -> int:
-    """Return how many bytes the cache may take: PERCEPT_CACHE_LIMIT, in megabytes, or `DEFAULT_LIMIT`.
+    """Return how many bytes the cache may take: PERCEPT_CACHE_LIMIT, in megabytes, or a gigabyte.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def cache_limit() -> int:
     """
     text = os.environ.get("PERCEPT_CACHE_LIMIT")
     if not text:
-        return DEFAULT_LIMIT
+        return _DEFAULT_LIMIT
     try:
         megabytes = float(text)
     except ValueError:

@@ -20,12 +20,12 @@ from percept.reproduce.claims import Claim
 from percept.reproduce.claims.limits import limits_printed
 from percept.reproduce.published import Published
 
-__all__ = ["SCHEMA", "UNJUDGED", "build_document", "claims_csv", "table_csv"]
+__all__ = ["SCHEMA", "build_document", "claims_csv", "table_csv"]
 
 SCHEMA = "percept-reproduction/1"
 
 #: Statements of the paper that its published numbers cannot decide, and why.
-UNJUDGED = (
+_UNJUDGED = (
     (
         "Peaks above 300 rad/s come from the device’s flexible modes (Figs 4 and 7).",
         "No mass, damping or mode of the device was published.",
@@ -88,7 +88,7 @@ def build_document(
         "claims": [{"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)],
         "table": _table(published),
         "future": _future(published, adapted, trade),
-        "unjudged": [{"says": says, "why": why} for says, why in UNJUDGED],
+        "unjudged": [{"says": says, "why": why} for says, why in _UNJUDGED],
     }
     return dict(plain(document))
 

@@ -11,7 +11,7 @@ from percept.errors import UsageError
 from percept.sessions.options import CANONICAL, NUMBERS, SUMMARY, ColumnRule
 from percept.sessions.problems import shown
 
-__all__ = ["ALIASES", "Resolution", "Slot", "resolve"]
+__all__ = ["Resolution", "Slot", "resolve"]
 
 _WORDS = {
     "subject": "participant participant_id participant_private_id subject_nr subject_id subject_number subj "
@@ -26,7 +26,7 @@ _WORDS = {
     "b_adj": "adj_b b_adjusted adjusted_b damping_adj adj_damping damping_adjusted adjusted_damping "
     "b_final final_b damping_final final_damping",
 }
-ALIASES: Mapping[str, frozenset[str]] = {name: frozenset(words.split()) for name, words in _WORDS.items()}
+_ALIASES: Mapping[str, frozenset[str]] = {name: frozenset(words.split()) for name, words in _WORDS.items()}
 _WIDE = ("{column}_{{environment}}", "{{environment}}_{column}")
 
 
@@ -150,7 +150,7 @@ def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str
 
 
 def _alias(canonical: str, header: Sequence[str], claimed: set[str], file: str) -> str | None:
-    known = ALIASES.get(canonical, frozenset())
+    known = _ALIASES.get(canonical, frozenset())
     candidates = [name for name in header if _plain(name) in known and name not in claimed]
     candidates += [n for n in header if _plain(n) == canonical and n not in claimed]
     if len(candidates) > 1:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from percept.errors import UsageError
 
-__all__ = ["Decoded", "decode", "line_of"]
+__all__ = ["Decoded", "decode"]
 
 _MARKS = (
     # UTF-32's little-endian mark begins with UTF-16's, so it is looked for first.
@@ -65,13 +65,13 @@ def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
         raise UsageError(
             "a NUL character: this is a binary file, or UTF-16 without a byte-order mark.",
             file=file,
-            row=line_of(text, nul),
+            row=_line_of(text, nul),
             hint='Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".',
         )
     return Decoded(text, name)
 
 
-def line_of(text: str, position: int) -> int:
+def _line_of(text: str, position: int) -> int:
     """Physical line, from 1, of a character position; CR LF, LF and CR each end a line."""
     before = text[:position]
     return 1 + before.count("\n") + before.count("\r") - before.count("\r\n")

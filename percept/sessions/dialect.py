@@ -10,9 +10,9 @@ from percept.errors import UsageError
 from percept.sessions.problems import clip
 from percept.sessions.tokens import Quoting, Records, SplitError, tokenise
 
-__all__ = ["DELIMITERS", "Dialect", "Grid", "read_grid", "split_plain"]
+__all__ = ["Dialect", "Grid", "read_grid", "split_plain"]
 
-DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
+_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
 _SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
 _FIRST_LINE = re.compile(r"[^\r\n]*")
 _MARK = "\ufeff"
@@ -83,7 +83,7 @@ def read_grid(text: str, *, file: str, delimiter: str | None, resolves: Callable
     text = _without_marks(text)
     if not text.strip():
         raise UsageError("the file has no header.", file=file, hint="Leave it out, or export it again.")
-    candidates = [delimiter] if delimiter else [d for d in DELIMITERS if d in text]
+    candidates = [delimiter] if delimiter else [d for d in _DELIMITERS if d in text]
     fits: list[Grid] = []
     failures: list[tuple[int, UsageError]] = []
     for candidate in candidates:
@@ -97,7 +97,7 @@ def read_grid(text: str, *, file: str, delimiter: str | None, resolves: Callable
     if len(fits) == 1:
         return fits[0]
     if fits:
-        names = " and ".join(DELIMITERS.get(g.dialect.delimiter, g.dialect.delimiter) for g in fits)
+        names = " and ".join(_DELIMITERS.get(g.dialect.delimiter, g.dialect.delimiter) for g in fits)
         raise UsageError(
             f"the lines can be split by {names} alike.",
             file=file,

@@ -17,9 +17,9 @@ from pathlib import Path, PurePosixPath
 
 from percept.errors import UsageError
 
-__all__ = ["LIMIT", "SUFFIXES", "Input", "expand", "is_workbook", "load", "names_from_file"]
+__all__ = ["LIMIT", "Input", "expand", "is_workbook", "load", "names_from_file"]
 
-SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".gz", ".zip", ".parquet", ".xlsx")
+_SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".gz", ".zip", ".parquet", ".xlsx")
 # An archive that claims or gives more than this is refused: unpacked files of any size can be read in chunks.
 LIMIT = 1 << 30
 
@@ -50,7 +50,7 @@ def expand(paths: Sequence[str | Path]) -> tuple[list[str], list[str]]:
     files : list of str
         In the order given; those of one folder or pattern sorted by name. A file named twice is taken once.
     ignored : list of str
-        Files of folders whose suffix is not one of `SUFFIXES`.
+        Files of folders whose suffix is not that of a table.
 
     Raises
     ------
@@ -68,11 +68,11 @@ def expand(paths: Sequence[str | Path]) -> tuple[list[str], list[str]]:
             found = ["-"]
         elif path.is_dir():
             inside = sorted(p for p in path.rglob("*") if p.is_file() and not _hidden(p, path))
-            found = [str(p) for p in inside if p.suffix.lower() in SUFFIXES]
-            ignored += [str(p) for p in inside if p.suffix.lower() not in SUFFIXES]
+            found = [str(p) for p in inside if p.suffix.lower() in _SUFFIXES]
+            ignored += [str(p) for p in inside if p.suffix.lower() not in _SUFFIXES]
             if not found:
                 raise UsageError(
-                    f"the folder holds no table ({', '.join(SUFFIXES)}).", file=text, hint="Check the path."
+                    f"the folder holds no table ({', '.join(_SUFFIXES)}).", file=text, hint="Check the path."
                 )
         elif path.exists():
             found = [text]
@@ -143,7 +143,7 @@ def _members(data: bytes, name: str) -> Iterator[Input]:
             key=lambda m: m.filename,
         )
         if not members:
-            raise UsageError(f"the archive holds no table ({', '.join(SUFFIXES[:4])}).", file=name)
+            raise UsageError(f"the archive holds no table ({', '.join(_SUFFIXES[:4])}).", file=name)
         for member in members:
             label = f"{name}!{member.filename}"
             if member.flag_bits & 1:
@@ -174,7 +174,7 @@ def _flat(content: bytes, name: str) -> bytes:
 def _skip(member: str) -> bool:
     parts = PurePosixPath(member).parts
     return any(p.startswith((".", "__MACOSX")) and p != ".." for p in parts) or not member.lower().endswith(
-        SUFFIXES[:4]
+        _SUFFIXES[:4]
     )
 
 
@@ -213,7 +213,7 @@ def names_from_file(name: str, pattern: str | None) -> dict[str, str]:
     if pattern is None:
         return {}
     stem = PurePosixPath(re.split(r"[!/\\]", name)[-1]).name
-    while (lower := stem.lower()).endswith(SUFFIXES):
+    while (lower := stem.lower()).endswith(_SUFFIXES):
         stem = stem[: lower.rindex(".")]
     text = re.escape(pattern)
     readings = []

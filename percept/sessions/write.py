@@ -9,33 +9,26 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from percept.sessions.records import Sessions
 
-__all__ = ["neutralised", "to_csv_text", "write_csv"]
+__all__ = ["write_csv"]
 
 _SPECIAL = re.compile(r'[",\r\n]')
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
-def neutralised(text: str) -> str:
-    """Text that a spreadsheet shows and does not run: an apostrophe before what begins a formula."""
-    return f"'{text}" if text.startswith(_FORMULA) else text
-
-
-def to_csv_text(sessions: Sessions, *, for_spreadsheets: bool = False) -> str:
-    """Write the table as UTF-8 CSV text, quotes doubled, lines ended by LF.
+def write_csv(sessions: Sessions, path: str | Path, *, for_spreadsheets: bool = False) -> None:
+    """Write the table as UTF-8 CSV, quotes doubled, lines ended by LF.
 
     Parameters
     ----------
     sessions : Sessions
+    path : str or Path
+        The file; it is replaced if it exists. Numbers are the shortest texts that read back as the same
+        doubles; a missing value is empty.
     for_spreadsheets : bool, optional
         Neutralise text cells that a spreadsheet would run as formulas. Such a file is for looking at: an id
         beginning with = + - @ does not read back the same.
-
-    Returns
-    -------
-    str
-        Numbers are the shortest texts that read back as the same doubles; a missing value is empty.
     """
-    clean = neutralised if for_spreadsheets else str
+    clean = _neutralised if for_spreadsheets else str
     table = sessions.table
     if sessions.form == "trials":
         # Columns of a parameter that was not measured would claim that it was.
@@ -43,13 +36,13 @@ def to_csv_text(sessions: Sessions, *, for_spreadsheets: bool = False) -> str:
         table = table.drop(columns=[c for pair in pairs if table[pair].isna().all(axis=None) for c in pair])
     columns = [[_cell(value, clean) for value in table[name].tolist()] for name in table.columns]
     header = [_quoted(clean(str(name))) for name in table.columns]
-    return "".join(",".join(record) + "\n" for record in [header, *zip(*columns, strict=True)])
-
-
-def write_csv(sessions: Sessions, path: str | Path, *, for_spreadsheets: bool = False) -> None:
-    """Write :func:`to_csv_text` to a file, which is replaced if it exists."""
-    text = to_csv_text(sessions, for_spreadsheets=for_spreadsheets)
+    text = "".join(",".join(record) + "\n" for record in [header, *zip(*columns, strict=True)])
     Path(path).write_bytes(text.encode())
+
+
+def _neutralised(text: str) -> str:
+    """Text that a spreadsheet shows and does not run: an apostrophe before what begins a formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def _cell(value: Any, clean: Any) -> str:

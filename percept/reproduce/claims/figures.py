@@ -16,7 +16,6 @@ __all__ = [
     "coupling_unnoticed",
     "free_motion",
     "high_impedance",
-    "mass_limits",
     "middle_impedance",
     "one_device",
 ]
@@ -81,8 +80,8 @@ def one_device(published: Published) -> Claim:
 def middle_impedance(published: Published) -> Claim:
     """Judge Fig. 7d: with and without coupling inside."""
     panel = panels(published)[1]
-    lightest, heaviest = mass_limits(published, panel)
-    least_at, most_at = mass_limits(published, panel, omega=np.array([LOOKED_AT]))
+    lightest, heaviest = _mass_limits(published, panel)
+    least_at, most_at = _mass_limits(published, panel, omega=np.array([LOOKED_AT]))
     felt = float(published.through_coupling(panel.wall).stiffness)
     k_low, k_high = panel.wall.stiffness
     inside = min(felt - k_low, k_high - felt)
@@ -161,7 +160,7 @@ def _everywhere(published: Published, panel: Panel) -> np.ndarray[tuple[int], np
     return over_devices(published, panel, MASSES, DAMPINGS[:, None]).ravel()
 
 
-def mass_limits(
+def _mass_limits(
     published: Published, panel: Panel, *, omega: np.ndarray[tuple[int], np.dtype[np.float64]] | None = None
 ) -> tuple[float, float]:
     """Return the largest mass a panel's statement allows, kg: the least and the most over all dampings."""
@@ -174,7 +173,7 @@ def mass_limits(
 
 def _extent(published: Published, panel: Panel) -> tuple[float, float]:
     """Return the largest mass whatever the damping, and the largest damping whatever the mass."""
-    _, mass = mass_limits(published, panel)
+    _, mass = _mass_limits(published, panel)
 
     def fits(damping: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
         return np.asarray(over_devices(published, panel, _AND_NONE[:, None], damping).any(axis=0))

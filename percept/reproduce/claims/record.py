@@ -8,7 +8,7 @@ from typing import Literal
 
 from percept.report.numbers import rounded
 
-__all__ = ["Claim", "Quantity", "Verdict", "listed", "verdict_of"]
+__all__ = ["Claim", "Quantity", "Verdict", "listed"]
 
 Verdict = Literal["holds", "holds only if", "does not hold"]
 
@@ -91,12 +91,12 @@ class Claim:
         source: str,
     ) -> Claim:
         """Make a claim whose verdict is that of its cases; the condition goes where none is needed."""
-        verdict = verdict_of(cases)
+        verdict = _verdict_of(cases)
         kept = condition if verdict == "holds only if" else ""
         return cls(name, place, paper, verdict, kept, finding, margin, tuple(numbers), source)
 
 
-def verdict_of(cases: Iterable[bool]) -> Verdict:
+def _verdict_of(cases: Iterable[bool]) -> Verdict:
     """Return what a claim is worth that is true in some cases.
 
     Parameters
