@@ -7,6 +7,7 @@ magnitude (the exact range of abs(Z_h) over the limits) or, more strictly, in st
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,14 +78,19 @@ class Realism:
 
 
 def realism(
-    displayed: Displayed, populations: Populations, device: AnyDevice, period: float, *, hold: str = "average"
-) -> Realism:
+    displayed: Sequence[Displayed],
+    populations: Populations,
+    device: AnyDevice,
+    period: float,
+    *,
+    hold: str = "average",
+) -> list[Realism]:
     """Work out the probability of being realistic, at each omega and throughout.
 
     Parameters
     ----------
-    displayed : Displayed
-        What is shown.
+    displayed : sequence of Displayed
+        What is shown: any number of ways, all at the same omega.
     populations : Populations
         Posterior draws.
     device : Device or TabulatedDevice
@@ -96,39 +102,40 @@ def realism(
 
     Returns
     -------
-    Realism
-        Its memory is bounded by blocks of frequencies.
+    list of Realism
+        One per display; memory is bounded by blocks of frequencies.
 
     Raises
     ------
     UsageError
-        Without a draw.
+        Without a draw, or with displays at different omega.
     """
     draws = populations.stiffness[0].size
     if not draws:
         raise UsageError("probabilities need at least one posterior draw.")
+    omega = displayed[0].omega
+    if any(not np.array_equal(one.omega, omega) for one in displayed):
+        raise UsageError("displays to be judged together need the same omega.")
     step = max(1, _BLOCK_VALUES // draws)
-    by_magnitude, by_plane = np.empty(displayed.omega.size), np.empty(displayed.omega.size)
-    always = np.ones((2, draws), dtype=bool)
-    for start in range(0, displayed.omega.size, step):
+    probability = np.empty((len(displayed), 2, omega.size))
+    always = np.ones((len(displayed), 2, draws), dtype=bool)
+    for start in range(0, omega.size, step):
         part = slice(start, start + step)
         lower, upper = magnitude_envelope(
-            displayed.omega[part, None],
-            device,
-            populations.stiffness,
-            populations.damping,
-            period,
-            hold=hold,
+            omega[part, None], device, populations.stiffness, populations.damping, period, hold=hold
         )
-        shown = displayed.magnitude[part, None]
-        inside = (lower <= shown) & (shown <= upper)
-        within = _between(displayed.stiffness[part], populations.stiffness)
-        within &= _between(displayed.damping[part], populations.damping)
-        by_magnitude[part], by_plane[part] = inside.mean(axis=1), within.mean(axis=1)
-        always[0] &= inside.all(axis=0)
-        always[1] &= within.all(axis=0)
-    magnitude, plane = always.mean(axis=1)
-    return Realism(displayed.omega, by_magnitude, by_plane, float(magnitude), float(plane))
+        for d, one in enumerate(displayed):
+            shown = one.magnitude[part, None]
+            inside = (lower <= shown) & (shown <= upper)
+            within = _between(one.stiffness[part], populations.stiffness)
+            within &= _between(one.damping[part], populations.damping)
+            for way, true in enumerate((inside, within)):
+                probability[d, way, part] = true.mean(axis=1)
+                always[d, way] &= true.all(axis=0)
+    throughout = always.mean(axis=2).tolist()
+    return [
+        Realism(omega, *by_omega, *whole) for by_omega, whole in zip(probability, throughout, strict=True)
+    ]
 
 
 def _between(values: Array, limits: tuple[Array, Array]) -> NDArray[np.bool_]:

@@ -75,19 +75,12 @@ def study_realism(bench: Bench, fit: Fit, scene: Scene, omega: Array) -> Iterato
     """
     for environment, users in populations(fit, scene).items():
         reference = bench.references[environment]
-        for coupled in (False, True):
-            if coupled and bench.coupling is None:
-                continue
-            if coupled and bench.coupling is not None:
-                shown = haptics.effective_impedance(omega, reference, bench.coupling, bench.period)
-                k, b = shown.stiffness, shown.damping
-            else:
-                k, b = (
-                    np.full(omega.shape, float(value)) for value in (reference.stiffness, reference.damping)
-                )
-            displayed = Displayed(omega, bench.curve(environment, omega, coupled=coupled), k, b)
-            yield (
-                environment,
-                coupled,
-                realism(displayed, users, bench.device, bench.period, hold=bench.hold),
-            )
+        direct = (np.full(omega.shape, float(value)) for value in (reference.stiffness, reference.damping))
+        displayed = [Displayed(omega, bench.curve(environment, omega, coupled=False), *direct)]
+        if bench.coupling is not None:
+            shown = haptics.effective_impedance(omega, reference, bench.coupling, bench.period)
+            curve = bench.curve(environment, omega, coupled=True)
+            displayed.append(Displayed(omega, curve, shown.stiffness, shown.damping))
+        judged = realism(displayed, users, bench.device, bench.period, hold=bench.hold)
+        for coupled, found in zip((False, True), judged, strict=False):
+            yield environment, coupled, found

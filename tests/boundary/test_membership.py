@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -89,7 +91,9 @@ def test_realism_equals_a_loop_over_draws_and_frequencies() -> None:
     displayed = Displayed(
         omega, np.abs(perceived_impedance(omega, device, shown, period)), np.full(9, 950.0), np.full(9, 1.2)
     )
-    found = realism(displayed, Populations((k_low, k_high), (b_low, b_high)), device, period)
+    elsewhere = dataclasses.replace(displayed, magnitude=10.0 * displayed.magnitude)
+    users = Populations((k_low, k_high), (b_low, b_high))
+    far, found = realism([elsewhere, displayed], users, device, period)
     plane = (k_low <= 950) & (k_high >= 950) & (b_low <= 1.2) & (b_high >= 1.2)
     inside = np.empty((9, 200), dtype=bool)
     for m, s in np.ndindex(inside.shape):
@@ -101,13 +105,22 @@ def test_realism_equals_a_loop_over_draws_and_frequencies() -> None:
     np.testing.assert_array_equal(found.magnitude, inside.mean(axis=1))
     assert found.magnitude_throughout == inside.all(axis=0).mean()
     assert 0.1 < found.plane_throughout < found.magnitude_throughout < 0.9
+    assert far.magnitude_throughout == 0.0
+    assert far.plane_throughout == found.plane_throughout
 
 
 def test_realism_needs_draws() -> None:
     nothing = (np.empty(0), np.empty(0))
     displayed = Displayed(*(np.ones(1) for _ in range(4)))
     with pytest.raises(UsageError, match="at least one posterior draw"):
-        realism(displayed, Populations(nothing, nothing), Device(1.0, 5.0), 1e-3)
+        realism([displayed], Populations(nothing, nothing), Device(1.0, 5.0), 1e-3)
+
+
+def test_displays_are_judged_at_the_same_frequencies() -> None:
+    one, other = (Displayed(np.full(1, omega), *(np.ones(1) for _ in range(3))) for omega in (1.0, 2.0))
+    limits = (np.zeros(3), np.ones(3))
+    with pytest.raises(UsageError, match="need the same omega"):
+        realism([one, other], Populations(limits, limits), Device(1.0, 5.0), 1e-3)
 
 
 def test_nothing_and_everything_are_exact_shares():
