@@ -11,21 +11,22 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import json
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from percept.bench.small_studies import write_small_studies
 from percept.errors import UsageError
 
 __all__ = ["Slope", "Soak", "slope", "soak"]
 
-_HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
 _BATCH = 16  # studies per call: each opens, locks and combines anew, over the same workers
 # Part of the time that is left out of the slopes: imports, first allocations.
 _START = 0.25
@@ -127,12 +128,14 @@ def soak(minutes: float, *, workers: int = 2, every: float = 5.0, tolerance: flo
 
     watch = _Watch(every)
     stop = time.monotonic() + 60.0 * minutes
+    rng = np.random.default_rng(1)
     started, studies = time.monotonic(), 0
     with tempfile.TemporaryDirectory(prefix="percept-soak-") as root, connected(workers=workers) as client:
         mapper = OnCluster(client)
         watch.start()
         try:
-            for number, paths in enumerate(_batches(Path(root))):
+            for number in itertools.count():
+                paths = write_small_studies(Path(root), _BATCH, rng)
                 found = sources(paths, changes={"tolerance": tolerance})
                 studies += run_batch(found, Path(root) / f"out-{number % 2}", mapper).studies
                 if time.monotonic() > stop:
@@ -141,28 +144,6 @@ def soak(minutes: float, *, workers: int = 2, every: float = 5.0, tolerance: flo
             watch.stop()
     slopes = tuple(slope(watch.seconds, values, name, unit) for (name, unit), values in watch.series.items())
     return Soak((time.monotonic() - started) / 60.0, workers, studies, len(watch.seconds), slopes)
-
-
-def _batches(folder: Path) -> Iterator[list[str]]:
-    """Make studies without end, a batch at a time; files of the batch before are overwritten."""
-    rng = np.random.default_rng(1)
-    while True:
-        paths = []
-        for i in range(_BATCH):
-            path = folder / f"study-{i}.csv"
-            path.write_text(_study(rng), encoding="utf-8")
-            paths.append(str(path))
-        yield paths
-
-
-def _study(rng: np.random.Generator) -> str:
-    lines = []
-    for subject in range(4):
-        shared = rng.normal(0.0, 0.1, 2)
-        for j, (k, b) in enumerate(((1e3, 5.0), (1e4, 20.0))):
-            k_adj, b_adj = np.array([k, b]) * np.exp(shared + rng.normal(0.0, 0.1, 2))
-            lines.append(f"S{subject},VE{j},{k},{b},{k_adj:.6g},{b_adj:.6g}\n")
-    return _HEADER + "".join(lines)
 
 
 class _Watch:

@@ -25,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cases", type=int, default=2000, metavar="N", help="cases of the haptics digits (2000)"
     )
+    parser.add_argument("--studies", type=int, default=200, metavar="N", help="studies of workers (200)")
     parser.add_argument("--json", action="store_true", help="print as JSON")
     peers = parser.add_argument_group(
         "peers, reference", "parts run alone, that write files: percept against other samplers (extra peers)"
@@ -137,6 +138,12 @@ def _growth(arguments: argparse.Namespace) -> Sequence[Any]:
     return growth(told=_told)
 
 
+def _workers(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.workers import batch_costs
+
+    return batch_costs(arguments.studies)
+
+
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": _sampling,
     "magnitude": _magnitude,
@@ -147,6 +154,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "coverage": _coverage,
     "haptics": _haptics,
     "skipping": _skipping,
+    "workers": _workers,
     "growth": _growth,
 }
 

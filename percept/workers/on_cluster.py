@@ -7,6 +7,8 @@ import concurrent.futures
 import dataclasses
 import enum
 import hashlib
+import math
+import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
@@ -24,6 +26,8 @@ Found = TypeVar("Found")
 
 # Jobs handed out per worker thread: one at work, one waiting there. More would only fill memory.
 _AHEAD = 2
+# Seconds between counts of the threads: each asks the scheduler, which costs as much as a third of a job.
+_COUNTED = 1.0
 # How often a result may be lost with the worker that held it before the job counts as failed.
 _LOSSES = 3
 # All of percept's code: a worker that differs in any of it is not asked whether the difference counts.
@@ -61,6 +65,7 @@ class OnCluster:
     def __init__(self, client: Client) -> None:
         self._client = client
         self._version = numbers_version(_EVERYTHING)
+        self._counted, self._count = -math.inf, 1
 
     def map(
         self, function: Callable[[Given], Found], jobs: Iterable[Job[Given]]
@@ -119,10 +124,14 @@ class OnCluster:
 
     def _threads(self) -> int:
         """Count the workers' threads; one where none is there yet, so that a job waits for it."""
-        try:
-            return max(1, sum(self._client.nthreads().values()))
-        except OSError as error:  # what dask calls a closed connection
-            raise _lost() from error
+        now = time.monotonic()
+        if now > self._counted + _COUNTED:
+            try:
+                self._count = max(1, sum(self._client.nthreads().values()))
+            except OSError as error:  # what dask calls a closed connection
+                raise _lost() from error
+            self._counted = now
+        return self._count
 
     def _submit(self, function: Callable[[Given], Found], attempt: _Attempt[Given]) -> Future:
         # Other code under the same key would be another job.
