@@ -1,0 +1,241 @@
+"""Hard studies from end to end: an answer that passes the gate, or a refusal that says why."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import special, stats
+
+from percept import RefusalError, Scene, Study
+from percept.cli import main
+from percept.inference import prediction_interval, tolerance_interval
+from percept.sessions import Sessions
+
+LONG = pytest.mark.skipif("PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of fits")
+KINDS = ("mean", "user", "share")
+DECADES = {"k": (10.0, 5e4), "b": (0.1, 50.0)}
+
+
+def responses(subjects, environments, *, seed, sd=0.2, shared=0.1):
+    """Log ratios (N, J, 2) with scatter at both levels; `sd` may differ between environments."""
+    rng = np.random.default_rng(seed)
+    bias = 0.1 * rng.standard_normal((environments, 2))
+    subject = shared * rng.standard_normal((subjects, 1, 2))
+    within = np.broadcast_to(sd, environments)[:, None] * rng.standard_normal((subjects, environments, 2))
+    return bias + subject + within
+
+
+def table_of(response, *, parameters=("k", "b"), unit=1.0):
+    """Sessions of log ratios (N, J, P), every reference and adjustment times `unit`."""
+    subjects, environments, _ = response.shape
+    subject, environment = (axis.ravel() for axis in np.indices((subjects, environments)))
+    columns = {
+        "subject": [f"S{i + 1:04d}" for i in subject],
+        "environment": [f"VE{j + 1}" for j in environment],
+    }
+    for p, name in enumerate(parameters):
+        low, high = DECADES[name]
+        reference = unit * np.geomspace(low, high, environments)[environment]
+        columns[f"{name}_ref"] = reference
+        columns[f"{name}_adj"] = reference * np.exp(response[..., p].ravel())
+    return pd.DataFrame(columns)
+
+
+def study_of(table, *, model=None, **inference):
+    asked = {"method": "bayesian", "tolerance": 0.05, "seed": 1, **inference}
+    return Study(Sessions.from_frame(table), Scene.from_tables({"inference": asked, "model": model or {}}))
+
+
+def answered(study):
+    """The fit, once the gate has passed and its limits are finite, in order and nested."""
+    fit = study.fit
+    assert fit.run.gate.passed, fit.run.gate.reasons
+    for lower, upper in fit.limits.values():
+        assert np.isfinite(lower).all()
+        assert np.isfinite(upper).all()
+        assert (lower < upper).all()
+    asked = [kind for kind in KINDS if kind in fit.limits]
+    lowers, uppers = (np.stack([fit.limits[kind][side] for kind in asked]) for side in (0, 1))
+    assert (np.diff(lowers, axis=0) < 0).all()
+    assert (np.diff(uppers, axis=0) > 0).all()
+    return fit
+
+
+def on_the_model_scale(fit):
+    """Limits (kinds, sides, C) as log ratios, and their Monte Carlo errors."""
+    shape = (len(fit.limits), 2, -1)
+    return fit.run.estimates.value.reshape(shape), fit.run.errors.reshape(shape)
+
+
+def half_widths(fit):
+    limits, _ = on_the_model_scale(fit)
+    return 0.5 * (limits[:, 1] - limits[:, 0])
+
+
+def test_two_thousand_subjects_meet_the_classical_intervals():
+    """What the other environments say of a spread is less than its own standard error, 1/sqrt(2 (n - 1))."""
+    response = responses(2000, 4, seed=1, sd=0.2)
+    limits, errors = on_the_model_scale(answered(study_of(table_of(response))))
+    for c, values in enumerate(response.transpose(2, 1, 0).reshape(8, -1)):
+        classical = {
+            "user": prediction_interval(values, level=0.99),
+            "share": tolerance_interval(values, share=0.99, confidence=0.95),
+        }
+        for kind, interval in classical.items():
+            k = KINDS.index(kind)
+            allowed = 0.5 * (interval.upper - interval.lower) / np.sqrt(2.0 * 1999.0)
+            for side, wanted in enumerate((interval.lower, interval.upper)):
+                assert abs(limits[k, side, c] - wanted) < 4 * errors[k, side, c] + allowed
+
+
+def test_three_subjects_are_answered_exactly_alone_and_better_together():
+    response = responses(3, 5, seed=2)
+    model = {"pooling": "none", "prior": "reference"}
+    alone = answered(study_of(table_of(response), model=model, kinds=("mean", "user")))
+    limits, errors = on_the_model_scale(alone)
+    # Standardised by each cell's own mean and SD.
+    t = stats.t.isf(0.005, 2)
+    for k, half in enumerate((t / np.sqrt(3.0), t * np.sqrt(4.0 / 3.0))):
+        for side, sign in enumerate((-1.0, 1.0)):
+            assert np.all(np.abs(limits[k, side] - sign * half) < 4 * errors[k, side])
+    pooled = half_widths(answered(study_of(table_of(response))))[:2]
+    ratio = pooled / (half_widths(alone) * response.std(axis=0, ddof=1).T.ravel())
+    assert np.all(np.log(ratio).mean(axis=1) < 0.0)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return answered(study_of(table_of(responses(6, 2, seed=3))))
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_units_of_the_data_only_scale_the_limits(plain, unit):
+    scaled = answered(study_of(table_of(responses(6, 2, seed=3), unit=unit)))
+    difference = on_the_model_scale(plain)[0] - on_the_model_scale(scaled)[0]
+    error = np.hypot(on_the_model_scale(plain)[1], on_the_model_scale(scaled)[1])
+    assert np.abs(difference / error).max() < 5.0
+    for k, kind in enumerate(KINDS):
+        for side in (0, 1):
+            ratio = np.log(scaled.limits[kind][side] / plain.limits[kind][side] / unit)
+            np.testing.assert_allclose(ratio, -difference[k, side], atol=1e-12)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_units_leave_the_classical_limits_to_the_last_digits(unit):
+    first, second = (
+        study_of(table_of(responses(6, 2, seed=3), unit=u), method="classical").intervals for u in (1.0, unit)
+    )
+    half = 0.5 * (first["upper"] - first["lower"])
+    for side in ("lower", "upper"):
+        # A limit near zero is a difference; its rounding goes with the half-width.
+        assert ((second[side] / unit - first[side]).abs() <= 1e-13 * (half + first[side].abs())).all()
+
+
+@pytest.mark.parametrize("sd", [1e-6, np.array([2e-7, 4.0, 0.2])], ids=["all 1e-6", "2e-7 to 4"])
+def test_spreads_far_from_what_the_prior_expects(sd):
+    response = responses(10, 3, seed=4, sd=sd, shared=0.0)
+    fit = answered(study_of(table_of(response)))
+    found = response.std(axis=0, ddof=1).T.ravel()
+    # The log SD of 10 values has a standard error of 0.24, and is drawn towards the trend by about as much.
+    half = half_widths(fit)[KINDS.index("user")] / (stats.t.isf(0.005, 9) * np.sqrt(1.1) * found)
+    assert np.all(np.abs(np.log(half)) < 4 * 0.24)
+
+
+def test_a_wild_subject_widens_its_environment_and_is_named():
+    response = responses(10, 3, seed=5)[..., :1]
+    wild = response.copy()
+    wild[3, 1] += np.log(1000.0)
+    studies = [study_of(table_of(one, parameters=("k",)), tolerance=0.1) for one in (response, wild)]
+    without, with_it = (half_widths(answered(study))[KINDS.index("user")] for study in studies)
+    # One value of ten at 6.9 makes an SD of 2.2, ten times the others'.
+    assert with_it[1] > 5.0 * without[1]
+    assert np.all(with_it[[0, 2]] < 2.0 * without[[0, 2]])
+    study = studies[1]
+    found = study.checks.loo
+    assert found.subjects.loc[found.subjects["outlier"], "subject"].tolist() == ["S0004"]
+    assert any("S0004 set stiffness in VE2 to" in message for message in found.messages)
+
+
+def identical(subjects=8):
+    """One environment, adjusted to 1100 N/m by everybody."""
+    return pd.DataFrame(
+        {
+            "subject": [f"S{i + 1}" for i in range(subjects)],
+            "environment": "VE1",
+            "k_ref": 1000.0,
+            "k_adj": 1100.0,
+        }
+    )
+
+
+def test_identical_subjects_are_refused_on_the_command_line_and_answered_with_a_step(tmp_path, capsys):
+    data, scene, out = tmp_path / "alike.csv", tmp_path / "scene.toml", tmp_path / "out"
+    identical().to_csv(data, index=False)
+    assert main(["fit", str(data), "--method", "bayesian", "--out", str(out)]) == 1
+    said = capsys.readouterr().err
+    assert "all subjects adjusted alike in stiffness of VE1" in said
+    assert "resolution.k" in said
+    scene.write_text('[model]\nresolution = {k = 10.0}\n[inference]\ntolerance = 0.05\nmethod = "bayesian"\n')
+    assert main(["fit", str(data), "--scene", str(scene), "--out", str(out)]) == 0
+    rows = json.loads((out / "fit.json").read_text(encoding="utf-8"))["intervals"]
+    assert {row["kind"] for row in rows} == set(KINDS)
+    assert all(0 < row["lower"] < row["estimate"] < row["upper"] < np.inf for row in rows)
+
+
+def test_identical_subjects_with_a_step_by_quadrature():
+    """Every value at y, variance sigma² + step²/12: one integral over log sigma is left."""
+    n, y, added = 8, np.log(1.1), 0.01**2 / 12
+    fit = answered(study_of(identical(n), model={"resolution": {"k": 10.0}}, tolerance=0.01))
+    u = np.linspace(-10.0, 10.0, 20_001)
+    sigma = 0.2 * np.exp(u)
+    variance = sigma**2 + added
+    weight = np.exp(
+        -0.5 * u**2 - 0.5 * (n - 1) * np.log(variance) + stats.norm.logpdf(y, 0, np.sqrt(1 + variance / n))
+    )
+    weight /= weight.sum()
+    # beta ~ N(0, 1) before the data.
+    mean, sd = y / (1 + variance / n), np.sqrt(variance / n / (1 + variance / n))
+    limits, errors = on_the_model_scale(fit)
+    for kind, spread in (("mean", sd), ("user", np.hypot(sd, sigma))):
+        for side, tail in enumerate((0.005, 0.995)):
+            limit, error = limits[KINDS.index(kind), side, 0], errors[KINDS.index(kind), side, 0]
+            # The quadrature's tail at limits 4 errors to either side must hold the stated one between them.
+            below, above = (weight @ special.ndtr((limit + s * error - mean) / spread) for s in (-4, 4))
+            assert below < tail < above
+
+
+@pytest.mark.parametrize("environments", [1, 3])
+def test_a_correlation_of_nearly_one_is_refused_with_what_to_do(environments):
+    response = responses(10, environments, seed=6, shared=0.0)
+    response[..., 1] = (1 - 1e-9) * response[..., 0] + np.sqrt(2e-9) * response[..., 1]
+    with pytest.raises(RefusalError, match=r"stiffness and damping .* in proportion") as caught:
+        _ = study_of(table_of(response)).fit
+    assert "Analyse one of them" in str(caught.value)
+    fit = answered(study_of(table_of(response), parameters=("k",)))
+    assert {parameter for parameter, _ in fit.prepared.model.cells} == {"k"}
+
+
+def test_twenty_environments():
+    response = responses(10, 20, seed=7)[..., :1]
+    fit = answered(study_of(table_of(response, parameters=("k",))))
+    found = response[..., 0].std(axis=0, ddof=1)
+    # Twenty spreads that are alike in truth are drawn together.
+    spread = half_widths(fit)[KINDS.index("user")]
+    assert np.log(spread).std() < 0.7 * np.log(found).std()
+
+
+@LONG
+def test_a_correlation_of_999_in_a_thousand_has_an_answer():
+    """Slow: hundreds of steps per effective draw."""
+    response = responses(10, 3, seed=8, shared=0.0)
+    response[..., 1] = response[..., 0] + np.sqrt(2e-3) * response[..., 1]
+    fit = answered(study_of(table_of(response)))
+    correlation = fit.prepared.model.scales(fit.run.points[0, -1])["rho_w"][1]
+    # Fisher's z has a standard error of 1/sqrt(f - 1) with f = 27 degrees of freedom; the prior adds little.
+    residual = (response - response.mean(axis=0)).reshape(-1, 2)
+    sample = np.corrcoef(residual.T)[0, 1]
+    assert abs(np.arctanh(correlation).mean() - np.arctanh(sample)) < 4 / np.sqrt(26.0)
