@@ -31,6 +31,9 @@ def skipped(study: Study) -> Iterator[Reason]:
     """
     yield from _inference(study)
     yield from _haptics(study)
+    for name in study.scene.report.zoom:
+        if name not in study.environments:
+            yield f"zoom window of {name}", "no environment has this name"
     if len(study.environments) == 1:
         yield "trend over environments and band law", "there is one environment"
     if study.sessions.form == "summary":

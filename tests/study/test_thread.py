@@ -116,6 +116,14 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
     what = dict(bare.skipped)
     assert what["boundaries of Z_h"] == "the scene has no [device]"
     assert what["hierarchical model"] == "only the classical method was asked for"
+    assert not any(name.startswith("zoom") for name in what)
+
+
+def test_a_window_on_an_environment_that_is_not_there_is_said():
+    scene = Scene.from_tables({"report": {"zoom": {"VE1": [9.0, 11.0], "VE9": [9.0, 11.0]}}})
+    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene.with_inference(method="classical"))
+    said = [what for what in study.skipped if what[0].startswith("zoom")]
+    assert said == [("zoom window of VE9", "no environment has this name")]
 
 
 def test_failed_gate_withholds_the_bayesian_numbers():
