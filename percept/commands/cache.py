@@ -28,7 +28,18 @@ def run(arguments: argparse.Namespace) -> int:
 
     folder = cache_folder()
     if folder is None:
-        raise UsageError("the cache is turned off.", key="PERCEPT_CACHE", value="off")
+        raise UsageError(
+            "the cache is turned off.",
+            key="PERCEPT_CACHE",
+            value="off",
+            hint="Unset it, or let it name a folder.",
+        )
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(
+            "a folder is needed here, and this is a file.",
+            file=str(folder),
+            hint="Let PERCEPT_CACHE name another.",
+        )
     cache = PosteriorCache(folder)
     if arguments.action == "clear":
         removed = cache.clear()

@@ -76,4 +76,14 @@ def test_show_and_clear(tmp_path, monkeypatch, capsys):
 def test_a_cache_that_is_off_is_said(monkeypatch, capsys, action):
     monkeypatch.setenv("PERCEPT_CACHE", "off")
     assert main(["cache", action]) == 2
-    assert "turned off" in capsys.readouterr().err
+    assert "turned off. Unset it, or let it name a folder." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("action", ["show", "clear"])
+def test_a_file_in_the_place_of_the_cache_is_said(tmp_path, monkeypatch, capsys, action):
+    path = tmp_path / "notes.txt"
+    path.write_text("mine")
+    monkeypatch.setenv("PERCEPT_CACHE", str(path))
+    assert main(["cache", action]) == 2
+    assert f"{path}: a folder is needed here, and this is a file." in capsys.readouterr().err
+    assert path.read_text() == "mine"
