@@ -27,6 +27,8 @@ from pathlib import Path
 
 import numpy as np
 
+# Where a job has done its analysis and writes, as a share of the time it takes.
+_WRITING = 0.7
 JOBS = ("fit", "report", "cache", "batch")
 _HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
 _SCENE = """
@@ -88,18 +90,12 @@ class Survival:
     def command(self, job: str, out: Path) -> list[str]:
         """Return the command line of a job."""
         studies = [str(path) for path in sorted((self.folder / "studies").iterdir())]
-        study = studies[0]
         settings = ["--scene", str(self.folder / "scene.toml"), "--out", str(out), "--quiet"]
         words = {
-            "fit": ["fit", study, "--no-cache", *self.method],
-            "report": ["report", study, "--method", "classical"],
-            "cache": ["fit", study],
-            "batch": [
-                "batch",
-                *(str(p) for p in sorted((self.folder / "studies").iterdir())),
-                "--workers",
-                "1",
-            ],
+            "fit": ["fit", studies[0], "--no-cache", *self.method],
+            "report": ["report", studies[0], *self.method],
+            "cache": ["fit", studies[0]],
+            "batch": ["batch", *studies, "--workers", "2", *self.method],
         }[job]
         return [sys.executable, "-m", "percept", *words, *settings]
 
@@ -155,7 +151,7 @@ class Survival:
         while tally.kills < kills:
             out = self.folder / f"{job}-{tally.finished}"
             for _ in range(min(kills_per_run, kills - tally.kills)):
-                if self._kill(job, out, self.random.uniform(0.0, takes)):
+                if self._kill(job, out, takes * self._moment()):
                     tally.kills += 1
                 else:
                     tally.early += 1
@@ -182,8 +178,14 @@ class Survival:
         except subprocess.TimeoutExpired:
             # The group too: workers of a batch are processes of their own.
             os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
+        _, errors = process.communicate()
+        if process.returncode not in (0, -signal.SIGKILL):
+            raise AssertionError(f"{job} ended with {process.returncode}: {errors.decode()}")
         return process.returncode == -signal.SIGKILL
+
+    def _moment(self) -> float:
+        """Draw a share of the time a job takes: of all of it, or of the end, where files are written."""
+        return self.random.uniform(*self.random.choice([(0.0, 1.0), (_WRITING, 1.0)]))
 
     def _check_whole(self, out: Path) -> None:
         """Read every file under its own name: each must be one that a finished run could have written."""
