@@ -31,8 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     columns = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
     print(study.intervals[columns].to_string(index=False, float_format="{:.6g}".format))
-    if study.fit is not None and not study.fit.run.gate.passed:
-        print("The Bayesian intervals are withheld: " + " ".join(study.fit.run.gate.reasons))
+    for what, why in study.skipped:
+        print(f"Left out: {what} ({why.removesuffix('.')}).")
     print_checks(study)
     print(path)
     return 0

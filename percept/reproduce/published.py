@@ -78,7 +78,7 @@ class Published:
         Device, tuned coupling, perceivable range, and under `report.zoom` the windows of Figs 7b, d and f,
         in this order.
     files : tuple of Path
-        Where both were read.
+        Where the table and the scene were read; empty where they were made.
 
     Raises
     ------
@@ -92,17 +92,25 @@ class Published:
     files: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
+        table, scene = map(str, self.files) if self.files else (None, None)
         if self.limits.parameters != ("k", "b"):
-            raise UsageError("the table must have k and b.", column="parameter", value=self.limits.parameters)
+            raise UsageError(
+                "the table must have k and b.", file=table, column="parameter", value=self.limits.parameters
+            )
         device = self.scene.device
         if device is None or device.mass is None or device.modes:
-            raise UsageError("the reproduction needs a rigid device: mass and damping.", key="device")
+            raise UsageError(
+                "the reproduction needs a rigid device: mass and damping.", file=scene, key="device"
+            )
         if self.scene.coupling is None:
-            raise UsageError("the reproduction needs the coupling of section 2.3.", key="coupling")
+            raise UsageError(
+                "the reproduction needs the coupling of section 2.3.", file=scene, key="coupling"
+            )
         windows = self.scene.report.zoom
         if len(windows) != 3 or not set(windows) <= set(self.limits.environments):
             raise UsageError(
                 "three windows are needed, those of Figs 7b, d and f, on environments of the table.",
+                file=scene,
                 key="report.zoom",
                 value=sorted(windows),
             )

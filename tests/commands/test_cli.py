@@ -121,3 +121,11 @@ def test_classical_fit_imports_no_sampler(tmp_path):
         f"main(['fit', {SESSIONS!r}, '--method', 'classical', '--out', {str(tmp_path / 'o')!r}])"
     )
     assert not modules & {"emcee", "arviz_base", "arviz_stats", "matplotlib", "xarray", "jinja2", "rich"}
+
+
+def test_fit_says_which_intervals_are_left_out(tmp_path, capsys):
+    path = write(tmp_path, ["S1,A,10,1,-9,1.1", "S2,A,10,1,9,1.2", "S3,A,10,1,7,1.0"])
+    assert main(["fit", path, "--method", "classical", "--out", str(tmp_path / "out")]) == 0
+    left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
+    assert len([line for line in left if "classical lognormal intervals of stiffness in A" in line]) == 1
+    assert not any("classical normal" in line for line in left)

@@ -153,3 +153,10 @@ def test_the_paper_is_read_by_default(published):
     found = load_published()
     assert [path.name for path in found.files] == ["hbfd_table1.csv", "hbfd.toml"]
     assert found.limits.environments == ("VE1", "VE2", "VE3", "VE4", "VE5")
+
+
+def test_a_scene_that_lacks_something_is_named(tmp_path):
+    path = tmp_path / "bare.toml"
+    path.write_text("[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n")
+    with pytest.raises(UsageError, match=r"bare\.toml, coupling: the reproduction needs the coupling"):
+        load_published(scene=path)
