@@ -180,7 +180,7 @@ def _main(words: Sequence[str] | None = None) -> None:
         else:
             from percept.report.write import write_report
 
-            write_report(study, Path(folder) / "out")
+            write_report(study, Path(folder) / "out", processes=1)
     diagnostics = study.diagnostics or {"dimension": 0}
     found = {
         "seconds": time.process_time(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -23,9 +24,21 @@ SCHEMA = "percept-report/1"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
 UNITS = {"k": "N/m", "b": "N·s/m"}
+# In the order they are written.
+_PARTS = (
+    "schema", "provenance", "data", "intervals", "boundaries", "zoom", "close", "readings", "coupling",
+    "band", "design", "sensitivity", "comparison", "curve_comparison", "diagnostics", "checks", "skipped",
+    "summary",
+)  # fmt: skip
 
 
-def build_document(study: Study, *, seed: int | None = None, curves: bool = True) -> dict[str, Any]:
+def build_document(
+    study: Study,
+    *,
+    seed: int | None = None,
+    curves: bool = True,
+    seen: Callable[[dict[str, Any]], None] | None = None,
+) -> dict[str, Any]:
     """Build the document that the page, the tables and the figures are made from.
 
     Parameters
@@ -36,6 +49,8 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         The seed that was used, where it is not the scene's.
     curves : bool
         Whether boundaries, the coupling judged by them and the band law are wanted; else they are absent.
+    seen : callable, optional
+        Shown the document, not to be changed, when its intervals and boundaries are there, and at the end.
 
     Returns
     -------
@@ -46,7 +61,9 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
         of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
-    document = {
+    show = seen or (lambda _: None)
+    document: dict[str, Any] = dict.fromkeys(_PARTS)
+    document |= {
         "schema": SCHEMA,
         "provenance": provenance(study, seed),
         "data": _data(study),
@@ -55,9 +72,16 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         "zoom": {},
         "close": [],
         "readings": [],
+    }
+    if document["boundaries"]:
+        document["zoom"] = zoom_windows(study.scene, distinct(document["boundaries"], "environment"))
+        document["close"] = close_views(study, document["zoom"])
+        document["readings"] = readings(study)
+    show(document)
+    document |= {
         "coupling": plain(study.coupling) if curves else None,
         "band": plain(study.band) if curves else None,
-        "design": None,
+        "design": design_of(study) if document["boundaries"] else None,
         "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
         "curve_comparison": plain(study.curve_comparison) if curves else [],
@@ -65,12 +89,8 @@ def build_document(study: Study, *, seed: int | None = None, curves: bool = True
         "checks": checks_of(study),
         "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
     }
-    if document["boundaries"]:
-        document["zoom"] = zoom_windows(study.scene, distinct(document["boundaries"], "environment"))
-        document["close"] = close_views(study, document["zoom"])
-        document["readings"] = readings(study)
-        document["design"] = design_of(study)
     document["summary"] = findings(document)
+    show(document)
     return document
 
 

@@ -3,13 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from percept.report.figures.canvas import Drawing
 from percept.report.figures.files import Picture
 from percept.report.page import Plate
 
-__all__ = ["draw_plates"]
+__all__ = ["Drawn", "draw_plates", "drawn"]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as its files and as the page shows it.
+
+    Attributes
+    ----------
+    files : dict of str to bytes
+        Contents by file name.
+    plate : Plate
+    """
+
+    files: dict[str, bytes]
+    plate: Plate
+
+    def write(self, folder: Path) -> None:
+        """Write the files; the folder is made where there is something to write."""
+        for name, content in self.files.items():
+            folder.mkdir(exist_ok=True)
+            (folder / name).write_bytes(content)
+
+
+def drawn(drawing: Drawing, formats: Sequence[str]) -> Drawn:
+    """Draw one figure.
+
+    Parameters
+    ----------
+    drawing : Drawing
+    formats : sequence of {"svg", "pdf", "png"}
+        Of the files.
+
+    Returns
+    -------
+    Drawn
+
+    Raises
+    ------
+    UsageError
+        An unknown format.
+    """
+    picture = Picture(drawing)
+    files = {f"{drawing.name}.{form}": picture.file(form) for form in formats}
+    return Drawn(files, Plate(drawing.title, drawing.description, picture.inline()))
 
 
 def draw_plates(
@@ -38,9 +83,7 @@ def draw_plates(
     """
     plates = {}
     for drawing in drawings:
-        picture = Picture(drawing)
-        for form in formats:
-            folder.mkdir(exist_ok=True)
-            (folder / f"{drawing.name}.{form}").write_bytes(picture.file(form))
-        plates[drawing.name] = Plate(drawing.title, drawing.description, picture.inline())
+        figure = drawn(drawing, formats)
+        figure.write(folder)
+        plates[drawing.name] = figure.plate
     return plates

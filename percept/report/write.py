@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from percept.report.document import build_document
 from percept.report.folder import filled_folder
@@ -13,6 +13,9 @@ from percept.report.pdf import print_pdf
 from percept.report.plain import Digits, dumps
 
 if TYPE_CHECKING:
+    from percept.report.artist import Artist
+    from percept.report.page import Plate
+    from percept.report.plates import Drawn
     from percept.study import Study
 
 __all__ = ["write_report"]
@@ -29,6 +32,7 @@ def write_report(
     pdf: bool = False,
     date: str | None = None,
     progress: Progress | None = None,
+    processes: int | None = None,
 ) -> Path:
     """Write the page, report.json, tables, figures and the posterior of a study.
 
@@ -52,6 +56,9 @@ def write_report(
         Printed on the page; today where not given. It is in no other file.
     progress : callable, optional
         Called with the name of each step.
+    processes : int, optional
+        1: figures are drawn in this process. By default a second one draws them while the analysis goes on,
+        where there is a second core.
 
     Returns
     -------
@@ -65,24 +72,50 @@ def write_report(
     PerceptError
         What the study refuses.
     """
+    from percept.report.artist import Artist
+
     step = progress or (lambda _: None)
-    with filled_folder(out_dir, last="report.html") as folder:
+    with filled_folder(out_dir, last="report.html") as folder, Artist(formats, processes=processes) as artist:
         step("results")
-        document = build_document(study, seed=seed)
-        _fill(folder, study, document, formats, date or datetime.date.today().isoformat(), step)
+        figures = _Figures(artist)
+        document = build_document(study, seed=seed, seen=figures.begin)
+        _fill(folder, study, document, figures, date or datetime.date.today().isoformat(), step)
         if pdf:
             step("pdf")
             print_pdf(folder / "report.html", folder / "report.pdf")
     return Path(out_dir) / "report.html"
 
 
+class _Figures:
+    """Figures of a document, begun as soon as it has the numbers for them."""
+
+    def __init__(self, artist: Artist) -> None:
+        self._artist = artist
+        self._begun: dict[str, Callable[[], Drawn]] = {}
+
+    def begin(self, document: Mapping[str, Any]) -> None:
+        """Have drawn what the document now has numbers for, and had not before."""
+        from percept.report.figures.catalogue import drawings
+
+        for drawing in drawings(document):
+            if drawing.name not in self._begun:
+                self._begun[drawing.name] = self._artist.draw(drawing)
+
+    def plates(self, folder: Path) -> dict[str, Plate]:
+        """Write the files into `folder`, and return what the page shows."""
+        found = {}
+        for name, figure in self._begun.items():
+            one = figure()
+            one.write(folder)
+            found[name] = one.plate
+        return found
+
+
 def _fill(
-    folder: Path, study: Study, document: dict[str, object], formats: Sequence[str], date: str, step: Progress
+    folder: Path, study: Study, document: dict[str, object], figures: _Figures, date: str, step: Progress
 ) -> None:
-    from percept.report.figures.catalogue import drawings
     from percept.report.latex import latex_tables
     from percept.report.page import render_page
-    from percept.report.plates import draw_plates
     from percept.report.references import bibtex
     from percept.report.tables import csv_tables
     from percept.study.posterior_file import write_posterior
@@ -94,10 +127,10 @@ def _fill(
     for name, text in (csv_tables(document, digits=digits) | latex_tables(document)).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
     (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
-    step("figures")
-    plates = draw_plates(drawings(document), folder / "figures", formats=formats)
     if study.posterior_groups is not None:
         step("posterior")
         write_posterior(study.posterior_groups, folder / "posterior.nc")
+    step("figures")
+    plates = figures.plates(folder / "figures")
     step("page")
     (folder / "report.html").write_text(render_page(document, plates, date=date), encoding="utf-8")
