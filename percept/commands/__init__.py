@@ -1,1 +1,5 @@
-"""Commands of the command line: one module each, with EXAMPLE, add_arguments and run."""
+"""One module per command of the command line.
+
+Each has `EXAMPLE`, a line of its help; `add_arguments`, which takes the command's parser; and `run`, which
+takes the parsed arguments, prints, and returns the exit code. What is slow to import is imported inside `run`.
+"""

@@ -170,7 +170,17 @@ class Published:
         return np.stack([np.asarray(limits.lower), np.asarray(limits.upper)], axis=-1)
 
     def through_coupling(self, wall: Wall) -> EffectiveImpedance:
-        """Return what a reference is through the tuned coupling where Fig. 7 looks closely."""
+        """Return what a reference is through the tuned coupling, at the ω where Fig. 7 looks closely.
+
+        Parameters
+        ----------
+        wall : Wall
+
+        Returns
+        -------
+        EffectiveImpedance
+            Effective stiffness, N/m, and damping, N·s/m, at `LOOKED_AT`.
+        """
         return effective_impedance(LOOKED_AT, wall.environment, self.tuned, self.period)
 
     def omega(self, points: int = 241) -> NDArray[np.float64]:

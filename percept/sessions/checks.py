@@ -97,7 +97,15 @@ def refuse_twin(sources: Iterable[Source], name: str, sha256: str) -> None:
 
 
 def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> None:
-    """Find rows that stand twice for one subject, session, environment and trial."""
+    """Find rows that stand twice for one subject, session, environment and trial.
+
+    Parameters
+    ----------
+    table : DataFrame
+        All observations, the index counting from 0.
+    place, problems
+        As `settle_references`.
+    """
     again = table.duplicated(_CELL).to_numpy()
     if not again.any():
         return
@@ -115,7 +123,20 @@ def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> N
 
 
 def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
-    """Ids that differ only in leading zeros, case or surrounding space, kept apart, and padded ids."""
+    """Notice ids that differ only in leading zeros, case or surrounding space, and padded ids.
+
+    Parameters
+    ----------
+    ids : iterable of str
+        Different ids.
+    what : str
+        What they name, in the singular.
+
+    Returns
+    -------
+    list of Notice
+        They are kept apart.
+    """
     same: dict[str, list[str]] = {}
     padded = []
     for name in ids:
@@ -143,6 +164,21 @@ def check_plausible(
     """Compare adjustments with references: a median ratio of 100 or more means a unit is not as declared.
 
     Where the unit of the adjustment or of the reference was declared, this gives a notice only.
+
+    Parameters
+    ----------
+    table : DataFrame
+        All observations, in N/m and N·s/m.
+    parameters : iterable of {"k", "b"}
+        Those adjusted.
+    declared_units : set of str
+        Columns whose unit was declared.
+    place, problems
+        As `settle_references`.
+
+    Returns
+    -------
+    list of Notice
     """
     notices: list[Notice] = []
     for p in parameters:
@@ -170,7 +206,20 @@ def check_plausible(
 
 
 def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]:
-    """Leave out subjects who lack an environment that others have."""
+    """Leave out subjects who lack an environment that others have.
+
+    Parameters
+    ----------
+    table : DataFrame
+        All observations.
+
+    Returns
+    -------
+    kept : DataFrame
+        Those of the other subjects.
+    exclusions : list of Exclusion
+        One per subject left out.
+    """
     environments = list(table["environment"].unique())
     seen = table.groupby("subject", sort=False)["environment"].unique()
     lacking = {s: [e for e in environments if e not in set(have)] for s, have in seen.items()}
@@ -183,7 +232,20 @@ def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]
 
 
 def count_grid(table: pd.DataFrame, parameters: Sequence[str]) -> Counter[str]:
-    """Count the observations and the holes of the full subject × environment × trial grid."""
+    """Count the observations and the holes of the full subject × environment × trial grid.
+
+    Parameters
+    ----------
+    table : DataFrame
+        All observations.
+    parameters : sequence of {"k", "b"}
+        Those adjusted.
+
+    Returns
+    -------
+    Counter
+        By what is counted, in words.
+    """
     counts: Counter[str] = Counter({"observations": len(table)})
     if not len(table):
         return counts
@@ -200,7 +262,15 @@ def count_grid(table: pd.DataFrame, parameters: Sequence[str]) -> Counter[str]:
 
 
 def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None:
-    """Check a published table: parameter, order of limits, n, level, and one row for each interval."""
+    """Check a published table: parameter, order of limits, n, level, and one row for each interval.
+
+    Parameters
+    ----------
+    table : DataFrame
+        The columns of `SUMMARY_COLUMNS`.
+    place, problems
+        As `settle_references`.
+    """
     rules = (
         ("parameter", ~table["parameter"].isin(["k", "b"]), 'must be "k" or "b".'),
         ("environment", table["environment"].str.strip() == "", "is empty."),

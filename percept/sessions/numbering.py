@@ -20,7 +20,20 @@ class Registry:
         self._number: dict[Any, int] = {}
 
     def numbers(self, codes: npt.NDArray[np.integer[Any]], names: Sequence[Any]) -> npt.NDArray[np.int64]:
-        """Numbers of ids given as codes into `names`, which stand in order of first appearance."""
+        """Return numbers of ids.
+
+        Parameters
+        ----------
+        codes : ndarray of int, shape (n,)
+            Each id as its place in `names`.
+        names : sequence
+            The different ids, in order of first appearance.
+
+        Returns
+        -------
+        ndarray of int, shape (n,)
+            From 0, the same for an id in every block.
+        """
         lookup = np.empty(len(names), dtype=np.int64)
         for at, name in enumerate(names):
             lookup[at] = self._number.setdefault(name, len(self.names))

@@ -103,6 +103,17 @@ def check_columns(
 ) -> None:
     """Hold a header to what the analysis needs, and note in `part` what was found.
 
+    Parameters
+    ----------
+    part : Part
+        Receives notices, declared units and parameters.
+    header : sequence of str
+        The file's column names.
+    resolution : Resolution
+        Where the canonical columns stand.
+    file, options, named
+        As `read_part`.
+
     Raises
     ------
     UsageError

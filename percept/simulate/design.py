@@ -142,6 +142,11 @@ class Design:
         -------
         Design
             With `trials` in every cell.
+
+        Raises
+        ------
+        UsageError
+            No subject, or as `Design`.
         """
         if subjects < 1:
             raise UsageError("a study needs at least one subject.", key="subjects", value=subjects)

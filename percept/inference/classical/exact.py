@@ -80,14 +80,14 @@ class MomentsAccumulator:
 
     @property
     def mean(self) -> float:
-        """Correctly rounded mean of the values so far."""
+        """Correctly rounded mean of the values so far; a UsageError without any."""
         if self.n == 0:
             raise UsageError("There are no values to average.")
         return self._sum / (self.n << _UNIT)
 
     @property
     def sd(self) -> float:
-        """Correctly rounded standard deviation, divisor n − 1 (Eq. 14)."""
+        """Correctly rounded standard deviation, divisor n − 1 (Eq. 14); a RefusalError below two values."""
         if self.n < 2:
             raise RefusalError(
                 f"A standard deviation needs at least 2 values; there is {self.n}.",

@@ -189,7 +189,13 @@ def _interval(
 
 
 def refuse_weights(moments: Moments) -> None:
-    """Raise where moments are of a weighted mean, which says nothing on single users."""
+    """Refuse moments of a weighted mean.
+
+    Raises
+    ------
+    UsageError
+        They are: such a mean says nothing on single users.
+    """
     if moments.weighted:
         raise UsageError(
             "A weighted mean says nothing on single users.",

@@ -39,7 +39,18 @@ _NEGLIGIBLE = 1e-17  # of the probability wanted: what the quadrature leaves out
 
 
 def reach_of(doubt: Array) -> Array:
-    """Return how far out, in SDs, a normal still matters to the probability `doubt`."""
+    """Return how far out, in SDs, a normal still matters to the probability `doubt`.
+
+    Parameters
+    ----------
+    doubt : ndarray
+        Probability, any shape.
+
+    Returns
+    -------
+    ndarray
+        Of that shape.
+    """
     return normal_upper(doubt * _NEGLIGIBLE)
 
 
@@ -160,13 +171,35 @@ def one_limit_offset(n: Array, factor: Array, doubt: Array, *, short: bool) -> A
 
 
 def least_spread(n: Array, doubt: Array) -> Array:
-    """Return the SD, in units of the population's, that a sample's falls below with probability `doubt`."""
+    """Return the SD, in units of the population's, that a sample's falls below with probability `doubt`.
+
+    Parameters
+    ----------
+    n, doubt : ndarray
+        Sample size and probability, of shapes that broadcast.
+
+    Returns
+    -------
+    ndarray
+        Broadcast shape.
+    """
     half = (n - 1.0) / 2.0
     return np.sqrt(special.gammaincinv(half, doubt) / half)
 
 
 def normal_nodes(lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Return Gauss–Legendre nodes between the bounds, one row each, and weights with the normal density."""
+    """Return Gauss–Legendre nodes between the bounds, and weights with the normal density.
+
+    Parameters
+    ----------
+    lower, upper : ndarray
+        Shape (m,), in SDs.
+
+    Returns
+    -------
+    z, weight : ndarray
+        Shape (m, nodes): Σ weight·f(z) is the integral of f times the density between the bounds.
+    """
     node, weight = _legendre()
     middle, half = (upper + lower)[:, None] / 2.0, (upper - lower)[:, None] / 2.0
     z = middle + half * node

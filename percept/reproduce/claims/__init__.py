@@ -1,4 +1,4 @@
-"""The paper's claims, in its own order, each judged from numbers."""
+"""The paper's claims, in its own order; each judge takes the published numbers and gives a claim."""
 
 from __future__ import annotations
 

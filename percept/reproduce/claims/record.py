@@ -90,7 +90,21 @@ class Claim:
         numbers: Iterable[Quantity] = (),
         source: str,
     ) -> Claim:
-        """Make a claim whose verdict is that of its cases; the condition goes where none is needed."""
+        """Make a claim whose verdict is that of its cases.
+
+        Parameters
+        ----------
+        cases : iterable of bool
+            Everything the claim speaks of: true in all, in some, in none.
+        condition : str
+            Kept where the claim is true in some.
+        name, place, paper, finding, margin, numbers, source
+            As `Claim`.
+
+        Returns
+        -------
+        Claim
+        """
         verdict = _verdict_of(cases)
         kept = condition if verdict == "holds only if" else ""
         return cls(name, place, paper, verdict, kept, finding, margin, tuple(numbers), source)
