@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, special, stats
+from scipy import fft, special
 
 __all__ = ["autocorrelation_time", "monte_carlo_error", "normal_scores", "rank_rhat"]
 
@@ -110,8 +110,14 @@ def normal_scores(values: Array) -> Array:
         Standard normal in law, whatever the law of the values.
     """
     flat = values.reshape(-1, values.shape[-1])
-    ranks = stats.rankdata(flat, axis=0)
+    ranks = np.stack([_ranks(column) for column in flat.T], axis=1)
     return np.asarray(special.ndtri((ranks - 0.375) / (len(flat) + 0.25))).reshape(values.shape)
+
+
+def _ranks(values: Array) -> Array:
+    """Ranks from 1, ties at their mean, without the time that `scipy.stats` takes to import."""
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - 0.5 * (count - 1))[place])
 
 
 def _rhat(chains: Array) -> Array:
