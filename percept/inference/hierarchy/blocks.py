@@ -27,6 +27,7 @@ __all__ = [
     "diagonal",
     "join",
     "weighted_mean",
+    "weighted_mean_of_rows",
 ]
 
 Array = NDArray[np.float64]
@@ -74,6 +75,10 @@ class Scalar:
     def whiten(self, r: Vector) -> Vector:
         """Return F⁻¹r, where F is the lower factor of the block, FF' = A."""
         return (r[0] / np.sqrt(self.v),)
+
+    def distance(self, r: Vector) -> Array:
+        """Return the sum of r'A⁻¹r over the first axis of r, per entry."""
+        return np.einsum("k...,k...->...", r[0], r[0]) / self.v
 
     def factor_columns(self) -> list[Vector]:
         """Return the columns of F."""
@@ -126,6 +131,12 @@ class Pair:
     def whiten(self, r: Vector) -> Vector:
         """Return F⁻¹r, where F is the lower factor of the block, FF' = A."""
         return (r[0] / np.sqrt(self.v), (r[1] - self.g * r[0]) / np.sqrt(self.w))
+
+    def distance(self, r: Vector) -> Array:
+        """Return the sum of r'A⁻¹r over the first axis of r, per entry."""
+        left = r[1] - self.g * r[0]
+        first, second = (np.einsum("k...,k...->...", part, part) for part in (r[0], left))
+        return first / self.v + second / self.w
 
     def factor_columns(self) -> list[Vector]:
         """Return the columns of F."""
@@ -254,5 +265,33 @@ def weighted_mean(parts: Precision, total: Precision, r: Vector, *, axis: int | 
     first = parts.w * r[0] + (parts.g - total.g) * second
     if axis is not None:
         first, second = first.sum(axis=axis), second.sum(axis=axis)
+    mean = first / total.w
+    return (mean, second / total.v - total.g * mean)
+
+
+def weighted_mean_of_rows(parts: Precision, total: Precision, rows: Array) -> Vector:
+    """Return K⁻¹ sum_j P_j r_j for many constant vectors.
+
+    Parameters
+    ----------
+    parts : Scalar or PairPrecision, entries (J, W)
+        P_j.
+    total : Scalar or PairPrecision, entries (W,)
+        K.
+    rows : ndarray, shape (P, N, J)
+        N vectors of P parameters for every j.
+
+    Returns
+    -------
+    tuple of ndarray, each (N, W)
+    """
+    if isinstance(parts, Scalar):
+        return (rows[0] @ parts.v / total.v,)
+    assert isinstance(total, PairPrecision)
+    # The weights of `weighted_mean`, applied to all vectors by one product of matrices each.
+    cross = parts.v * parts.g
+    apart = parts.g - total.g
+    first = rows[0] @ (parts.w + apart * cross) + rows[1] @ (apart * parts.v)
+    second = rows[0] @ cross + rows[1] @ parts.v
     mean = first / total.w
     return (mean, second / total.v - total.g * mean)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.blocks import Block, Pair, Scalar, Vector
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.least_squares import factor
+from percept.inference.hierarchy.locations import stack_columns
 from percept.inference.hierarchy.scales import Scales
 
 __all__ = ["Conditional"]
@@ -42,7 +43,7 @@ class Conditional:
         shape = (len(density.statistics.environments), scales.log_prior.size)
         self._own: Block | None = None
         # Columns of beta on the latents, (q, J, W) per parameter, and what does not depend on them.
-        on_latents = [_stack([column[p] for column in problem.locations], shape) for p in range(parameters)]
+        on_latents = list(stack_columns(problem.locations, shape))
         constant = [np.zeros(shape) for _ in range(parameters)]
         extra = len(problem.columns) - len(problem.locations)
         if extra:
@@ -108,10 +109,6 @@ class Conditional:
             for column in self._own.factor_columns():
                 beta += np.stack(column) * rng.standard_normal(beta.shape[1:])
         return beta
-
-
-def _stack(columns: list[Array], shape: tuple[int, int]) -> Array:
-    return np.stack([np.broadcast_to(column, shape) for column in columns])
 
 
 def _gram(spread: list[Array]) -> Block:

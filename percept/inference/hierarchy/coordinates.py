@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 LIMIT = 35.0
 #: Smallest SD: its square, and the square of that, must not underflow.
 _FLOOR = 1e-70
+#: Where erfinv(ndtr(u)) begins to lose more than a digit's last unit.
+_FAR = 1.5
 
 
 def half_normal(u: Array, scale: Array | float) -> Array:
@@ -35,8 +37,11 @@ def half_normal(u: Array, scale: Array | float) -> Array:
     ndarray
         Values in (0, inf), increasing in `u`.
     """
-    lower = special.ndtr(-np.abs(u))
-    value = np.where(u < 0, np.sqrt(2.0) * special.erfinv(lower), -special.ndtri(0.5 * lower))
+    u = np.asarray(u)
+    value = np.sqrt(2.0) * special.erfinv(special.ndtr(u))
+    # From here on 1 - ndtr(u) has lost digits, and the upper tail's own form is needed.
+    far = u > _FAR
+    value[far] = -special.ndtri(0.5 * special.ndtr(-u[far]))
     return np.maximum(scale * value, _FLOOR)
 
 
@@ -60,8 +65,9 @@ def correlation(u: Array, shape: float = 2.0) -> tuple[Array, Array]:
     lower = special.ndtr(-np.abs(u))
     if shape == 2.0:
         # The Beta(2, 2) quantile is trigonometric; near the end the angle's distance from pi/6 is kept.
-        angle = 2.0 / 3.0 * np.arcsin(np.sqrt(lower))
-        rest = 2.0 * np.sin(angle / 2.0) ** 2 + np.sqrt(3.0) * np.sin(angle)
+        # 1 - abs(rho) is 2 sin²(angle/2) + sqrt(3) sin(angle).
+        sine = np.sin(np.arcsin(np.sqrt(lower)) / 3.0)
+        rest = 2.0 * sine * (sine + np.sqrt(3.0 * (1.0 - sine * sine)))
     else:
         rest = 2.0 * _beta_quantile(shape, lower)
     rest = np.minimum(rest, 1.0)

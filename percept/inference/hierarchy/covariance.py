@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Vector, weighted_mean
+from percept.inference.hierarchy.blocks import Block, Vector, weighted_mean, weighted_mean_of_rows
 
 __all__ = ["SharedCovariance"]
 
@@ -73,9 +73,9 @@ class SharedCovariance:
         -------
         ndarray, shape (W,)
         """
-        pieces = self.whiten(tuple(rows[..., None]))
-        return sum(
-            np.einsum("nw,nw->w", flat, flat)
-            for piece in pieces
-            for flat in (component.reshape(-1, component.shape[-1]) for component in piece)
-        )
+        vectors = tuple(rows[..., None])
+        if not self._shared:
+            return self._cells.distance(vectors).sum(axis=0)
+        mean = weighted_mean_of_rows(self._precisions, self._precision, rows)
+        inside = tuple(r - m[:, None] for r, m in zip(vectors, mean, strict=True))
+        return self._cells.distance(inside).sum(axis=0) + self._outer.distance(mean)

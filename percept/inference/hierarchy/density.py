@@ -20,8 +20,8 @@ from percept.inference.hierarchy.statistics import Pattern, Statistics
 __all__ = ["CollapsedDensity", "Resolution"]
 
 Array = NDArray[np.float64]
-#: Draws per pass: temporaries beyond the processor's cache cost five times as much per draw.
-_CHUNK = 512
+#: Numbers of coordinates per pass: fewer waste calls, and temporaries beyond the processor's cache cost more.
+_PASS = 24576
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -79,6 +79,11 @@ class CollapsedDensity:
         """Names of the coordinates, in order."""
         return self.layout.names
 
+    @property
+    def draws_per_pass(self) -> int:
+        """Draws that are computed at once."""
+        return min(1024, max(128, _PASS // self.dimension))
+
     def __call__(self, points: Array) -> Array:
         """Log posterior density, up to the evidence.
 
@@ -92,8 +97,9 @@ class CollapsedDensity:
         ndarray, shape (W,)
             -inf beyond `coordinates.LIMIT`, otherwise finite.
         """
-        if len(points) > _CHUNK:
-            return np.concatenate([self(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)])
+        most = self.draws_per_pass
+        if len(points) > most:
+            return np.concatenate([self(points[i : i + most]) for i in range(0, len(points), most)])
         if len(points) == 1:
             # Sums over a single column run in another order: keep values independent of the batch.
             return self(np.repeat(points, 2, axis=0))[:1]
@@ -120,8 +126,7 @@ class CollapsedDensity:
         value = np.full(scales.log_prior.shape, self._constant)
         trial = self.trial_block(scales)
         if trial is not None:
-            whitened = trial.whiten(tuple(statistics.trial_rows[..., None]))
-            squares = sum(np.einsum("kjw,kjw->w", part, part) for part in whitened)
+            squares = trial.distance(tuple(statistics.trial_rows[..., None])).sum(axis=0)
             determinants = np.einsum("j,jw->w", statistics.trial_df, trial.log_determinant())
             value = value - 0.5 * (squares + determinants)
         cells = self.cell_blocks(scales)

@@ -82,25 +82,25 @@ def factor(design: Array, target: Array) -> Factored:
     Factored
     """
     size, rows, width = design.shape
+    # The identity stands upside down, so that what can be other than zero of each column is one stretch.
     work = np.zeros((size + 1, size + rows, width))
     work[:size, size:] = design
     work[size, size:] = target
-    for i in range(size):
-        work[i, i] = 1.0
+    work[np.arange(size), size - 1 - np.arange(size)] = 1.0
     triangle = np.zeros((size, size, width))
     coefficients = np.empty((size, width))
-    log_determinant = np.zeros(width)
+    squares = np.empty((size, width))
     for i in range(size):
-        column = work[i]
-        square = np.einsum("mw,mw->w", column, column)
-        norm = np.sqrt(square)
+        column = work[i, size - 1 - i :]
+        later = work[i + 1 :, size - 1 - i :]
+        np.einsum("mw,mw->w", column, column, out=squares[i])
+        norm = np.sqrt(squares[i], out=triangle[i, i])
         column /= norm
-        shares = np.einsum("mw,kmw->kw", column, work[i + 1 :])
-        for k in range(i + 1, size + 1):
-            work[k] -= shares[k - i - 1] * column
-        triangle[i, i] = norm
+        shares = np.einsum("mw,kmw->kw", column, later)
+        later -= shares[:, None] * column
         triangle[i, i + 1 :] = shares[:-1]
         coefficients[i] = shares[-1]
-        log_determinant += np.log(square)
     residual = work[size]
-    return Factored(log_determinant, np.einsum("mw,mw->w", residual, residual), triangle, coefficients)
+    return Factored(
+        np.log(squares).sum(axis=0), np.einsum("mw,mw->w", residual, residual), triangle, coefficients
+    )

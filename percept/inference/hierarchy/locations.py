@@ -20,7 +20,7 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Layout, Scales
 from percept.inference.hierarchy.statistics import Statistics
 
-__all__ = ["LocationProblem", "Whitened"]
+__all__ = ["LocationProblem", "Whitened", "stack_columns"]
 
 Array = NDArray[np.float64]
 
@@ -37,9 +37,9 @@ class Whitened:
         Whitened pattern means.
     log_determinant : ndarray, shape (W,)
         log det of the noise covariance that was whitened away.
-    columns : list of tuple of ndarray, each (J, W)
+    columns : list of tuple of ndarray, each broadcastable to (J, W)
         What each latent adds to the pooled means, per parameter.
-    locations : list of tuple of ndarray, each (J, W)
+    locations : list of tuple of ndarray, each broadcastable to (J, W)
         What each latent adds to alpha + gamma x (+ delta, where that is a latent), per parameter.
     pooled : Pooled or None
         The pooled means, where the environments' own biases were summed out.
@@ -74,7 +74,7 @@ class LocationProblem:
         self._trend = layout.trend
         self._subject_effect = layout.subject_effect
         self._alpha_sd = priors.alpha_sd
-        self._gamma_sd = priors.gamma_sd
+        self._trend_columns = _trend_columns(statistics.x, layout, priors)
         effects = len(self._patterns) if self._subject_effect else 0
         self.merged = effects == 1
         self.by_environment = self._trend and 1 < effects >= self._environments
@@ -107,30 +107,17 @@ class LocationProblem:
             cell.scaled(1.0 / pattern.subjects) for cell, pattern in zip(cells, self._patterns, strict=True)
         ]
 
-    def _unit(self, p: int, size: Array | float) -> Vector:
-        """Vector with `size` at parameter `p`."""
-        return tuple(np.asarray(size) if q == p else np.zeros_like(size) for q in range(self._size))
-
-    def _trend_columns(self, shape: tuple[int, int]) -> list[Vector]:
-        """Columns of alpha and gamma over environments, before whitening, entries (J, W)."""
-        columns = [self._unit(p, np.full(shape, self._alpha_sd)) for p in range(self._size)]
-        if self._trend:
-            columns += [
-                self._unit(p, np.broadcast_to(self._gamma_sd * self._x[p][:, None], shape))
-                for p in range(self._size)
-            ]
-        return columns
-
     def _keeping_biases(self, scales: Scales, cells: list[Block]) -> Whitened:
         width = scales.log_prior.size
         tau = scales.tau
         assert tau is not None
         assert scales.shared is not None
-        columns = self._trend_columns((self._environments, width))
+        shape = (self._environments, width)
+        columns = list(self._trend_columns)
         for j in range(self._environments):
             at = (np.arange(self._environments) == j)[:, None]
-            columns += [self._unit(p, at * tau[p]) for p in range(self._size)]
-        stacked = tuple(np.stack([column[p] for column in columns]) for p in range(self._size))
+            columns += [_unit(self._size, p, at * tau[p]) for p in range(self._size)]
+        stacked = stack_columns(columns, shape)
         targets: list[Array] = []
         designs: list[Array] = []
         log_determinant = np.zeros(width)
@@ -150,8 +137,8 @@ class LocationProblem:
         spread = pooled.spread
         if scales.tau is not None:
             spread = spread.plus_diagonal(tuple(tau * tau for tau in scales.tau))
-        trend = self._trend_columns((self._environments, width))
-        columns = list(trend)
+        shape = (self._environments, width)
+        columns = list(self._trend_columns)
         deviations = _flatten(pooled.deviations)
         rows = [[np.zeros((len(deviations), width))] for _ in columns]
         if scales.shared is not None and merge:
@@ -164,18 +151,38 @@ class LocationProblem:
             for g, pattern in enumerate(self._patterns):
                 for effect in scales.shared.scaled(1.0 / pattern.subjects).factor_columns():
                     columns.append(pooled.effect_on_mean(g, effect))
-                    rows.append([np.reshape(_flatten(pooled.effect_on_deviations(g, effect)), (-1, width))])
-        shape = (self._environments, width)
-        stacked = tuple(
-            np.stack([np.broadcast_to(column[p], shape) for column in columns]) for p in range(self._size)
-        )
-        below = np.stack([np.concatenate(row) for row in rows])
-        design = np.concatenate([*_by_column([spread.whiten(stacked)], len(columns)), below], axis=1)
-        target = np.concatenate(
-            [*_flatten([spread.whiten(pooled.mean)]), np.reshape(deviations, (-1, width))]
-        )
+                    rows.append(_flatten(pooled.effect_on_deviations(g, effect)))
+        whitened = spread.whiten(stack_columns([*columns, pooled.mean], shape))
+        both = np.concatenate(_by_column([whitened], len(columns) + 1), axis=1)
+        design, target = both[:-1], both[-1]
+        if deviations:
+            design = np.concatenate([design, np.stack([np.concatenate(row) for row in rows])], axis=1)
+            target = np.concatenate([target, *deviations])
         log_determinant = pooled.log_determinant + spread.log_determinant().sum(axis=0)
-        return Whitened(design, target, log_determinant, columns, trend, pooled)
+        return Whitened(design, target, log_determinant, columns, self._trend_columns, pooled)
+
+
+def stack_columns(columns: list[Vector], shape: tuple[int, int]) -> Vector:
+    """Stack columns along a new first axis, per parameter: each (q, J, W) for a shape (J, W)."""
+    stacked = tuple(np.empty((len(columns), *shape)) for _ in columns[0])
+    for i, column in enumerate(columns):
+        for rows, part in zip(stacked, column, strict=True):
+            rows[i] = part
+    return stacked
+
+
+def _unit(size: int, p: int, value: Array | float) -> Vector:
+    """Vector of `size` parameters with a value at parameter `p`."""
+    return tuple(np.asarray(value) if q == p else np.zeros_like(value) for q in range(size))
+
+
+def _trend_columns(x: Array, layout: Layout, priors: Priors) -> list[Vector]:
+    """Columns of alpha and gamma over environments, before whitening, entries (J, 1)."""
+    size = layout.parameters
+    columns = [_unit(size, p, np.full((layout.environments, 1), priors.alpha_sd)) for p in range(size)]
+    if layout.trend:
+        columns += [_unit(size, p, priors.gamma_sd * x[p][:, None]) for p in range(size)]
+    return columns
 
 
 def _flatten(pieces: list[Vector]) -> list[Array]:

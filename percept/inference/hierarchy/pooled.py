@@ -13,7 +13,6 @@ from percept.inference.hierarchy.scales import Scales
 __all__ = ["Pooled"]
 
 Array = NDArray[np.float64]
-_CHUNK = 512
 _DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
 
 
@@ -42,8 +41,11 @@ class Pooled:
 
     def laws(self, points: Array) -> Laws:
         """Laws of beta and spread of the population at coordinates (W, d)."""
-        parts = [self._laws(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)]
-        return Laws.unpack(np.concatenate(parts))
+        return Laws.unpack(np.concatenate([self._laws(part) for part in self._passes(points)]))
+
+    def _passes(self, points: Array) -> list[Array]:
+        most = self.density.draws_per_pass
+        return [points[i : i + most] for i in range(0, len(points), most)]
 
     def _laws(self, points: Array) -> Array:
         law = Conditional(self.density, self._scales(points))
@@ -53,8 +55,7 @@ class Pooled:
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
-        parts = [self._draw(points[i : i + _CHUNK], rng) for i in range(0, len(points), _CHUNK)]
-        means, users = zip(*parts, strict=True)
+        means, users = zip(*(self._draw(part, rng) for part in self._passes(points)), strict=True)
         return np.concatenate(means), np.concatenate(users)
 
     def _draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
