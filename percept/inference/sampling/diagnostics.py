@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
 
-__all__ = ["autocorrelation_time", "monte_carlo_error", "normal_scores", "rank_rhat"]
+__all__ = ["autocorrelation_time", "monte_carlo_error", "normal_scores", "rank_rhat", "some_walkers"]
 
 Array = NDArray[np.float64]
 _WINDOW = 5.0  # Sokal's window, in autocorrelation times
+#: Ranks of more values than this, or of fewer walkers per ensemble, are not needed to see that a run is well.
+_MOST_VALUES, _FEWEST_WALKERS = 1 << 15, 8
 _BATCHES = (4, 20)  # fewest and most batches per ensemble
 
 
@@ -118,6 +122,13 @@ def _ranks(values: Array) -> Array:
     """Ranks from 1, ties at their mean, without the time that `scipy.stats` takes to import."""
     _, place, count = np.unique(values, return_inverse=True, return_counts=True)
     return np.asarray((np.cumsum(count) - 0.5 * (count - 1))[place])
+
+
+def some_walkers(series: Array) -> Array:
+    """Thin walkers, (E, T, w, Q) of (E, T, W, Q), for what takes long and needs no more."""
+    ensembles, length, walkers, _ = series.shape
+    most = max(_FEWEST_WALKERS, _MOST_VALUES // (ensembles * length))
+    return series[:, :, :: math.ceil(walkers / most)]
 
 
 def _rhat(chains: Array) -> Array:

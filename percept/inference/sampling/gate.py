@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.diagnostics import rank_rhat
+from percept.inference.sampling.diagnostics import rank_rhat, some_walkers
 from percept.inference.sampling.estimands import Estimates
 from percept.inference.sampling.records import Gate, Settings
 
@@ -22,8 +24,8 @@ def pass_gate(
     settings: Settings,
     estimates: Estimates,
     errors: Array,
-    watched: Array,
-    times: Array,
+    watched: Sequence[Array],
+    slowest: float,
     acceptance: Array,
     moved: NDArray[np.bool_],
     *,
@@ -40,10 +42,10 @@ def pass_gate(
         Estimates and their scales.
     errors : ndarray, shape (Q,)
         Their Monte Carlo errors.
-    watched : ndarray, shape (E, T, W, V)
-        Series that must have converged.
-    times : ndarray, shape (V,)
-        Their autocorrelation times, in kept positions.
+    watched : sequence of ndarray, each (E, T, W, V)
+        Series that must have converged; those of all walkers first.
+    slowest : float
+        Longest of their autocorrelation times, in kept positions.
     acceptance : ndarray, shape (E, W)
         Acceptance of every walker over the whole run.
     moved : ndarray of bool, shape (E, W)
@@ -59,8 +61,7 @@ def pass_gate(
     """
     relative = errors / estimates.scale
     worst = int(np.argmax(relative))
-    slowest = float(times.max())
-    ensembles, length, walkers, count = watched.shape
+    ensembles, length, walkers, _ = watched[0].shape
     times_run = length / slowest
     reasons = []
     if not times_run >= TIMES_NEEDED:
@@ -80,7 +81,8 @@ def pass_gate(
     rhat = None
     if last or not reasons:
         gap = max(1, round(min(slowest, length / 4.0)))
-        rhat = float(rank_rhat(watched[:, ::gap].reshape(ensembles, -1, count)).max())
+        apart = [some_walkers(series[:, ::gap]) for series in watched]
+        rhat = float(max(rank_rhat(part.reshape(ensembles, -1, part.shape[3])).max() for part in apart))
         if not rhat < _RHAT_LIMIT:
             reasons.append(f"the ensembles disagree: rank R-hat {rhat:.4f}, limit {_RHAT_LIMIT}.")
     return Gate(

@@ -210,7 +210,7 @@ def share_half_width(
     else:
         h = np.quantile(least, confidence, axis=0)
     for _ in range(_ITERATIONS):
-        probability, slope, _ = share_content(h, centre, mean, sd, spread, share)
+        probability, slope, tilt = share_content(h, centre, mean, sd, spread, share)
         held, rate = probability.mean(axis=0), slope.mean(axis=0)
         low = np.where(held < confidence, h, low)
         high = np.where(held < confidence, high, h)
@@ -222,7 +222,6 @@ def share_half_width(
         h = after
         if done.all():
             break
-    probability, slope, tilt = share_content(h, centre, mean, sd, spread, share)
     off = mean - centre
     pull = -(probability - probability.mean(axis=0) + tilt.mean(axis=0) * off) / slope.mean(axis=0)
     return centre, h, np.concatenate([off - pull, off + pull], axis=1)

@@ -10,8 +10,9 @@ given, and intervals come out too narrow with clean diagnostics.
 
 from __future__ import annotations
 
+import dataclasses
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import emcee
 import numpy as np
@@ -26,8 +27,30 @@ Array = NDArray[np.float64]
 Generators = Sequence[np.random.Generator]
 #: Indices of walkers, one array per ensemble.
 Groups = list[NDArray[np.intp]]
+#: A log density, points (N, d) to (N,).
+Density = Callable[[Array], Array]
 _SHARES = (0.6, 0.3, 0.1)
+_AHEAD = 4  # steps whose independent draws are weighed in one density call
 _JITTER = 1e-5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Offer:
+    """What is offered to N moving walkers.
+
+    Attributes
+    ----------
+    points : ndarray, shape (N, d)
+        Where they would go.
+    log_density : ndarray, shape (N,)
+        The target's log density there.
+    log_ratio : ndarray, shape (N,)
+        Log density of offering the way back, less that of offering the way there.
+    """
+
+    points: Array
+    log_density: Array
+    log_ratio: Array
 
 
 class _EnsemblesMove(Move):  # type: ignore[misc]  # emcee is untyped
@@ -48,14 +71,15 @@ class _EnsemblesMove(Move):  # type: ignore[misc]  # emcee is untyped
         accepted = np.zeros(len(coords), dtype=bool)
         for movers in self._rounds(np.split(np.arange(len(coords)), len(self._generators))):
             moving = np.concatenate(movers)
-            proposed, factors = self._proposal(coords, movers)
             # The density itself: emcee's own call goes through every value in Python.
-            values = model.log_prob_fn(proposed)
+            offer = self._offer(model.log_prob_fn, coords, movers)
             uniform = [g.random(len(group)) for group, g in zip(movers, self._generators, strict=True)]
             with np.errstate(divide="ignore", invalid="ignore"):
-                taken = np.log(np.concatenate(uniform)) < factors + values - log_prob[moving]
+                gain = offer.log_ratio + offer.log_density - log_prob[moving]
+                taken = np.log(np.concatenate(uniform)) < gain
             moved = moving[taken]
-            coords[moved], log_prob[moved], accepted[moved] = proposed[taken], values[taken], True
+            coords[moved], log_prob[moved] = offer.points[taken], offer.log_density[taken]
+            accepted[moved] = True
         return emcee.State(coords, log_prob=log_prob), accepted
 
     def _rounds(self, groups: Groups) -> list[Groups]:
@@ -63,41 +87,64 @@ class _EnsemblesMove(Move):  # type: ignore[misc]  # emcee is untyped
         return [groups]
 
     @abstractmethod
-    def _proposal(self, coords: Array, movers: Groups) -> tuple[Array, Array]:
-        """Propose for the moving walkers, ensemble by ensemble; and the log Hastings factors."""
+    def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
+        """Propose for the moving walkers, ensemble by ensemble."""
 
 
-class _ReferenceMove(_EnsemblesMove):
-    """A step that leaves the reference law invariant, judged by the density over that law."""
+class IndependentMove(_EnsemblesMove):
+    """Independent draws from the reference: they decorrelate at once where the transport fits.
+
+    No draw depends on where a walker is, so those of several steps share one density call, which costs far
+    less than a call for each.
+
+    Parameters
+    ----------
+    generators : sequence of numpy.random.Generator
+        One per ensemble.
+    reference : Reference
+        Law the target resembles in the walkers' coordinates.
+    """
+
+    def __init__(self, generators: Generators, reference: Reference) -> None:
+        super().__init__(generators)
+        self._reference = reference
+        self._ahead: list[tuple[Array, Array, Array]] = []
+
+    def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
+        law = self._reference
+        if not self._ahead:
+            drawn = [
+                law.draw(_AHEAD * len(group), g).reshape(_AHEAD, len(group), -1)
+                for group, g in zip(movers, self._generators, strict=True)
+            ]
+            points = np.concatenate(drawn, axis=1).reshape(-1, coords.shape[1])
+            parts = (np.split(part, _AHEAD) for part in (points, density(points), law.log_density(points)))
+            self._ahead = list(zip(*parts, strict=True))
+        points, values, own = self._ahead.pop()
+        return Offer(points, values, law.log_density(coords) - own)
+
+
+class EllipticMove(_EnsemblesMove):
+    """Turns about zero by random angles: short enough to leave places the transport serves badly.
+
+    Parameters
+    ----------
+    generators : sequence of numpy.random.Generator
+        One per ensemble.
+    reference : Reference
+        Law that turns leave invariant.
+    """
 
     def __init__(self, generators: Generators, reference: Reference) -> None:
         super().__init__(generators)
         self._reference = reference
 
-    def _proposal(self, coords: Array, movers: Groups) -> tuple[Array, Array]:
-        after = np.concatenate(
-            [self._step(coords[group], g) for group, g in zip(movers, self._generators, strict=True)]
-        )
+    def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
         law = self._reference
-        return after, law.log_density(coords[np.concatenate(movers)]) - law.log_density(after)
-
-    @abstractmethod
-    def _step(self, points: Array, rng: np.random.Generator) -> Array:
-        """Step from each point of one ensemble."""
-
-
-class IndependentMove(_ReferenceMove):
-    """Independent draws from the reference: they decorrelate at once where the transport fits."""
-
-    def _step(self, points: Array, rng: np.random.Generator) -> Array:
-        return self._reference.draw(len(points), rng)
-
-
-class EllipticMove(_ReferenceMove):
-    """Turns about zero by random angles: short enough to leave places the transport serves badly."""
-
-    def _step(self, points: Array, rng: np.random.Generator) -> Array:
-        return self._reference.turn(points, rng)
+        points = np.concatenate(
+            [law.turn(coords[group], g) for group, g in zip(movers, self._generators, strict=True)]
+        )
+        return Offer(points, density(points), law.log_density(coords) - law.log_density(points))
 
 
 class DifferentialMove(_EnsemblesMove):
@@ -111,7 +158,7 @@ class DifferentialMove(_EnsemblesMove):
             [group[middle:] for group, middle in zip(shuffled, half, strict=True)],
         ]
 
-    def _proposal(self, coords: Array, movers: Groups) -> tuple[Array, Array]:
+    def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
         size = coords.shape[1]
         groups = np.split(np.arange(len(coords)), len(self._generators))
         differences, reach = [], []
@@ -123,7 +170,8 @@ class DifferentialMove(_EnsemblesMove):
             reach.append(1.0 + _JITTER * g.standard_normal((len(moving), 1)))
         length = 2.38 / np.sqrt(2.0 * size) * np.concatenate(reach)
         moving = np.concatenate(movers)
-        return coords[moving] + length * np.concatenate(differences), np.zeros(len(moving))
+        points = coords[moving] + length * np.concatenate(differences)
+        return Offer(points, density(points), np.zeros(len(moving)))
 
 
 def standard_moves(reference: Reference, generators: Generators) -> list[tuple[Move, float]]:

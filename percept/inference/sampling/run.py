@@ -1,4 +1,8 @@
-"""Sample until every reported endpoint is as accurate as asked and the gate passes."""
+"""Sample until every reported endpoint is as accurate as asked and the gate passes.
+
+A run that will be long begins anew after its first round, which then counts as warm-up: a transport fitted to
+that round's draws shortens the autocorrelation time by about a third.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.sampling.checked import Checked, Target
-from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    normal_scores,
+    some_walkers,
+)
 from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
 from percept.inference.sampling.records import Gate, Progress, Run, Settings
 from percept.inference.sampling.transported import Transported
 from percept.inference.sampling.unfinished import Keeper, Saver, Unfinished
-from percept.inference.sampling.warmup import warm_up
+from percept.inference.sampling.warmup import refine, warm_up
 
 __all__ = ["Gate", "Progress", "Run", "Settings", "sample"]
 
 Array = NDArray[np.float64]
 _BURN_IN = 24
 _FIRST_ROUND = 144
+#: A run predicted to take so many times its first round begins anew, with a transport fitted to that round.
+_WORTH_REFINING = 3.0
 _STRIDE = 3  # steps between kept positions, a fraction of an autocorrelation time
 _PIECE = 480  # steps after which an unfinished run can be stored
-_KEPT_LIMIT = 1 << 18  # kept draws over all ensembles; beyond it every second one goes
+_KEPT_LIMIT = 1 << 17  # kept draws over all ensembles; beyond it every second one goes
 
 
 def sample(
@@ -76,21 +87,43 @@ def sample(
                 progress(Progress(run.state.steps, _BURN_IN + needed, worst, settings.tolerance))
             if judged.gate.passed or run.state.steps >= settings.most_steps:
                 return judged
-            run.goal = min(needed, run.steps + settings.most_steps - run.state.steps)
+            if not run.refined and needed > _WORTH_REFINING * run.steps:
+                run = _Running(target, estimands, _refined(target, estimands, settings, judged.points))
+            else:
+                run.goal = min(needed, run.steps + settings.most_steps - run.state.steps)
+
+
+def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
+    """Seeds of the warm-up and of the run, and the same for a run that begins anew."""
+    return np.random.SeedSequence(settings.seed).spawn(4)
 
 
 def _begin(target: Target, estimands: Estimands, settings: Settings) -> Unfinished:
     """Warm up, burn in, and keep nothing yet."""
     dimension = len(target.names)
     walkers = settings.walkers or max(64, 2 * (dimension + 1))
-    warm_seed, run_seed = np.random.SeedSequence(settings.seed).spawn(2)
+    warm_seed, run_seed, *_ = _seeds(settings)
     here, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
-    state, _ = advance(here, start(here, points, run_seed), steps=_BURN_IN, stride=_BURN_IN)
-    nothing = np.empty((settings.ensembles, 0, walkers, dimension))
-    components = estimands.components(here.map(points[0, :1])).shape[1]
-    return Unfinished(
-        here.transport, state, nothing, np.empty((*nothing.shape[:3], components)), _STRIDE, _FIRST_ROUND
-    )
+    return _burnt_in(here, points, run_seed, estimands, refined=False)
+
+
+def _refined(target: Target, estimands: Estimands, settings: Settings, kept: Array) -> Unfinished:
+    """Begin anew with a transport fitted to kept positions (E, T, W, d), and keep none of them."""
+    *_, warm_seed, run_seed = _seeds(settings)
+    ensembles, _, walkers, dimension = kept.shape
+    rng = np.random.default_rng(warm_seed)
+    here, points = refine(target, kept.reshape(-1, dimension), (ensembles, walkers), rng)
+    return _burnt_in(here, points, run_seed, estimands, refined=True)
+
+
+def _burnt_in(
+    here: Transported, points: Array, seed: np.random.SeedSequence, estimands: Estimands, *, refined: bool
+) -> Unfinished:
+    state, _ = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN)
+    ensembles, walkers, dimension = points.shape
+    nothing = np.empty((ensembles, 0, walkers, dimension))
+    components = np.empty((ensembles, 0, walkers, estimands.components(here.map(points[0, :1])).shape[1]))
+    return Unfinished(here.transport, state, nothing, components, _STRIDE, _FIRST_ROUND, refined)
 
 
 class _Running:
@@ -101,13 +134,14 @@ class _Running:
         self._estimands = estimands
         self.state = begun.state
         self._points, self._components = begun.points, begun.components
-        self.stride, self.goal = begun.stride, begun.goal
+        self.stride, self.goal, self.refined = begun.stride, begun.goal, begun.refined
 
     def unfinished(self) -> Unfinished:
         """Return all that is needed to go on from here."""
         return Unfinished(
-            self._here.transport, self.state, self._points, self._components, self.stride, self.goal
-        )
+            self._here.transport, self.state, self._points, self._components,
+            self.stride, self.goal, self.refined,
+        )  # fmt: skip
 
     @property
     def steps(self) -> int:
@@ -134,14 +168,14 @@ class _Running:
         estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]))
         influence = estimates.influence.reshape(*components.shape[:3], -1)
         varying = np.ptp(components, axis=(0, 1, 2)) > 0
-        # Ranks: a heavy tail would make the autocorrelation that of its few extreme draws.
-        watched = np.concatenate([influence, normal_scores(components[..., varying])], axis=3)
-        times = autocorrelation_time(watched)
-        own = times[: influence.shape[3]]
+        own = autocorrelation_time(influence)
         errors = monte_carlo_error(influence, own)
+        # Ranks: a heavy tail would make the autocorrelation that of its few extreme draws.
+        scores = normal_scores(some_walkers(components[..., varying]))
+        slowest = float(max(own.max(), autocorrelation_time(scores).max(initial=0.0)))
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         gate = pass_gate(
-            settings, estimates, errors, watched, times, state.accepted / state.steps, moved,
+            settings, estimates, errors, (influence, scores), slowest, state.accepted / state.steps, moved,
             stride=self.stride, last=state.steps >= settings.most_steps,
         )  # fmt: skip
         return Run(

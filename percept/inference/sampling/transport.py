@@ -10,6 +10,7 @@ needed: walkers live at z.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Self
 
 import numpy as np
@@ -76,18 +77,36 @@ class Transport:
         features = np.ones((self.mean.shape[1], z.shape[1]))
         log_jacobian = np.full(z.shape[1], np.log(np.diag(self.factor)).sum())
         for k, i in enumerate(self.drivers):
-            known = slice(0, 2 * k + 1)
-            s = self.log_scale[i, known] @ features[known]
-            y[i] = self.mean[i, known] @ features[known] + np.exp(s) * z[i]
+            known = 2 * k + 1
+            m, s = self._by_driver[k] @ features[:known]
             log_jacobian += s
-            driving = np.minimum(np.maximum(y[i], -_CLIP), _CLIP)
-            features[2 * k + 1] = driving
-            features[2 * k + 2] = driving * driving - 1.0
-        others = self.others
-        s = self.log_scale[others] @ features
-        y[others] = self.mean[others] @ features + np.exp(s) * (self.factor @ z[others])
+            np.exp(s, out=s)
+            s *= z[i]
+            np.add(s, m, out=y[i])
+            driving = np.minimum(np.maximum(y[i], -_CLIP), _CLIP, out=features[known])
+            np.multiply(driving, driving, out=features[known + 1])
+            features[known + 1] -= 1.0
+        m, s = np.split(self._of_others @ features, 2)
+        log_jacobian += s.sum(axis=0)
+        np.exp(s, out=s)
+        s *= self.factor @ z[self.others]
+        s += m
+        y[self.others] = s
         x, log_slope = self.spline(y)
-        return x.T, log_jacobian + s.sum(axis=0) + log_slope
+        return x.T, log_jacobian + log_slope
+
+    @functools.cached_property
+    def _by_driver(self) -> list[Array]:
+        """Coefficients of each driver's mean and log spread on what comes before it, (2, 2 k + 1)."""
+        return [
+            np.stack([self.mean[i, : 2 * k + 1], self.log_scale[i, : 2 * k + 1]])
+            for k, i in enumerate(self.drivers)
+        ]
+
+    @functools.cached_property
+    def _of_others(self) -> Array:
+        """Coefficients of the others' means, then of their log spreads."""
+        return np.concatenate([self.mean[self.others], self.log_scale[self.others]])
 
 
 def _features(driving: Array) -> Array:

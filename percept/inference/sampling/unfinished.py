@@ -53,7 +53,7 @@ class Unfinished:
     Attributes
     ----------
     transport : Affine or Transport
-        The map, frozen since the warm-up.
+        The map, frozen since the warm-up or since it was refined.
     state : Ensembles
         Where the walkers stand.
     points : ndarray, shape (E, T, W, d)
@@ -64,6 +64,8 @@ class Unfinished:
         Steps between kept positions.
     goal : int
         Steps the kept positions must span before they are judged.
+    refined : bool
+        Whether the first round became part of the warm-up.
     """
 
     transport: Affine | Transport
@@ -72,6 +74,7 @@ class Unfinished:
     components: Array
     stride: int
     goal: int
+    refined: bool
 
 
 class Keeper(Protocol):

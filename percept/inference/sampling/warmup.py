@@ -12,7 +12,7 @@ from percept.inference.sampling.reference import Reference
 from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.transported import Affine, Transported
 
-__all__ = ["warm_up"]
+__all__ = ["refine", "warm_up"]
 
 Array = NDArray[np.float64]
 _ROUNDS = 3
@@ -53,10 +53,19 @@ def warm_up(
         # Tempered, or a few lucky draws would decide the covariance.
         weights = _weights(log_weights, at_least=min(0.5 * len(z), 10.0 * mode.size))
         here = Transported(target, Affine.fit(here.map(z), weights))
+    points = _resample(here, rng, shape)
     for (steps, skipped, stride), run_seed in zip(_RUNS, run_seeds, strict=True):
-        state = start(here, _resample(here, rng, shape), run_seed)
+        state = start(here, points, run_seed)
         kept = advance(here, state, steps=steps, stride=stride)[1][:, skipped // stride :]
-        here = Transported(target, Transport.fit(here.map(kept.reshape(-1, mode.size))))
+        here, points = refine(target, here.map(kept.reshape(-1, mode.size)), shape, rng)
+    return here, points
+
+
+def refine(
+    target: Target, points: Array, shape: tuple[int, int], rng: np.random.Generator
+) -> tuple[Transported, Array]:
+    """Fit a new transport to draws of the target (N, d), and find starting points in its coordinates."""
+    here = Transported(target, Transport.fit(points))
     return here, _resample(here, rng, shape)
 
 

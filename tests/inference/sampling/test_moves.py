@@ -84,10 +84,33 @@ def test_differential_move_jumps_by_differences_of_the_other_half():
     coords = np.random.default_rng(1).normal(size=(12, 3))
     move = DifferentialMove([rng])
     moving = np.arange(6)
-    proposed, factors = move._proposal(coords, [moving])
-    np.testing.assert_array_equal(factors, 0.0)
+    offer = move._offer(lambda points: points[:, 0], coords, [moving])
+    np.testing.assert_array_equal(offer.log_ratio, 0.0)
+    np.testing.assert_array_equal(offer.log_density, offer.points[:, 0])
     others = coords[6:]
     differences = (others[:, None] - others[None, :])[~np.eye(6, dtype=bool)]
-    jumps = (proposed - coords[moving]) / (2.38 / np.sqrt(6.0))
+    jumps = (offer.points - coords[moving]) / (2.38 / np.sqrt(6.0))
     for jump in jumps:
         assert np.min(np.linalg.norm(differences - jump, axis=1)) < 1e-3
+
+
+def test_independent_draws_are_weighed_several_steps_ahead():
+    """Four offers from one density call, each with its own values, then the next call."""
+    calls = []
+
+    def density(points):
+        calls.append(len(points))
+        return points[:, 0]
+
+    law = Reference(3)
+    coords = np.random.default_rng(1).normal(size=(12, 3))
+    move = IndependentMove(generators(2), law)
+    groups = np.split(np.arange(12), 4)
+    offers = [move._offer(density, coords, groups) for _ in range(5)]
+    assert calls == [48, 48]
+    for offer in offers:
+        np.testing.assert_array_equal(offer.log_density, offer.points[:, 0])
+        wanted = law.log_density(coords) - law.log_density(offer.points)
+        np.testing.assert_array_equal(offer.log_ratio, wanted)
+    drawn = np.concatenate([offer.points for offer in offers])
+    assert len(np.unique(drawn[:, 0])) == len(drawn)
