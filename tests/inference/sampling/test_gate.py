@@ -61,7 +61,7 @@ def test_passes_on_a_plain_target():
 
 
 def test_separated_modes_are_withheld():
-    """Between four modes in two dimensions the refined transport finds its way; among 64 in six it does not."""
+    """The refined transport finds its way between four modes in two dimensions, not among 64 in six."""
     means = Means(("E x[0]", "E x[1]"), lambda points: points[:, :2])
     run = sample(Modes(6, 1000.0), means, Settings(tolerance=0.05, seed=2, most_steps=600))
     assert not run.gate.passed

@@ -103,11 +103,11 @@ def test_independent_draws_are_weighed_several_steps_ahead():
         return points[:, 0]
 
     law = Reference(3)
-    coords = np.random.default_rng(1).normal(size=(12, 3))
+    coords = np.random.default_rng(1).normal(size=(24, 3))
     move = IndependentMove(generators(2), law)
-    groups = np.split(np.arange(12), 4)
+    groups = np.split(np.arange(24), ENSEMBLES)
     offers = [move._offer(density, coords, groups) for _ in range(5)]
-    assert calls == [48, 48]
+    assert calls == [96, 96]
     for offer in offers:
         np.testing.assert_array_equal(offer.log_density, offer.points[:, 0])
         wanted = law.log_density(coords) - law.log_density(offer.points)
