@@ -44,8 +44,14 @@ def test_the_design_keeps_its_own_copy() -> None:
         ({"parameters": ("b", "k")}, r"parameters must be \('k', 'b'\)"),
         ({"parameters": ("k",)}, r"one row per environment and 1 column"),
         ({"references": [10.0, 1000.0]}, r"one row per environment and 2 column"),
-        ({"references": [[10.0, 0.0], [1000.0, 1.0]]}, r"references = 0\.0: every reference must be positive"),
-        ({"references": [[10.0, np.nan], [1000.0, 1.0]]}, r"references = nan: every reference must be positive"),
+        (
+            {"references": [[10.0, 0.0], [1000.0, 1.0]]},
+            r"references = 0\.0: every reference must be positive",
+        ),
+        (
+            {"references": [[10.0, np.nan], [1000.0, 1.0]]},
+            r"references = nan: every reference must be positive",
+        ),
         ({"trials": np.ones((3, 3), dtype=int)}, r"one row per subject and 2 column"),
         ({"trials": np.ones((0, 2), dtype=int)}, r"one row per subject and 2 column"),
         ({"trials": np.array([[1, -1], [1, 1]])}, r"whole numbers, none negative"),
