@@ -50,7 +50,8 @@ def build_document(
     curves : bool
         Whether boundaries, the coupling judged by them and the band law are wanted; else they are absent.
     seen : callable, optional
-        Shown the document, not to be changed, when its intervals and boundaries are there, and at the end.
+        Shown the document, not to be changed, when its intervals, its boundaries, and its coupling and band
+        are there.
 
     Returns
     -------
@@ -68,11 +69,13 @@ def build_document(
         "provenance": provenance(study, seed),
         "data": _data(study),
         "intervals": plain(study.intervals),
-        "boundaries": plain(study.boundaries) if curves else [],
+        "boundaries": [],
         "zoom": {},
         "close": [],
         "readings": [],
     }
+    show(document)
+    document["boundaries"] = plain(study.boundaries) if curves else []
     if document["boundaries"]:
         document["zoom"] = zoom_windows(study.scene, distinct(document["boundaries"], "environment"))
         document["close"] = close_views(study, document["zoom"])
@@ -82,6 +85,9 @@ def build_document(
         "coupling": plain(study.coupling) if curves else None,
         "band": plain(study.band) if curves else None,
         "design": design_of(study) if document["boundaries"] else None,
+    }
+    show(document)
+    document |= {
         "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
         "curve_comparison": plain(study.curve_comparison) if curves else [],
@@ -90,7 +96,6 @@ def build_document(
         "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
     }
     document["summary"] = findings(document)
-    show(document)
     return document
 
 

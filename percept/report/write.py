@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,8 +87,8 @@ def write_report(
     return Path(out_dir) / "report.html"
 
 
-class _Figures:
-    """Figures of a document, begun as soon as it has the numbers for them."""
+class _Figures(Mapping[str, "Plate"]):
+    """Figures of a document, begun as soon as it has their numbers, and waited for where they are shown."""
 
     def __init__(self, artist: Artist) -> None:
         self._artist = artist
@@ -99,16 +100,21 @@ class _Figures:
 
         for drawing in drawings(document):
             if drawing.name not in self._begun:
-                self._begun[drawing.name] = self._artist.draw(drawing)
+                self._begun[drawing.name] = cache(self._artist.draw(drawing))
 
-    def plates(self, folder: Path) -> dict[str, Plate]:
-        """Write the files into `folder`, and return what the page shows."""
-        found = {}
-        for name, figure in self._begun.items():
-            one = figure()
-            one.write(folder)
-            found[name] = one.plate
-        return found
+    def __getitem__(self, name: str) -> Plate:
+        return self._begun[name]().plate
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._begun)
+
+    def __len__(self) -> int:
+        return len(self._begun)
+
+    def write(self, folder: Path) -> None:
+        """Write the files."""
+        for figure in self._begun.values():
+            figure().write(folder)
 
 
 def _fill(
@@ -130,7 +136,7 @@ def _fill(
     if study.posterior_groups is not None:
         step("posterior")
         write_posterior(study.posterior_groups, folder / "posterior.nc")
-    step("figures")
-    plates = figures.plates(folder / "figures")
     step("page")
-    (folder / "report.html").write_text(render_page(document, plates, date=date), encoding="utf-8")
+    (folder / "report.html").write_text(render_page(document, figures, date=date), encoding="utf-8")
+    step("figures")
+    figures.write(folder / "figures")

@@ -129,7 +129,7 @@ def test_a_folder_that_cannot_be_made_is_named(quick, tmp_path):
 def test_steps_are_told(quick, tmp_path):
     told = []
     write_report(quick, tmp_path / "out", progress=told.append)
-    assert told == ["results", "tables", "figures", "page"]
+    assert told == ["results", "tables", "page", "figures"]
 
 
 def test_the_seed_that_was_used_is_recorded(quick, tmp_path):
