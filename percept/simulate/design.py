@@ -10,27 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 
-__all__ = ["PARAMETERS", "Design", "Parameter", "subject_names"]
+__all__ = ["PARAMETERS", "Design", "Parameter"]
 
 Parameter = Literal["k", "b"]
 PARAMETERS: tuple[Parameter, ...] = ("k", "b")
-
-
-def subject_names(count: int) -> tuple[str, ...]:
-    """Names of simulated subjects, zero-padded so that they sort, from S01 on.
-
-    Parameters
-    ----------
-    count : int
-        Number of subjects.
-
-    Returns
-    -------
-    tuple of str
-        `count` names.
-    """
-    width = max(2, len(str(count)))
-    return tuple(f"S{i:0{width}d}" for i in range(1, count + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +140,9 @@ class Design:
 
     @property
     def subjects(self) -> tuple[str, ...]:
-        """Names of the subjects, I of them."""
-        return subject_names(len(self.trials))
+        """Names of the subjects, I of them: S01, S02 …, zero-padded so that they sort."""
+        width = max(2, len(str(len(self.trials))))
+        return tuple(f"S{i:0{width}d}" for i in range(1, len(self.trials) + 1))
 
     @property
     def decades(self) -> NDArray[np.float64]:

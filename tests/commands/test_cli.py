@@ -129,3 +129,18 @@ def test_fit_says_which_intervals_are_left_out(tmp_path, capsys):
     left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
     assert len([line for line in left if "classical lognormal intervals of stiffness in A" in line]) == 1
     assert not any("classical normal" in line for line in left)
+
+
+def test_a_map_is_proposed_for_one_file_read_as_the_scene_says(tmp_path, capsys):
+    path = write(tmp_path, ["S1|VE1|10|1|9|1.1"], header=HEADER.replace(",", "|").replace("k_adj", "set, k"))
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[sessions]\ndelimiter = "|"\n')
+    assert main(["validate", path, "--scene", str(scene), "--write-map"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 'subject = "subject"' in lines
+    assert '# k_adj = { name = "", unit = "N/m" }' in lines
+    assert "# set, k: 9" in lines
+    assert refused(["validate", path, path, "--write-map"], capsys) == (
+        2,
+        f"percept: value {path!r}: --write-map takes one file.\n",
+    )
