@@ -64,7 +64,7 @@ class Soak:
     workers, studies, samples : int
         Worker processes, studies analysed, and moments looked at.
     slopes : tuple of Slope
-        Memory (resident), open files and processes of the batch with its workers.
+        Resident memory of this process and of the workers together; open files and processes of both.
     """
 
     minutes: float
@@ -159,7 +159,8 @@ class _Watch:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self.seconds: list[float] = []
         self.series: dict[tuple[str, str], list[float]] = {
-            ("resident memory", "MB"): [],
+            ("memory of the process that hands out", "MB"): [],
+            ("memory of the workers", "MB"): [],
             ("open files", ""): [],
             ("processes", ""): [],
         }
@@ -175,16 +176,16 @@ class _Watch:
 
     def _run(self) -> None:
         while not self._over.wait(self._every):
-            memory, files, processes = 0.0, 0, 0
+            memory, files, processes = [0.0, 0.0], 0, 0
             for one in (self._process, *self._process.children(recursive=True)):
                 try:
-                    memory += one.memory_info().rss / 1e6
+                    memory[one != self._process] += one.memory_info().rss / 1e6
                     files += one.num_fds()
                     processes += 1
                 except self._gone:
                     continue
             self.seconds.append(time.monotonic())
-            for values, value in zip(self.series.values(), (memory, files, processes), strict=True):
+            for values, value in zip(self.series.values(), (*memory, files, processes), strict=True):
                 values.append(value)
 
 

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 __all__ = ["connected", "open_mapper"]
 
 _SECONDS = 20.0
-# What dask keeps about its workers for a dashboard grows for an hour: some 0.4 MB per second and worker of
-# sampled call stacks, and a few MB of measurements.
-_NO_RECORDS = {
+# What dask keeps for its dashboard grows for an hour: some 0.4 MB per second and worker of sampled call
+# stacks, and some MB of measurements.
+_FEW_RECORDS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.system-monitor.log-length": 60,
 }
@@ -102,7 +102,7 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
             yield client
         return
     with (
-        config.set(_NO_RECORDS),
+        config.set(_FEW_RECORDS),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

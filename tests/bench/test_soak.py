@@ -36,5 +36,6 @@ def test_a_short_soak_sees_the_batch_and_its_workers(monkeypatch):
     assert found.studies >= 2
     assert found.studies % 2 == 0
     assert series["processes"].mean > 1.5  # this one, and the worker under its nanny
-    assert series["resident memory"].mean > 50
+    assert series["memory of the process that hands out"].mean > 50
+    assert series["memory of the workers"].mean > 50
     assert series["open files"].mean > 10
