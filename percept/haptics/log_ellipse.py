@@ -98,30 +98,30 @@ def magnitude_envelope_log_ellipse(
 
     angles = np.asarray(_STEP * np.arange(_ANGLES), dtype=np.float64)
     seen = distance(slice(None), angles)
-    lower = _refined(distance, angles, seen, sign=1.0)
-    upper = -_refined(distance, angles, -seen, sign=-1.0)
+    lower, upper = _refined(distance, angles, seen)
     inside = _holds_origin(log_k, log_b, factor, gain, per_rate, across, along)
     lower = np.where(inside, 0.0, lower)
     return lower.reshape(outer)[()], upper.reshape(outer)[()]
 
 
 def _refined(
-    distance: Callable[[IntArray | slice, FloatArray], FloatArray],
-    angles: FloatArray,
-    seen: FloatArray,
-    *,
-    sign: float,
-) -> FloatArray:
-    """Return the smallest sign·distance of every point over all angles, from what was `seen` on the grid."""
-    best = seen.min(axis=1)
+    distance: Callable[[IntArray | slice, FloatArray], FloatArray], angles: FloatArray, seen: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest distance of every point, from what was `seen` on the grid."""
+    before, after, finite = np.roll(seen, 1, axis=1), np.roll(seen, -1, axis=1), np.isfinite(seen)
     # All local extremes are refined: on the grid the wrong one may look better.
-    dips = (seen <= np.roll(seen, 1, axis=1)) & (seen <= np.roll(seen, -1, axis=1)) & np.isfinite(seen)
-    point, index = np.nonzero(dips)
+    dips = np.nonzero((seen <= before) & (seen <= after) & finite)
+    peaks = np.nonzero((seen >= before) & (seen >= after) & finite)
+    point, index = (np.concatenate(pair) for pair in zip(dips, peaks, strict=True))
+    sign = np.repeat([1.0, -1.0], [dips[0].size, peaks[0].size])
     angle = wide_section(
         lambda angle: sign * distance(point, angle), angles[index] - _STEP, angles[index] + _STEP
     )
-    np.minimum.at(best, point, sign * distance(point, angle))
-    return best
+    found = distance(point, angle)
+    lower, upper = seen.min(axis=1), seen.max(axis=1)
+    np.minimum.at(lower, dips[0], found[: dips[0].size])
+    np.maximum.at(upper, peaks[0], found[dips[0].size :])
+    return lower, upper
 
 
 def _holds_origin(

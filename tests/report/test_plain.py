@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from percept.report.plain import dumps, plain
+from percept.report.plain import Digits, dumps, plain
 
 
 @dataclass(frozen=True)
@@ -68,3 +68,15 @@ def test_lists_of_numbers_stand_on_one_line():
     assert (
         dumps({"x": [1, 2], "y": [{"z": []}]}) == '{\n "x": [1, 2],\n "y": [\n  {\n   "z": []\n  }\n ]\n}\n'
     )
+
+
+def test_digits_known_already_change_no_text():
+    document = {"x": [1.0, 0.0, -0.0, 0.1, 0.1], "y": [1, True, 1.0, None, "inf"], "z": 0.1}
+    alone = dumps(document)
+    digits = Digits()
+    assert [dumps(document, digits=digits) for _ in range(2)] == [alone, alone]
+    assert alone == (
+        '{\n "x": [1.0, 0.0, -0.0, 0.1, 0.1],\n "y": [1, true, 1.0, null, "inf"],\n "z": 0.1\n}\n'
+    )
+    assert digits == {1.0: "1.0", 0.1: "0.1"}
+    assert list(digits.of([-0.0, 2.5])) == ["-0.0", "2.5"]
