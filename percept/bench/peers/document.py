@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from percept import __version__
+from percept.bench.growth import Growth
 from percept.bench.peers.engines import ENGINES, Engine, engine
 from percept.bench.peers.measure import Measured, Startup
 from percept.bench.peers.reference import Reference
@@ -107,6 +108,7 @@ def build_document(
     whole: Sequence[Whole],
     reference: Reference,
     *,
+    growth: Sequence[Growth] = (),
     command: str,
     loads: tuple[float, float],
     seconds: float,
@@ -121,6 +123,8 @@ def build_document(
         Whole commands; may be empty.
     reference : Reference
         What errors are measured against.
+    growth : sequence of Growth, optional
+        How run time grows with the study.
     command : str
         As typed.
     loads : tuple of float
@@ -160,8 +164,9 @@ def build_document(
         "reached": times,
         "whole": whole,
         "comparisons": [dataclasses.asdict(one) | {"kept": one.kept} for one in compared],
+        "growth": growth,
         "promises": promises,
-        "losses": _losses(times, promises, compared),
+        "losses": _losses(times, promises, compared) + _grown(growth),
     }  # fmt: skip
     found: dict[str, Any] = plain(document)
     return found
@@ -228,3 +233,13 @@ def _losses(
                 f"{one.promised:g} is promised."
             )
     return found
+
+
+def _grown(growth: Sequence[Growth]) -> list[str]:
+    """Say where run time grows more than is promised."""
+    return [
+        f"With {one.along} a {one.task} at {one.size} takes {one.ratio:.2f} times as long as at the least; "
+        f"{one.promised:g} is promised."
+        for one in growth
+        if one.promised is not None and one.ratio > one.promised
+    ]

@@ -16,6 +16,7 @@ _SECTIONS = (
     ("ratios", "Time to a given error"),
     ("measured", "Everything measured"),
     ("whole", "Whole commands"),
+    ("growth", "Growth"),
     ("reference", "What errors are measured against"),
     ("machine", "Machine and versions"),
 )

@@ -37,7 +37,7 @@ def run_benchmark(
     starts : int
         Processes per engine whose start-up is timed.
     repeats : int
-        Rounds of whole commands; none where 0.
+        Rounds of whole commands; none where 0, and nothing said of growth.
     quick : bool
         Whether to run each engine's quick sizes once, to see that all works.
     told : callable
@@ -55,6 +55,7 @@ def run_benchmark(
     RefusalError
         An engine that is not installed, or a reference of another file.
     """
+    from percept.bench.growth import growth
     from percept.bench.peers.document import build_document
     from percept.bench.peers.measure import measure
     from percept.bench.peers.reference import stored_reference
@@ -72,7 +73,7 @@ def run_benchmark(
         chosen, sessions, reference, starts=starts, seconds=seconds, quick=quick, told=told
     )
     document = build_document(
-        startups, measured, whole, reference,
+        startups, measured, whole, reference, growth=growth(told=told) if repeats else [],
         command=_command(engines, seconds, starts, repeats, quick),
         loads=(before, os.getloadavg()[0]), seconds=time.perf_counter() - begun,
     )  # fmt: skip

@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 
+from percept.bench.growth import Growth
 from percept.bench.peers.document import build_document, reached
 from percept.bench.peers.engines import engine
 from percept.bench.peers.measure import Measured, Startup, measure
@@ -60,11 +61,11 @@ def reference(count=10):
     )
 
 
-def document(measured, seconds=(10.0, 4.0, 15.0, 5.0, 5.0, 2.0)):
+def document(measured, seconds=(10.0, 4.0, 15.0, 5.0, 5.0, 2.0), growth=()):
     startups = [Startup(name, (9.0, 10.0, 11.0), 12.0) for name in dict.fromkeys(r.engine for r in measured)]
     return build_document(
-        startups, measured, whole(seconds), reference(), command="percept bench peers --out DIR",
-        loads=(0.1, 2.0), seconds=60.0,
+        startups, measured, whole(seconds), reference(), growth=growth,
+        command="percept bench peers --out DIR", loads=(0.1, 2.0), seconds=60.0,
     )  # fmt: skip
 
 
@@ -97,6 +98,25 @@ def test_promises_against_nutpie():
         "Nutpie’s sampling time to an error of 1 %, over percept’s: 750; 5000 is the aim.",
     ]
     assert document(OURS)["promises"] == []
+
+
+def test_growth_is_shown_and_said_where_it_is_more_than_promised(tmp_path):
+    rows = [
+        Growth("density call", "trial rows", 5_000_000, 0.0123, ratio, 0.9, 1.2, promised)
+        for ratio, promised in ((1.04, 1.1), (1.16, 1.1), (30.0, None))
+    ]
+    made = document([*OURS, *NUTPIE], growth=rows)
+    said = (
+        "With trial rows a density call at 5000000 takes 1.16 times as long as at the least; 1.1 is promised."
+    )
+    assert [line for line in made["losses"] if "density call" in line] == [said]
+    text = write_benchmark(made, tmp_path / "out", date="2024-05-01").read_text(encoding="utf-8")
+    assert 'id="growth"' in text
+    # The list of losses, the caption and three rows.
+    assert text.count("density call") == 5
+    bare = write_benchmark(document([*OURS, *NUTPIE]), tmp_path / "bare").read_text(encoding="utf-8")
+    assert 'id="growth"' in bare
+    assert "density call" not in bare
 
 
 class Links(html.parser.HTMLParser):
