@@ -57,14 +57,12 @@ class Artist:
 
     def __init__(self, formats: Sequence[str], *, processes: int | None = None) -> None:
         self._formats = tuple(formats)
-        self._alone = (cores() if processes is None else processes) < 2
+        self._processes = cores() if processes is None else processes
         self.process: subprocess.Popen[bytes] | None = None
         self.answered = 0
 
     def __enter__(self) -> Artist:
-        if not self._alone:
-            # One at a time: the thread waits for the answer before it hands over the next drawing.
-            self._pool = ThreadPoolExecutor(max_workers=1)
+        if self._processes > 1:
             with suppress(OSError):
                 self.process = subprocess.Popen(
                     [sys.executable, "-c", _START],
@@ -72,21 +70,24 @@ class Artist:
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
                 )
-                self._pool.submit(self._tell, sys.path)
+        if self.process is not None:
+            # One at a time: the thread waits for the answer before it hands over the next drawing.
+            self._thread = ThreadPoolExecutor(max_workers=1)
+            self._thread.submit(self._tell, sys.path)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self.process is not None:
-            self.process.kill()
-        if not self._alone:
-            self._pool.shutdown(cancel_futures=True)
-        if self.process is not None:
-            self.process.wait()
-            for pipe in (self.process.stdin, self.process.stdout):
-                with suppress(OSError):
-                    _open(pipe).close()
+        if self.process is None:
+            return
+        # Without the other process the thread has nothing to wait for.
+        self.process.kill()
+        self._thread.shutdown(cancel_futures=True)
+        self.process.wait()
+        for pipe in (self.process.stdin, self.process.stdout):
+            with suppress(OSError):
+                _open(pipe).close()
 
     def draw(self, drawing: Drawing) -> Callable[[], Drawn]:
         """Begin to draw.
@@ -103,7 +104,7 @@ class Artist:
         """
         if self.process is None:
             return lambda: drawn(drawing, self._formats)
-        answer = self._pool.submit(self._asked, drawing)
+        answer = self._thread.submit(self._asked, drawing)
         return lambda: answer.result() or drawn(drawing, self._formats)
 
     def _asked(self, drawing: Drawing) -> Drawn | None:
