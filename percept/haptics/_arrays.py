@@ -18,8 +18,6 @@ Scalars: TypeAlias = float | FloatArray
 LARGEST = 1e100
 SHORTEST_PERIOD = 1e-100
 
-TINY = float(np.finfo(np.float64).tiny)
-
 
 def real_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
     """Return `value` as finite doubles, or say what is wrong with it.
