@@ -34,6 +34,8 @@ _BURN_IN = 24
 _FIRST_ROUND = 144
 #: A run predicted to take so many times its first round begins anew, with a transport fitted to that round.
 _WORTH_REFINING = 3.0
+#: It then has so many times the walkers, which share array calls, and a shorter first round.
+_MORE_WALKERS, _REFINED_ROUND = 4, 96
 _STRIDE = 3  # steps between kept positions, a fraction of an autocorrelation time
 _PIECE = 480  # steps after which an unfinished run can be stored
 _KEPT_LIMIT = 1 << 17  # kept draws over all ensembles; beyond it every second one goes
@@ -111,6 +113,7 @@ def _refined(target: Target, estimands: Estimands, settings: Settings, kept: Arr
     """Begin anew with a transport fitted to kept positions (E, T, W, d), and keep none of them."""
     *_, warm_seed, run_seed = _seeds(settings)
     ensembles, _, walkers, dimension = kept.shape
+    walkers *= 1 if settings.walkers else _MORE_WALKERS
     rng = np.random.default_rng(warm_seed)
     here, points = refine(target, kept.reshape(-1, dimension), (ensembles, walkers), rng)
     return _burnt_in(here, points, run_seed, estimands, refined=True)
@@ -123,7 +126,8 @@ def _burnt_in(
     ensembles, walkers, dimension = points.shape
     nothing = np.empty((ensembles, 0, walkers, dimension))
     components = np.empty((ensembles, 0, walkers, estimands.components(here.map(points[0, :1])).shape[1]))
-    return Unfinished(here.transport, state, nothing, components, _STRIDE, _FIRST_ROUND, refined)
+    first = _REFINED_ROUND if refined else _FIRST_ROUND
+    return Unfinished(here.transport, state, nothing, components, _STRIDE, first, refined)
 
 
 class _Running:
