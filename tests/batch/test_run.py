@@ -24,6 +24,7 @@ def batch(studies, out, mapper, changes=CLASSICAL, **options):
 
 
 def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
+    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
     told = []
     with in_threads() as client:
         mapper = OnCluster(client)
