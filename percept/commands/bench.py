@@ -21,7 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))} (sampling, magnitude)",
     )
-    parser.add_argument("--stability", action="store_true", help="digits kept: moments, density and haptics")
+    parser.add_argument(
+        "--stability",
+        action="store_true",
+        help="digits kept: moments, tolerance factors, density and haptics",
+    )
     parser.add_argument(
         "--cases", type=int, default=2000, metavar="N", help="cases of the haptics digits (2000)"
     )
@@ -49,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     parts = list(arguments.parts) or ([] if arguments.stability else ["sampling", "magnitude"])
     if arguments.stability:
-        parts += ["moments", "density", "haptics"]
+        parts += ["moments", "tolerance", "density", "haptics"]
     unknown = [part for part in parts if part not in _PARTS]
     if unknown:
         raise UsageError(
@@ -114,6 +118,12 @@ def _coverage(arguments: argparse.Namespace) -> Sequence[Any]:
     return coverage()
 
 
+def _tolerance(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.tolerance_digits import tolerance_digits
+
+    return tolerance_digits()
+
+
 def _density(arguments: argparse.Namespace) -> Sequence[Any]:
     from percept.bench.density_digits import density_digits
 
@@ -150,6 +160,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "propagation": _propagation,
     "memory": _memory,
     "moments": _moments,
+    "tolerance": _tolerance,
     "density": _density,
     "coverage": _coverage,
     "haptics": _haptics,
