@@ -10,7 +10,7 @@ import hashlib
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from percept.cache import numbers_version
 from percept.errors import RefusalError
@@ -26,7 +26,7 @@ Found = TypeVar("Found")
 
 # Jobs handed out per worker thread: one at work, one waiting there. More would only fill memory.
 _AHEAD = 2
-# Seconds between counts of the threads: each asks the scheduler, which costs as much as a third of a job.
+# Seconds between counts of the threads: each asks the scheduler, a quarter of what a job costs here.
 _COUNTED = 1.0
 # How often a result may be lost with the worker that held it before the job counts as failed.
 _LOSSES = 3
@@ -112,15 +112,13 @@ class OnCluster:
             future = next(done)
             attempt = out.pop(future)
             result = self._result(future)
-            if result is _Lost.RESULT and attempt.number < _LOSSES:
-                hand_out(attempt.again())
-            elif result is _Lost.RESULT:
-                yield (
-                    attempt,
-                    RuntimeError(f"its result was lost {_LOSSES} times with the worker that held it"),
-                )
-            else:
+            if not isinstance(result, _Lost):
                 yield attempt, result
+            elif attempt.number < _LOSSES:
+                hand_out(attempt.again())
+            else:
+                message = f"its result was lost {_LOSSES} times with the worker that held it"
+                yield attempt, RuntimeError(message)
 
     def _threads(self) -> int:
         """Count the workers' threads; one where none is there yet, so that a job waits for it."""
@@ -145,7 +143,7 @@ class OnCluster:
             pure=False,
         )
 
-    def _result(self, future: Future) -> Found | Exception | Literal[_Lost.RESULT]:
+    def _result(self, future: Future) -> Found | Exception | _Lost:
         try:
             return future.result()
         except (asyncio.CancelledError, concurrent.futures.CancelledError):
