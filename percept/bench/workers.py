@@ -10,7 +10,6 @@ gain(n) = n · (worker_s(1) / worker_s(n)) · (busy(n) / busy(1)).
 from __future__ import annotations
 
 import dataclasses
-import math
 import pickle
 import tempfile
 import time
@@ -48,8 +47,8 @@ class BatchCost:
         Processes of one thread, and studies.
     wall_s : float
         From the first study read to the table written, s.
-    gain : float
-        Wall time of the same batch on one worker over this one's; NaN where that was not tried.
+    gain : float or None
+        Wall time of the same batch on one worker over this one's; None where that was not tried.
     busy : float
         Processor time of the workers over wall time times workers.
     worker_s : float
@@ -72,7 +71,7 @@ class BatchCost:
     workers: int
     studies: int
     wall_s: float
-    gain: float
+    gain: float | None
     busy: float
     worker_s: float
     idle: float
@@ -157,7 +156,7 @@ def _measured(design: str, studies: Sequence[StudySource], out: Path, client: Cl
         workers=workers,
         studies=count,
         wall_s=wall,
-        gain=math.nan,
+        gain=None,
         busy=at_work / (wall * workers),
         worker_s=at_work / count,
         idle=idle,
