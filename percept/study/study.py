@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from percept import haptics
 from percept.errors import RefusalError
+from percept.inference.hierarchy.priors import MEANINGS
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.responses import references
@@ -166,7 +167,7 @@ class Study:
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:
-        """Verdict of the gate and what it rests on; None without a fit."""
+        """Verdict of the gate, what it rests on, and the priors in force; None without a fit."""
         if self.fit is None:
             return None
         run = self.fit.run
@@ -178,6 +179,10 @@ class Study:
             "walkers": walkers,
             "dimension": dimension,
             "tolerance": run.settings.tolerance,
+            "priors": [
+                {"prior": name, "value": value, "meaning": MEANINGS[name]}
+                for name, value in self.fit.prepared.model.priors.items()
+            ],
         }
 
     @cached_property

@@ -209,6 +209,16 @@ def test_curves_of_both_methods_are_compared_on_the_page(both, read):
     assert len(kept) == 3 * (3 * 2 + 2 * 2)
 
 
+def test_priors_in_force_are_printed_with_their_meaning(both):
+    """Values of the scene's that are not the default's would be printed too: they are the model's own."""
+    rows = both["diagnostics"]["priors"]
+    assert {row["prior"]: row["value"] for row in rows}["sigma_u_scale"] == 0.5
+    text = "".join(Reader(page_of(both)).text)
+    for row in rows:
+        assert row["prior"] in text
+        assert row["meaning"] in text
+
+
 def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
     scene = scene_of(method="both", tolerance=0.0001, most_steps=200)
     tables = {name: table for name, table in scene.to_dict().items() if name not in ("device", "coupling")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -49,6 +50,10 @@ class Model(Protocol):
     @property
     def cells(self) -> tuple[tuple[str, str], ...]:
         """(parameter, environment) of every cell, parameter-major."""
+
+    @property
+    def priors(self) -> Mapping[str, float]:
+        """Priors in force, by their names in `Priors`; none under the reference prior."""
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""

@@ -35,6 +35,11 @@ class Pooled:
         """Names of the coordinates."""
         return self.density.names
 
+    @property
+    def priors(self) -> dict[str, float]:
+        """Priors in force, by name."""
+        return self.density.layout.priors_in_force
+
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
         return self.density(points)

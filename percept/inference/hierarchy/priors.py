@@ -57,11 +57,11 @@ class Priors:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not math.isfinite(value):
-                raise UsageError("a prior must be finite.", column=field.name, value=value)
+                raise UsageError("a prior must be finite.", key=field.name, value=value)
             if not field.name.endswith("_mean") and value <= 0:
                 raise UsageError(
                     "a prior scale must be positive.",
-                    column=field.name,
+                    key=field.name,
                     value=value,
                     hint="Leave it out of the scene for its default.",
                 )

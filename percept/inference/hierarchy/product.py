@@ -37,6 +37,11 @@ class Product:
         """Names of the coordinates."""
         return [name for model in self.models for name in model.names]
 
+    @property
+    def priors(self) -> dict[str, float]:
+        """Priors in force in any of the models, by name."""
+        return {name: value for model in self.models for name, value in model.priors.items()}
+
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
         parts = [model(part) for model, part in zip(self.models, self.split(points), strict=True)]

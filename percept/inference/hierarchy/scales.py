@@ -133,6 +133,20 @@ class Layout:
         """Number of coordinates."""
         return len(self.names)
 
+    @property
+    def priors_in_force(self) -> dict[str, float]:
+        """Priors the model has a use for, by their names in `Priors`."""
+        names = ["alpha_sd"]
+        names += ["gamma_sd", "tau_scale"] if self.trend else []
+        names += ["sigma_u_scale"] if self.subject_effect else []
+        for level in self.levels:
+            e = level.suffix
+            names += [f"log_s{e}_mean", f"log_s{e}_sd"]
+            names += [f"kappa{e}_sd"] if self.trend and not self.weber else []
+            names += [f"omega{e}_scale"] if self.trend and not self.common_spread else []
+        names += ["rho_shape"] if self._correlations else []
+        return {name: getattr(self.priors, name) for name in names}
+
     def _per_parameter(self, name: str) -> list[str]:
         return [f"{name}[{p}]" for p in self.statistics.parameters]
 

@@ -50,6 +50,11 @@ class Unpooled:
         """Names of the coordinates."""
         return [f"log sigma[{p},{e}]" for p, e in self.cells]
 
+    @property
+    def priors(self) -> dict[str, float]:
+        """None that could be set."""
+        return {}
+
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, C), shape (W,)."""
         t = points * self._unit

@@ -42,11 +42,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tolerance < 1.0:
-            raise UsageError("must lie in (0, 1).", column="tolerance", value=self.tolerance)
+            raise UsageError("must lie in (0, 1).", key="tolerance", value=self.tolerance)
         if self.ensembles < 4:
-            raise UsageError("must be at least 4.", column="ensembles", value=self.ensembles)
+            raise UsageError("must be at least 4.", key="ensembles", value=self.ensembles)
         if self.walkers is not None and self.walkers < 64:
-            raise UsageError("must be at least 64.", column="walkers", value=self.walkers)
+            raise UsageError("must be at least 64.", key="walkers", value=self.walkers)
 
 
 @dataclasses.dataclass(frozen=True)

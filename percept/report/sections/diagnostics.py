@@ -1,4 +1,4 @@
-"""The sampler's diagnostics and the gate."""
+"""The sampler's diagnostics, the gate, and the priors in force."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _COUNTS = ("ensembles", "walkers", "steps")
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the gate's verdict and the measures behind it.
+    """Return the gate's verdict, the measures behind it, and the priors.
 
     Parameters
     ----------
@@ -46,5 +46,7 @@ def build(document: Mapping[str, Any]) -> Part | None:
         if isinstance(diagnostics.get(name), int)
     ]
     return Part(
-        "diagnostics", "Sampling and its checks", {"gate": gate, "measures": measures, "counts": counts}
+        "diagnostics",
+        "Sampling and its checks",
+        {"gate": gate, "measures": measures, "counts": counts, "priors": diagnostics.get("priors", [])},
     )

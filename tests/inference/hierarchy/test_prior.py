@@ -131,11 +131,35 @@ def test_options_remove_their_coordinates():
     assert CollapsedDensity(statistics).dimension == 22 - 2  # 4 environments, not 5
 
 
+def test_priors_in_force_are_those_whose_change_moves_the_density():
+    """For every design and option, and for every prior, against the density itself."""
+    rng = np.random.default_rng(3)
+    for name in ("balanced", "trials", "one parameter", "one environment"):
+        statistics = designs.study(name, rng).statistics
+        for options in (
+            Options(),
+            Options(weber=True),
+            Options(subject_effect=False),
+            Options(common_spread=True),
+        ):
+            plain = CollapsedDensity(statistics, options=options)
+            points = rng.normal(size=(3, plain.dimension))
+            in_force = plain.layout.priors_in_force
+            for field in dataclasses.fields(Priors):
+                value = getattr(Priors(), field.name)
+                changed = Priors(**{field.name: 1.5 * value})
+                moved = not np.array_equal(
+                    CollapsedDensity(statistics, changed, options)(points), plain(points)
+                )
+                assert moved == (field.name in in_force), (name, options, field.name)
+                assert not moved or in_force[field.name] == value
+
+
 @pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(Priors)])
 def test_priors_refuse_what_is_no_scale(field):
     assert field in MEANINGS
-    with pytest.raises(UsageError, match=rf"column '{field}', value nan: a prior must be finite"):
+    with pytest.raises(UsageError, match=rf"{field} = nan: a prior must be finite"):
         Priors(**{field: np.nan})
     if not field.endswith("_mean"):
-        with pytest.raises(UsageError, match=rf"column '{field}', value 0.0: a prior scale must be positive"):
+        with pytest.raises(UsageError, match=rf"{field} = 0.0: a prior scale must be positive"):
             Priors(**{field: 0.0})
