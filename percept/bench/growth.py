@@ -40,8 +40,7 @@ SIZES: Mapping[str, tuple[int, ...]] = {
 FITTED: Mapping[str, tuple[int, ...]] = {
     ROWS: (50, 5_000_000),
     SUBJECTS: (10, 10_000),
-    PATTERNS: (1, 10),
-    ENVIRONMENTS: (1, 5, 10),
+    ENVIRONMENTS: (1, 5),
 }
 #: Growth of a density call that is promised not to be passed.
 _PROMISED = {ROWS: 1.10, SUBJECTS: 1.10}
@@ -89,7 +88,7 @@ class Growth:
 def growth(
     *,
     rounds: int = 15,
-    fit_rounds: int = 3,
+    fit_rounds: int = 1,
     sizes: Mapping[str, Sequence[int]] = SIZES,
     fitted: Mapping[str, Sequence[int]] = FITTED,
     told: Callable[[str], None] = lambda line: None,
