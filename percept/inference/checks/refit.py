@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.checks.subjects import SubjectDensity, batches
-from percept.inference.hierarchy import coordinates
 from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.records import Progress, Settings
 
@@ -50,7 +49,7 @@ class Without:
     def __call__(self, points: Array) -> Array:
         """Log posterior density without the subject at coordinates (W, d), shape (W,)."""
         value = self._subjects.density(points)
-        possible = np.isfinite(value) & (np.max(np.abs(points), axis=1) <= coordinates.LIMIT)
+        possible = np.isfinite(value)
         if possible.any():
             value[possible] -= self.left_out(points[possible])
         # Scatter so small that doubles cannot leave the subject out has no posterior mass to lose.

@@ -8,7 +8,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy import coordinates
 from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.covariance import SharedCovariance
 from percept.inference.hierarchy.least_squares import factor
@@ -95,7 +94,7 @@ class CollapsedDensity:
         Returns
         -------
         ndarray, shape (W,)
-            -inf beyond `coordinates.LIMIT`, otherwise finite.
+            -inf beyond `Layout.limits`, otherwise finite.
         """
         most = self.draws_per_pass
         if len(points) > most:
@@ -103,7 +102,7 @@ class CollapsedDensity:
         if len(points) == 1:
             # Sums over a single column run in another order: keep values independent of the batch.
             return self(np.repeat(points, 2, axis=0))[:1]
-        inside = np.max(np.abs(points), axis=1) <= coordinates.LIMIT
+        inside = np.all(np.abs(points) <= self.layout.limits, axis=1)
         coords = np.ascontiguousarray(np.where(inside[:, None], points, 0.0).T)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
             scales = self.layout.scales(coords)

@@ -17,6 +17,7 @@ __all__ = ["Layout", "Options", "Scales"]
 
 Array = NDArray[np.float64]
 _LOG_2PI = float(np.log(2.0 * np.pi))
+_TINY = 1e-300
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -127,6 +128,11 @@ class Layout:
         sigma = [self._slots[name] for name in ("sigma", "sigma_e") if name in self._slots]
         self._standard = np.delete(np.arange(self.dimension), np.r_[tuple(sigma)] if sigma else [])
         self._log_constant = -0.5 * _LOG_2PI * self.dimension
+        self.limits = np.full(self.dimension, coordinates.LIMIT)
+        for level, (_, weight) in zip(self.levels, rough, strict=True):
+            if "sigma" + level.suffix in self._slots:
+                # A unit of these is as short as the rough likelihood is narrow.
+                self.limits[self._slots["sigma" + level.suffix]] *= np.sqrt(1.0 + weight.ravel())
 
     @property
     def dimension(self) -> int:
@@ -173,6 +179,13 @@ class Layout:
 
     def _rough_between(self) -> tuple[Array, Array]:
         sd, df = self.statistics.sd, self.statistics.df
+        if self.subject_effect:
+            apart, apart_df = _within_subjects(self.statistics.cell_means)
+            # Scatter that is the subjects' own says nothing of sigma, and misplaces its coordinate by as many
+            # units as it is standard errors too large.
+            excess = np.log(np.maximum(sd, _TINY) / np.maximum(apart, _TINY)) * np.sqrt(2.0 * apart_df)
+            less = (apart > 0) & (excess > 2.0)
+            sd, df = np.where(less, apart, sd), np.where(less, apart_df, df)
         with np.errstate(divide="ignore"):
             return np.where(sd > 0, np.log(np.where(sd > 0, sd, 1.0)), 0.0), np.where(sd > 0, 2.0 * df, 0.0)
 
@@ -189,7 +202,7 @@ class Layout:
         Parameters
         ----------
         coords : ndarray, shape (dimension, W)
-            Coordinates, each within `coordinates.LIMIT` of zero.
+            Coordinates, each within its `limits` of zero.
 
         Returns
         -------
@@ -272,3 +285,19 @@ class Layout:
             loadings[:, 0] = level.log_s_sd
             loadings[:, 1] = 0.0 if self.weber else level.kappa_sd * self.statistics.x
         return loadings
+
+
+def _within_subjects(cell_means: Array) -> tuple[Array, Array]:
+    """SD per cell without the subjects' means, (P, J), and its degrees of freedom, of means (N, P, J)."""
+    several = np.isfinite(cell_means).all(axis=1).sum(axis=1) > 1
+    values = cell_means[several]
+    present = np.isfinite(values)
+    count = present.sum(axis=0)
+    values = np.where(present, values, 0.0)
+    rest = np.where(present, values - values.sum(axis=0) / np.maximum(count, 1), 0.0)
+    seen = present.sum(axis=2, keepdims=True)
+    rest = np.where(present, rest - rest.sum(axis=2, keepdims=True) / np.maximum(seen, 1), 0.0)
+    kept = np.where(present, 1.0 - 1.0 / np.maximum(seen, 1), 0.0).sum(axis=0)
+    # Of the count - 1 degrees of freedom the subjects' means take their share.
+    df = np.maximum(kept * (1.0 - 1.0 / np.maximum(count, 1)), 0.0)
+    return np.sqrt((rest**2).sum(axis=0) / np.maximum(df, 1e-300)) * (df > 0), df

@@ -22,6 +22,8 @@ _ITERATIONS = 60
 _LAST_STEP = 1e-8
 #: Roots over more draws than `_MANY` start from the root over one draw in `_SPARSE`.
 _MANY, _SPARSE = 4096, 8
+#: Draws, or share of the draws where that is less, that must take part in a slope for it to be believed.
+_FEW, _FEW_SHARE = 100.0, 0.02
 
 
 def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> Array:
@@ -176,6 +178,17 @@ def share_content(
     return probability, (phi_up + phi_down) * slope, phi_up - phi_down
 
 
+def _rate_of_draws(half_width: Array, confidence: float) -> Array:
+    """Density of half-widths (S, Q) at their quantile, by a difference of quantiles.
+
+    Where the mean is known far better than the spread a draw's probability is a step, and at a given
+    half-width the steps' slopes may all underflow, or one of them be all there is.
+    """
+    step = 0.5 * min(confidence, 1.0 - confidence)
+    low, high = np.quantile(half_width, [confidence - step, confidence + step], axis=0)
+    return np.divide(2.0 * step, high - low, out=np.zeros_like(high), where=high > low)
+
+
 def share_half_width(
     mean: Array, sd: Array, spread: Array, *, share: float, confidence: float
 ) -> tuple[Array, Array, Array]:
@@ -214,7 +227,7 @@ def share_half_width(
         held, rate = probability.mean(axis=0), slope.mean(axis=0)
         low = np.where(held < confidence, h, low)
         high = np.where(held < confidence, high, h)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             newton = h + (confidence - held) / rate
         inside = (newton >= low) & (newton <= high)
         after = np.where(inside, newton, 0.5 * (low + high))
@@ -223,5 +236,10 @@ def share_half_width(
         if done.all():
             break
     off = mean - centre
-    pull = -(probability - probability.mean(axis=0) + tilt.mean(axis=0) * off) / slope.mean(axis=0)
+    rate = slope.mean(axis=0)
+    enough = min(_FEW, _FEW_SHARE * len(mean))
+    few = slope.sum(axis=0) ** 2 <= enough * (slope**2).sum(axis=0)
+    if few.any():
+        rate = np.where(few, _rate_of_draws(least, confidence), rate)
+    pull = -(probability - probability.mean(axis=0) + tilt.mean(axis=0) * off) / rate
     return centre, h, np.concatenate([off - pull, off + pull], axis=1)

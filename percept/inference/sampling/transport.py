@@ -24,6 +24,7 @@ __all__ = ["Transport"]
 Array = NDArray[np.float64]
 _DRIVERS = 6  # most drivers
 _SIGNIFICANT = 4.0  # standard errors a bend or a widening must have to be believed
+_SHORT = 0.5  # most a coefficient of a log scale changes in one step of its fit
 _CLIP = 3.0  # beyond so many SDs a driver's effect stays what it is
 
 
@@ -161,5 +162,7 @@ def _regress(features: Array, y: Array) -> tuple[Array, Array, Array]:
         information = 2.0 * used.T @ used
         for _ in range(5):
             square = (residual * np.exp(-used @ log_scale[keep])) ** 2
-            log_scale[keep] += np.linalg.solve(information, used.T @ (square - 1.0))
+            # Short steps: a sample in a few clumps sends the first of them far.
+            step = np.linalg.solve(information, used.T @ (square - 1.0))
+            log_scale[keep] += np.clip(step, -_SHORT, _SHORT)
     return mean, log_scale, residual * np.exp(-features @ log_scale)

@@ -189,9 +189,9 @@ def test_share_under_the_reference_prior_is_the_classical_tolerance_interval():
 
 
 def test_settings_refuse_what_makes_no_sense():
-    with pytest.raises(UsageError, match=r"'tolerance', value 0: must lie in \(0, 1\)"):
+    with pytest.raises(UsageError, match=r"tolerance = 0: must lie in \(0, 1\)"):
         Settings(tolerance=0)
-    with pytest.raises(UsageError, match=r"'ensembles', value 3: must be at least 4"):
+    with pytest.raises(UsageError, match=r"ensembles = 3: must be at least 4"):
         Settings(ensembles=3)
-    with pytest.raises(UsageError, match=r"'walkers', value 63: must be at least 64"):
+    with pytest.raises(UsageError, match=r"walkers = 63: must be at least 64"):
         Settings(walkers=63)
