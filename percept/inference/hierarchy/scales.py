@@ -184,7 +184,7 @@ class Layout:
             # Scatter that is the subjects' own says nothing of sigma, and misplaces its coordinate by as many
             # units as it is standard errors too large.
             excess = np.log(np.maximum(sd, _TINY) / np.maximum(apart, _TINY)) * np.sqrt(2.0 * apart_df)
-            less = (apart > 0) & (excess > 2.0)
+            less = (apart > 0) & (excess > 5.0)
             sd, df = np.where(less, apart, sd), np.where(less, apart_df, df)
         with np.errstate(divide="ignore"):
             return np.where(sd > 0, np.log(np.where(sd > 0, sd, 1.0)), 0.0), np.where(sd > 0, 2.0 * df, 0.0)
