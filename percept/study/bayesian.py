@@ -32,6 +32,8 @@ from percept.study.units import NAMES
 __all__ = ["Fit", "Prepared", "RunStore", "fit", "prepare"]
 
 Array = NDArray[np.float64]
+#: Beyond so many, proposals are hardly ever accepted and judging a run takes as long as making it.
+_MOST_COORDINATES = 128
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -152,7 +154,19 @@ def fit(
     Returns
     -------
     Fit
+
+    Raises
+    ------
+    RefusalError
+        If the model has more coordinates than can be sampled in reasonable time.
     """
+    coordinates = len(prepared.model.names)
+    if coordinates > _MOST_COORDINATES:
+        raise RefusalError(
+            f"{len(prepared.model.cells)} cells (parameters times environments) make {coordinates} coordinates to "
+            f"sample; beyond {_MOST_COORDINATES} that takes hours.",
+            hint='Use method = "classical", one parameter at a time, or fewer environments.',
+        )
     asked = scene.inference
     estimands = IntervalEstimands(
         prepared.model,

@@ -53,7 +53,9 @@ def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensemb
     )
 
 
-def advance(target: Target, state: Ensembles, *, steps: int, stride: int) -> tuple[Ensembles, Array]:
+def advance(
+    target: Target, state: Ensembles, *, steps: int, stride: int, walkers: int | None = None
+) -> tuple[Ensembles, Array]:
     """Run all ensembles for some steps and keep every `stride`-th position.
 
     Parameters
@@ -66,20 +68,23 @@ def advance(target: Target, state: Ensembles, *, steps: int, stride: int) -> tup
         Steps to take, a multiple of `stride`.
     stride : int
         Keep one position in so many.
+    walkers : int, optional
+        Keep the positions of so many walkers of each ensemble: of all, if left out.
 
     Returns
     -------
     state : Ensembles
         Where the ensembles stand now.
-    kept : ndarray, shape (E, steps // stride, W, d)
+    kept : ndarray, shape (E, steps // stride, walkers, d)
         Positions kept.
     """
-    ensembles, walkers, dimension = state.coords.shape
+    ensembles, own, dimension = state.coords.shape
+    walkers = own if walkers is None else walkers
     generators = [np.random.Generator(np.random.PCG64()) for _ in range(ensembles)]
     for generator, stored in zip(generators, state.generators, strict=True):
         generator.bit_generator.state = stored
     moves = standard_moves(Reference(dimension), generators)
-    sampler = emcee.EnsembleSampler(ensembles * walkers, dimension, target, moves=moves, vectorize=True)
+    sampler = emcee.EnsembleSampler(ensembles * own, dimension, target, moves=moves, vectorize=True)
     current = emcee.State(
         state.coords.reshape(-1, dimension),
         log_prob=state.log_density.ravel(),
@@ -93,7 +98,7 @@ def advance(target: Target, state: Ensembles, *, steps: int, stride: int) -> tup
         accepted += current.log_prob != before
         before = np.array(current.log_prob)
         if step % stride == 0:
-            kept[:, step // stride - 1] = current.coords.reshape(state.coords.shape)
+            kept[:, step // stride - 1] = current.coords.reshape(state.coords.shape)[:, :walkers]
     after = Ensembles(
         np.array(current.coords).reshape(state.coords.shape),
         np.array(current.log_prob).reshape(state.log_density.shape),

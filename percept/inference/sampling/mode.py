@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 Density = Callable[[Array], Array]
 
 _STEP = 1e-2  # finite differences of a log density whose coordinates have unit scale
+#: Of more coordinates the curvature is taken along each alone: pairs would be too many.
+_MOST_PAIRED = 128
 
 
 def find_mode(density: Density, start: Array, *, iterations: int = 30) -> tuple[Array, Array]:
@@ -58,7 +60,7 @@ def find_mode(density: Density, start: Array, *, iterations: int = 30) -> tuple[
 def _derivatives(density: Density, point: Array) -> tuple[Array, Array]:
     size = point.size
     steps = _STEP * np.eye(size)
-    rows, columns = np.triu_indices(size, 1)
+    rows, columns = np.triu_indices(size if size <= _MOST_PAIRED else 0, 1)
     points = np.concatenate(
         [
             point[None],

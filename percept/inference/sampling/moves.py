@@ -29,7 +29,8 @@ Generators = Sequence[np.random.Generator]
 Groups = list[NDArray[np.intp]]
 #: A log density, points (N, d) to (N,).
 Density = Callable[[Array], Array]
-_SHARES = (0.6, 0.3, 0.1)
+#: Shares of the kinds of step: in many coordinates few independent draws are accepted, and turns are.
+_SHARES, _SHARES_OF_MANY, _MANY = (0.6, 0.3, 0.1), (0.2, 0.7, 0.1), 48
 _AHEAD = 4  # steps whose independent draws are weighed in one density call
 _JITTER = 1e-5
 
@@ -188,8 +189,10 @@ def standard_moves(reference: Reference, generators: Generators) -> list[tuple[M
     -------
     list of (emcee move, share)
     """
-    return [
-        (IndependentMove(generators, reference), _SHARES[0]),
-        (EllipticMove(generators, reference), _SHARES[1]),
-        (DifferentialMove(generators), _SHARES[2]),
-    ]
+    moves = (
+        IndependentMove(generators, reference),
+        EllipticMove(generators, reference),
+        DifferentialMove(generators),
+    )
+    shares = _SHARES if reference.dimension < _MANY else _SHARES_OF_MANY
+    return list(zip(moves, shares, strict=True))

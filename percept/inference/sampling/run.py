@@ -38,7 +38,10 @@ _WORTH_REFINING = 3.0
 _MORE_WALKERS, _REFINED_ROUND = 4, 96
 _STRIDE = 3  # steps between kept positions, a fraction of an autocorrelation time
 _PIECE = 480  # steps after which an unfinished run can be stored
-_KEPT_LIMIT = 1 << 17  # kept draws over all ensembles; beyond it every second one goes
+#: Kept draws over all ensembles, and numbers worked out from them; beyond either every second draw goes.
+_KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 26
+#: Walkers an ensemble has for accuracy. Many coordinates need more, whose positions are not kept.
+_WALKERS = 64
 
 
 def sample(
@@ -103,29 +106,39 @@ def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
 def _begin(target: Target, estimands: Estimands, settings: Settings) -> Unfinished:
     """Warm up, burn in, and keep nothing yet."""
     dimension = len(target.names)
-    walkers = settings.walkers or max(64, 2 * (dimension + 1))
+    walkers = settings.walkers or max(_WALKERS, 2 * (dimension + 1))
     warm_seed, run_seed, *_ = _seeds(settings)
     here, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
-    return _burnt_in(here, points, run_seed, estimands, refined=False)
+    kept = settings.walkers or _WALKERS
+    return _burnt_in(here, points, run_seed, estimands, kept, refined=False)
 
 
 def _refined(target: Target, estimands: Estimands, settings: Settings, kept: Array) -> Unfinished:
     """Begin anew with a transport fitted to kept positions (E, T, W, d), and keep none of them."""
     *_, warm_seed, run_seed = _seeds(settings)
     ensembles, _, walkers, dimension = kept.shape
-    walkers *= 1 if settings.walkers else _MORE_WALKERS
+    plain = settings.walkers is None and 2 * (dimension + 1) <= _WALKERS
+    more = _MORE_WALKERS * walkers if plain else walkers
     rng = np.random.default_rng(warm_seed)
-    here, points = refine(target, kept.reshape(-1, dimension), (ensembles, walkers), rng)
-    return _burnt_in(here, points, run_seed, estimands, refined=True)
+    shape = (ensembles, max(more, 2 * (dimension + 1)))
+    here, points = refine(target, kept.reshape(-1, dimension), shape, rng)
+    return _burnt_in(here, points, run_seed, estimands, more, refined=True)
 
 
 def _burnt_in(
-    here: Transported, points: Array, seed: np.random.SeedSequence, estimands: Estimands, *, refined: bool
+    here: Transported,
+    points: Array,
+    seed: np.random.SeedSequence,
+    estimands: Estimands,
+    kept: int,
+    *,
+    refined: bool,
 ) -> Unfinished:
+    """Burn in from starting points; of so many walkers per ensemble positions will be kept."""
     state, _ = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN)
-    ensembles, walkers, dimension = points.shape
-    nothing = np.empty((ensembles, 0, walkers, dimension))
-    components = np.empty((ensembles, 0, walkers, estimands.components(here.map(points[0, :1])).shape[1]))
+    ensembles, _, dimension = points.shape
+    nothing = np.empty((ensembles, 0, kept, dimension))
+    components = np.empty((ensembles, 0, kept, estimands.components(here.map(points[0, :1])).shape[1]))
     first = _REFINED_ROUND if refined else _FIRST_ROUND
     return Unfinished(here.transport, state, nothing, components, _STRIDE, first, refined)
 
@@ -155,12 +168,15 @@ class _Running:
     def extend(self, steps: int) -> None:
         """Run every ensemble for at least `steps` and keep what is needed."""
         steps = max(self.stride, math.ceil(steps / self.stride) * self.stride)
-        self.state, points = advance(self._here, self.state, steps=steps, stride=self.stride)
+        walkers = self._points.shape[2]
+        self.state, points = advance(self._here, self.state, steps=steps, stride=self.stride, walkers=walkers)
         flat = self._here.map(points.reshape(-1, points.shape[-1]))
         components = self._estimands.components(flat).reshape(*points.shape[:3], -1)
         points = np.concatenate([self._points, flat.reshape(points.shape)], axis=1)
         components = np.concatenate([self._components, components], axis=1)
-        while points[..., 0].size > _KEPT_LIMIT:
+        # Every component has two influences or so.
+        numbers = points.shape[-1] + 3 * components.shape[-1]
+        while points[..., 0].size > min(_KEPT_LIMIT, _NUMBERS_LIMIT // numbers):
             # Contiguous, as they are when taken up again: a sum's last bits depend on the order in memory.
             points, components = (np.ascontiguousarray(kept[:, 1::2]) for kept in (points, components))
             self.stride *= 2
