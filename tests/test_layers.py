@@ -14,6 +14,7 @@ ALLOWED = {
     "boundary": {"boundary", "haptics", "inference", "errors"},
     "sessions": {"sessions", "errors"},
     "study": {"study", "boundary", "haptics", "inference", "sessions", "scene", "errors"},
+    "workers": {"workers", "cache", "errors"},
 }
 FORBIDDEN = {
     "haptics": {"pandas", "matplotlib", "argparse", "scipy", "emcee"},

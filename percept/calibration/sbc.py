@@ -131,7 +131,7 @@ def calibrate(
         workers any more; the checkpoint has the others.
     """
     if fits < 1:
-        raise UsageError("a calibration needs at least one study.", column="fits", value=fits)
+        raise UsageError("a calibration needs at least one study.", key="fits", value=fits)
     kept = Checkpoint(checkpoint, plan.key, what="placed", pack=dataclasses.asdict, unpack=_unpack)
     placed = kept.read(fits)
     wanted = [index for index in range(fits) if index not in placed]

@@ -79,16 +79,14 @@ class SbcPlan:
     def __post_init__(self) -> None:
         if self.design not in SBC_DESIGNS:
             raise UsageError(
-                f"no such design; there are {', '.join(SBC_DESIGNS)}.", column="design", value=self.design
+                f"no such design; there are {', '.join(SBC_DESIGNS)}.", key="design", value=self.design
             )
         if self.fault not in get_args(Fault):
-            raise UsageError(
-                f"no such fault; there are {', '.join(FAULTS)}.", column="fault", value=self.fault
-            )
+            raise UsageError(f"no such fault; there are {', '.join(FAULTS)}.", key="fault", value=self.fault)
         if self.bins < 2 or (self.draws + 1) % self.bins:
             raise UsageError(
                 f"{self.draws} draws give {self.draws + 1} ranks, which do not fill {self.bins} bins evenly.",
-                column="draws",
+                key="draws",
                 value=self.draws,
             )
 

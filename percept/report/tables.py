@@ -9,11 +9,11 @@ from typing import Any
 
 from percept.report.plain import Digits
 from percept.report.select import distinct, matching
+from percept.sessions.write import neutralised
 
 __all__ = ["csv_tables"]
 
 _UNITS = {"k": "N/m", "b": "N·s/m"}
-_RISKY = ("=", "+", "-", "@", "\t", "\r")
 _INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
 
 
@@ -107,4 +107,4 @@ def _cell(value: Any) -> str:
     text = str(value)
     if text in ("inf", "-inf"):
         return text
-    return f"'{text}" if text.startswith(_RISKY) else text
+    return neutralised(text)

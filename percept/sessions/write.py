@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from percept.sessions.records import Sessions
 
-__all__ = ["write_csv"]
+__all__ = ["neutralised", "write_csv"]
 
 _SPECIAL = re.compile(r'[",\r\n]')
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -28,7 +28,7 @@ def write_csv(sessions: Sessions, path: str | Path, *, for_spreadsheets: bool = 
         Neutralise text cells that a spreadsheet would run as formulas. Such a file is for looking at: an id
         beginning with = + - @ does not read back the same.
     """
-    clean = _neutralised if for_spreadsheets else str
+    clean = neutralised if for_spreadsheets else str
     table = sessions.table
     if sessions.form == "trials":
         # Columns of a parameter that was not measured would claim that it was.
@@ -40,7 +40,7 @@ def write_csv(sessions: Sessions, path: str | Path, *, for_spreadsheets: bool = 
     Path(path).write_bytes(text.encode())
 
 
-def _neutralised(text: str) -> str:
+def neutralised(text: str) -> str:
     """Text that a spreadsheet shows and does not run: an apostrophe before what begins a formula."""
     return f"'{text}" if text.startswith(_FORMULA) else text
 

@@ -163,8 +163,8 @@ def fit(
     coordinates = len(prepared.model.names)
     if coordinates > _MOST_COORDINATES:
         raise RefusalError(
-            f"{len(prepared.model.cells)} cells (parameters times environments) make {coordinates} coordinates to "
-            f"sample; beyond {_MOST_COORDINATES} that takes hours.",
+            f"{len(prepared.model.cells)} cells (parameters times environments) make {coordinates} "
+            f"coordinates to sample; beyond {_MOST_COORDINATES} that takes hours.",
             hint='Use method = "classical", one parameter at a time, or fewer environments.',
         )
     asked = scene.inference

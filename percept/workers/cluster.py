@@ -80,7 +80,7 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
     if workers is not None and scheduler is not None:
         raise UsageError("a scheduler has workers of its own.", hint="Give --workers or --scheduler.")
     if workers is not None and workers < 1:
-        raise UsageError("must be at least 1.", column="--workers", value=workers)
+        raise UsageError("must be at least 1.", key="--workers", value=workers)
     try:
         from dask import config
         from distributed import Client, LocalCluster

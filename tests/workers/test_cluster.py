@@ -17,7 +17,7 @@ def opened(*arguments, **options):
 @pytest.mark.parametrize(
     ("workers", "scheduler", "message"),
     [
-        (0, None, r"column '--workers', value 0: must be at least 1"),
+        (0, None, r"--workers = 0: must be at least 1"),
         (1, "tcp://127.0.0.1:1", "a scheduler has workers of its own. Give --workers or --scheduler"),
     ],
 )
