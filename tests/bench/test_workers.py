@@ -15,8 +15,8 @@ def test_parts_of_a_batch_s_cost_belong_together():
     assert small.gain == 1.0
     assert large.gain is None
     for one in (small, large):
-        # One thread cannot work longer than it was watched.
-        assert 0.0 < one.busy <= 1.02
+        # One thread at work, and the worker's heartbeats beside it.
+        assert 0.0 < one.busy <= 1.2
         assert one.worker_s == pytest.approx(one.busy * one.wall_s / one.studies)
         assert 0.0 <= one.idle < 1.0
         assert one.write_wait_ms >= 0.9 * one.write_ms

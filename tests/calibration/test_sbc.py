@@ -162,12 +162,12 @@ def test_report_says_how_many_and_what(tmp_path):
 
 
 def test_plans_refuse_nonsense():
-    with pytest.raises(UsageError, match=r"'design', value 'wide': no such design; there are balanced"):
+    with pytest.raises(UsageError, match=r"design = 'wide': no such design; there are balanced"):
         SbcPlan(design="wide")
-    with pytest.raises(UsageError, match=r"'fault', value 'typo': no such fault; there are none, jacobian"):
+    with pytest.raises(UsageError, match=r"fault = 'typo': no such fault; there are none, jacobian"):
         SbcPlan(design="balanced", fault="typo")
-    with pytest.raises(UsageError, match=r"'draws', value 100: 100 draws give 101 ranks, .* fill 20 bins"):
+    with pytest.raises(UsageError, match=r"draws = 100: 100 draws give 101 ranks, .* fill 20 bins"):
         SbcPlan(design="balanced", draws=100)
-    with pytest.raises(UsageError, match=r"'fits', value 0: a calibration needs at least one study"):
+    with pytest.raises(UsageError, match=r"fits = 0: a calibration needs at least one study"):
         calibrate(PLAN, 0)
     assert len({SbcPlan(design="balanced", fault=fault).key for fault in FAULTS}) == len(FAULTS)
