@@ -163,7 +163,19 @@ class LocationProblem:
 
 
 def stack_columns(columns: list[Vector], shape: tuple[int, int]) -> Vector:
-    """Stack columns along a new first axis, per parameter: each (q, J, W) for a shape (J, W)."""
+    """Stack columns along a new first axis.
+
+    Parameters
+    ----------
+    columns : list of tuple of ndarray
+        q columns, one array per parameter, each broadcastable to `shape`.
+    shape : tuple of int
+        (J, W).
+
+    Returns
+    -------
+    tuple of ndarray, each (q, J, W)
+    """
     stacked = tuple(np.empty((len(columns), *shape)) for _ in columns[0])
     for i, column in enumerate(columns):
         for rows, part in zip(stacked, column, strict=True):

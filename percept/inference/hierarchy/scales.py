@@ -300,4 +300,4 @@ def _within_subjects(cell_means: Array) -> tuple[Array, Array]:
     kept = np.where(present, 1.0 - 1.0 / np.maximum(seen, 1), 0.0).sum(axis=0)
     # Of the count - 1 degrees of freedom the subjects' means take their share.
     df = np.maximum(kept * (1.0 - 1.0 / np.maximum(count, 1)), 0.0)
-    return np.sqrt((rest**2).sum(axis=0) / np.maximum(df, 1e-300)) * (df > 0), df
+    return np.sqrt((rest**2).sum(axis=0) / np.maximum(df, _TINY)) * (df > 0), df

@@ -125,7 +125,18 @@ def _ranks(values: Array) -> Array:
 
 
 def some_walkers(series: Array) -> Array:
-    """Thin walkers, (E, T, w, Q) of (E, T, W, Q), for what takes long and needs no more."""
+    """Thin walkers evenly, for what takes long and needs no more than 2^15 values of a quantity.
+
+    Parameters
+    ----------
+    series : ndarray, shape (E, T, W, Q)
+        Q quantities over T kept positions of W walkers in E ensembles.
+
+    Returns
+    -------
+    ndarray, shape (E, T, w, Q)
+        A view; w at least 8, or W where there are fewer.
+    """
     ensembles, length, walkers, _ = series.shape
     most = max(_FEWEST_WALKERS, _MOST_VALUES // (ensembles * length))
     return series[:, :, :: math.ceil(walkers / most)]

@@ -92,7 +92,15 @@ class _EnsemblesMove(Move):  # type: ignore[misc]  # emcee is untyped
         """Propose for the moving walkers, ensemble by ensemble."""
 
 
-class IndependentMove(_EnsemblesMove):
+class _ReferenceMove(_EnsemblesMove):
+    """A step that leaves the reference law invariant, judged by the density over that law."""
+
+    def __init__(self, generators: Generators, reference: Reference) -> None:
+        super().__init__(generators)
+        self._reference = reference
+
+
+class IndependentMove(_ReferenceMove):
     """Independent draws from the reference: they decorrelate at once where the transport fits.
 
     No draw depends on where a walker is, so those of several steps share one density call, which costs far
@@ -107,8 +115,7 @@ class IndependentMove(_EnsemblesMove):
     """
 
     def __init__(self, generators: Generators, reference: Reference) -> None:
-        super().__init__(generators)
-        self._reference = reference
+        super().__init__(generators, reference)
         self._ahead: list[tuple[Array, Array, Array]] = []
 
     def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
@@ -125,7 +132,7 @@ class IndependentMove(_EnsemblesMove):
         return Offer(points, values, law.log_density(coords) - own)
 
 
-class EllipticMove(_EnsemblesMove):
+class EllipticMove(_ReferenceMove):
     """Turns about zero by random angles: short enough to leave places the transport serves badly.
 
     Parameters
@@ -135,10 +142,6 @@ class EllipticMove(_EnsemblesMove):
     reference : Reference
         Law that turns leave invariant.
     """
-
-    def __init__(self, generators: Generators, reference: Reference) -> None:
-        super().__init__(generators)
-        self._reference = reference
 
     def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
         law = self._reference

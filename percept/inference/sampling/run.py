@@ -103,26 +103,32 @@ def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
     return np.random.SeedSequence(settings.seed).spawn(4)
 
 
+def _walkers(settings: Settings, dimension: int, *, refined: bool) -> tuple[int, int]:
+    """Walkers of an ensemble, and of how many of them positions are kept."""
+    if settings.walkers:
+        return settings.walkers, settings.walkers
+    least = 2 * (dimension + 1)
+    kept = _WALKERS * (_MORE_WALKERS if refined and least <= _WALKERS else 1)
+    return max(kept, least), kept
+
+
 def _begin(target: Target, estimands: Estimands, settings: Settings) -> Unfinished:
     """Warm up, burn in, and keep nothing yet."""
     dimension = len(target.names)
-    walkers = settings.walkers or max(_WALKERS, 2 * (dimension + 1))
+    walkers, kept = _walkers(settings, dimension, refined=False)
     warm_seed, run_seed, *_ = _seeds(settings)
     here, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
-    kept = settings.walkers or _WALKERS
     return _burnt_in(here, points, run_seed, estimands, kept, refined=False)
 
 
 def _refined(target: Target, estimands: Estimands, settings: Settings, kept: Array) -> Unfinished:
     """Begin anew with a transport fitted to kept positions (E, T, W, d), and keep none of them."""
     *_, warm_seed, run_seed = _seeds(settings)
-    ensembles, _, walkers, dimension = kept.shape
-    plain = settings.walkers is None and 2 * (dimension + 1) <= _WALKERS
-    more = _MORE_WALKERS * walkers if plain else walkers
+    ensembles, *_, dimension = kept.shape
+    walkers, keeping = _walkers(settings, dimension, refined=True)
     rng = np.random.default_rng(warm_seed)
-    shape = (ensembles, max(more, 2 * (dimension + 1)))
-    here, points = refine(target, kept.reshape(-1, dimension), shape, rng)
-    return _burnt_in(here, points, run_seed, estimands, more, refined=True)
+    here, points = refine(target, kept.reshape(-1, dimension), (ensembles, walkers), rng)
+    return _burnt_in(here, points, run_seed, estimands, keeping, refined=True)
 
 
 def _burnt_in(

@@ -64,7 +64,26 @@ def warm_up(
 def refine(
     target: Target, points: Array, shape: tuple[int, int], rng: np.random.Generator
 ) -> tuple[Transported, Array]:
-    """Fit a new transport to draws of the target (N, d), and find starting points in its coordinates."""
+    """Fit a new transport to draws, and find starting points in its coordinates.
+
+    Parameters
+    ----------
+    target : Target
+        The density.
+    points : ndarray, shape (N, d)
+        Draws of it, in its own coordinates.
+    shape : tuple of int
+        Ensembles and walkers that starting points are wanted for.
+    rng : numpy.random.Generator
+        Chooses the starting points.
+
+    Returns
+    -------
+    transported : Transported
+        The target in the new transport's coordinates.
+    points : ndarray, shape (ensembles, walkers, d)
+        Starting points in those coordinates.
+    """
     here = Transported(target, Transport.fit(points))
     return here, _resample(here, rng, shape)
 
