@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from percept.inference.sampling.estimands import Estimates
+from percept.inference.sampling.parts import Closed
 from percept.inference.sampling.records import Gate, Run, Settings
 from percept.inference.sampling.spline import Spline
 from percept.inference.sampling.transport import Transport
@@ -23,7 +24,18 @@ _MAGIC = b"percept run 2\n"
 _DIGEST_SIZE = 32
 _RECORDS: dict[str, type[Any]] = {
     record.__name__: record
-    for record in (Run, Estimates, Gate, Settings, Unfinished, Ensembles, Affine, Transport, Spline)
+    for record in (
+        Run,
+        Estimates,
+        Gate,
+        Settings,
+        Unfinished,
+        Closed,
+        Ensembles,
+        Affine,
+        Transport,
+        Spline,
+    )
 }
 
 

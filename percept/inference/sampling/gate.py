@@ -30,7 +30,8 @@ def pass_gate(
     moved: NDArray[np.bool_],
     *,
     stride: int,
-    last: bool,
+    spanned: int,
+    full: bool,
 ) -> Gate:
     """Judge a run.
 
@@ -52,8 +53,10 @@ def pass_gate(
         Whether each walker moved in the second half of the kept positions.
     stride : int
         Steps between kept positions.
-    last : bool
-        Whether the run cannot go on: R-hat is then worked out whatever else failed.
+    spanned : int
+        Steps of the whole run, of which the series may be the last part.
+    full : bool
+        Whether the series cannot go on: R-hat is then worked out whatever else failed.
 
     Returns
     -------
@@ -73,25 +76,26 @@ def pass_gate(
         reasons.append(f"{int((~moved).sum())} walkers did not move in the second half of the run.")
     elif acceptance.min() < _STUCK:
         reasons.append(f"a walker is stuck: it accepted {acceptance.min():.2%} of its proposals.")
-    if not relative[worst] <= settings.tolerance:
-        reasons.append(
-            f"{estimates.names[worst]} has a Monte Carlo error of {relative[worst]:.2%} of its "
-            f"half-width; {settings.tolerance:.2%} was asked. Raise the cap on steps or the tolerance."
-        )
+    accurate = bool(relative[worst] <= settings.tolerance)
     rhat = None
-    if last or not reasons:
+    if full or (accurate and not reasons):
         gap = max(1, round(min(slowest, length / 4.0)))
         apart = [some_walkers(series[:, ::gap]) for series in watched]
         rhat = float(max(rank_rhat(part.reshape(ensembles, -1, part.shape[3])).max() for part in apart))
         if not rhat < _RHAT_LIMIT:
             reasons.append(f"the ensembles disagree: rank R-hat {rhat:.4f}, limit {_RHAT_LIMIT}.")
+    if not accurate:
+        reasons.append(
+            f"{estimates.names[worst]} has a Monte Carlo error of {relative[worst]:.2%} of its "
+            f"half-width; {settings.tolerance:.2%} was asked. Raise the cap on steps or the tolerance."
+        )
     return Gate(
         passed=not reasons,
         reasons=tuple(reasons),
         rhat=rhat,
         autocorrelation_time=slowest * stride,
         times_run=times_run,
-        effective_draws=ensembles * length * walkers / slowest,
+        effective_draws=ensembles * (spanned / stride) * walkers / slowest,
         acceptance=float(acceptance.mean()),
         lowest_acceptance=float(acceptance.min()),
         worst_error=float(relative[worst]),

@@ -64,7 +64,7 @@ class Gate:
     autocorrelation_time : float
         Longest autocorrelation time of a reported quantity, in steps.
     times_run : float
-        Kept steps per ensemble over that time.
+        Kept steps per ensemble over that time, of a long run's last part.
     effective_draws : float
         Effective draws of the slowest reported quantity.
     acceptance : float

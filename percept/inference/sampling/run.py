@@ -1,7 +1,8 @@
 """Sample until every reported endpoint is as accurate as asked and the gate passes.
 
 A run that will be long begins anew after its first round, which then counts as warm-up: a transport fitted to
-that round's draws shortens the autocorrelation time by about a third.
+that round's draws shortens the autocorrelation time by about a third. What a run holds in memory is bounded:
+when that is full and has settled, it is closed as a part of the run, and the estimates are means over parts.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from percept.inference.sampling.diagnostics import (
 from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
+from percept.inference.sampling.parts import Closed
 from percept.inference.sampling.records import Gate, Progress, Run, Settings
 from percept.inference.sampling.transported import Transported
 from percept.inference.sampling.unfinished import Keeper, Saver, Unfinished
@@ -38,8 +40,10 @@ _WORTH_REFINING = 3.0
 _MORE_WALKERS, _REFINED_ROUND = 4, 96
 _STRIDE = 3  # steps between kept positions, a fraction of an autocorrelation time
 _PIECE = 480  # steps after which an unfinished run can be stored
-#: Kept draws over all ensembles, and numbers worked out from them; beyond either every second draw goes.
+#: Kept draws of a part of a run over all ensembles, and numbers worked out from them.
 _KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 26
+#: Positions a part may have whatever that takes: in fewer it could not span ten autocorrelation times.
+_FEWEST_POSITIONS = 32
 #: Walkers an ensemble has for accuracy. Many coordinates need more, whose positions are not kept.
 _WALKERS = 64
 
@@ -92,10 +96,10 @@ def sample(
                 progress(Progress(run.state.steps, _BURN_IN + needed, worst, settings.tolerance))
             if judged.gate.passed or run.state.steps >= settings.most_steps:
                 return judged
-            if not run.refined and needed > _WORTH_REFINING * run.steps:
+            if not run.refined and needed > _WORTH_REFINING * run.spanned:
                 run = _Running(target, estimands, _refined(target, estimands, settings, judged.points))
             else:
-                run.goal = min(needed, run.steps + settings.most_steps - run.state.steps)
+                run.go_on(judged, needed, settings)
 
 
 def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
@@ -146,11 +150,11 @@ def _burnt_in(
     nothing = np.empty((ensembles, 0, kept, dimension))
     components = np.empty((ensembles, 0, kept, estimands.components(here.map(points[0, :1])).shape[1]))
     first = _REFINED_ROUND if refined else _FIRST_ROUND
-    return Unfinished(here.transport, state, nothing, components, _STRIDE, first, refined)
+    return Unfinished(here.transport, state, nothing, components, _STRIDE, first, refined, None)
 
 
 class _Running:
-    """Kept positions and their components; memory is bounded by thinning as the run grows."""
+    """Kept positions of the part at work, their components, and what is left of the parts before it."""
 
     def __init__(self, target: Target, estimands: Estimands, begun: Unfinished) -> None:
         self._here = Transported(target, begun.transport)
@@ -158,18 +162,33 @@ class _Running:
         self.state = begun.state
         self._points, self._components = begun.points, begun.components
         self.stride, self.goal, self.refined = begun.stride, begun.goal, begun.refined
+        self._closed = begun.closed
+        ensembles, _, walkers, dimension = begun.points.shape
+        # Every component has two influences or so.
+        numbers = dimension + 3 * begun.components.shape[-1]
+        most = min(_KEPT_LIMIT, _NUMBERS_LIMIT // numbers) // (ensembles * walkers)
+        self._most = max(most, _FEWEST_POSITIONS)
 
     def unfinished(self) -> Unfinished:
         """Return all that is needed to go on from here."""
         return Unfinished(
             self._here.transport, self.state, self._points, self._components,
-            self.stride, self.goal, self.refined,
+            self.stride, self.goal, self.refined, self._closed,
         )  # fmt: skip
 
     @property
     def steps(self) -> int:
-        """Steps the kept positions span."""
+        """Steps the kept positions of the part at work span."""
         return self._points.shape[1] * self.stride
+
+    @property
+    def spanned(self) -> int:
+        """Steps all parts span."""
+        return self.steps + (self._closed.steps if self._closed else 0)
+
+    @property
+    def _full(self) -> bool:
+        return self._points.shape[1] >= self._most
 
     def extend(self, steps: int) -> None:
         """Run every ensemble for at least `steps` and keep what is needed."""
@@ -178,19 +197,32 @@ class _Running:
         self.state, points = advance(self._here, self.state, steps=steps, stride=self.stride, walkers=walkers)
         flat = self._here.map(points.reshape(-1, points.shape[-1]))
         components = self._estimands.components(flat).reshape(*points.shape[:3], -1)
-        points = np.concatenate([self._points, flat.reshape(points.shape)], axis=1)
-        components = np.concatenate([self._components, components], axis=1)
-        # Every component has two influences or so.
-        numbers = points.shape[-1] + 3 * components.shape[-1]
-        while points[..., 0].size > min(_KEPT_LIMIT, _NUMBERS_LIMIT // numbers):
+        self._points = np.concatenate([self._points, flat.reshape(points.shape)], axis=1)
+        self._components = np.concatenate([self._components, components], axis=1)
+
+    def go_on(self, judged: Run, needed: int, settings: Settings) -> None:
+        """Make room where memory is full, and set the next goal."""
+        gate = judged.gate
+        # Worked out whenever memory is full; of the reasons the tolerance alone is no fault of this part.
+        settled = gate.rhat is not None and len(gate.reasons) <= (not gate.worst_error <= settings.tolerance)
+        if self._full and settled:
+            self._closed = Closed(
+                self.spanned, judged.estimates.value, judged.errors,
+                judged.points, judged.components, judged.stride,
+            )  # fmt: skip
+            self._points, self._components = self._points[:, :0], self._components[:, :0]
+        elif self._full:
             # Contiguous, as they are when taken up again: a sum's last bits depend on the order in memory.
-            points, components = (np.ascontiguousarray(kept[:, 1::2]) for kept in (points, components))
+            self._points, self._components = (
+                np.ascontiguousarray(kept[:, 1::2]) for kept in (self._points, self._components)
+            )
             self.stride *= 2
-        self._points, self._components = points, components
+        left = max(needed - (self.spanned - self.steps), _steps_to_settle(judged))
+        self.goal = min(left, self._most * self.stride, self.steps + settings.most_steps - self.state.steps)
 
     def judge(self, settings: Settings) -> Run:
         """Estimate, measure and pass the gate or not."""
-        points, components, state = self._points, self._components, self.state
+        points, components, stride, state = self._points, self._components, self.stride, self.state
         estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]))
         influence = estimates.influence.reshape(*components.shape[:3], -1)
         varying = np.ptp(components, axis=(0, 1, 2)) > 0
@@ -200,19 +232,27 @@ class _Running:
         scores = normal_scores(some_walkers(components[..., varying]))
         slowest = float(max(own.max(), autocorrelation_time(scores).max(initial=0.0)))
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
+        if self._closed:
+            estimates, errors = self._closed.estimates(estimates, errors, self.steps)
+            points, components, stride = self._closed.positions(points, components, stride, self._most)
         gate = pass_gate(
             settings, estimates, errors, (influence, scores), slowest, state.accepted / state.steps, moved,
-            stride=self.stride, last=state.steps >= settings.most_steps,
+            stride=self.stride, spanned=self.spanned, full=self._full or state.steps >= settings.most_steps,
         )  # fmt: skip
         return Run(
-            points, components, estimates, errors, own * self.stride, gate, state.steps, self.stride, settings
+            points, components, estimates, errors, own * self.stride, gate, state.steps, stride, settings
         )
 
     def steps_needed(self, judged: Run, settings: Settings) -> int:
         """Predict the steps the run should span in all; it at least grows by a tenth."""
+        spanned = self.spanned
         ratio = judged.gate.worst_error / settings.tolerance
-        by_error = self.steps * ratio * ratio * 1.1 if math.isfinite(ratio) else 2.0 * self.steps
-        by_time = 1.2 * TIMES_NEEDED * judged.gate.autocorrelation_time
-        by_time = by_time if math.isfinite(by_time) else 2.0 * self.steps
-        grown = 1.1 * self.steps if judged.gate.passed is False else self.steps
-        return math.ceil(min(max(by_error, by_time, grown), 4.0 * self.steps))
+        by_error = spanned * ratio * ratio * 1.1 if math.isfinite(ratio) else 2.0 * spanned
+        by_time = spanned - self.steps + _steps_to_settle(judged)
+        return math.ceil(min(max(by_error, by_time, 1.1 * spanned), 4.0 * spanned))
+
+
+def _steps_to_settle(judged: Run) -> int:
+    """Predict the steps a part must span."""
+    time = judged.gate.autocorrelation_time
+    return math.ceil(1.2 * TIMES_NEEDED * time) if math.isfinite(time) else 0

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.inference.sampling.parts import Closed
 from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.transported import Affine
 
@@ -57,7 +58,7 @@ class Unfinished:
     state : Ensembles
         Where the walkers stand.
     points : ndarray, shape (E, T, W, d)
-        Kept coordinates of the target.
+        Kept coordinates of the target, of the part at work.
     components : ndarray, shape (E, T, W, C)
         What the estimands keep per draw.
     stride : int
@@ -66,6 +67,8 @@ class Unfinished:
         Steps the kept positions must span before they are judged.
     refined : bool
         Whether the first round became part of the warm-up.
+    closed : Closed or None
+        What is left of the parts before.
     """
 
     transport: Affine | Transport
@@ -75,6 +78,7 @@ class Unfinished:
     stride: int
     goal: int
     refined: bool
+    closed: Closed | None
 
 
 class Keeper(Protocol):

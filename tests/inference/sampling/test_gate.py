@@ -87,7 +87,7 @@ def test_a_walker_that_hardly_accepts_is_withheld():
     def judged(acceptance):
         return pass_gate(
             Settings(tolerance=0.5), estimates, np.array([0.02]), (watched,), 1.0, acceptance,
-            np.ones((4, 8), dtype=bool), stride=1, last=False,
+            np.ones((4, 8), dtype=bool), stride=1, spanned=60, full=False,
         )  # fmt: skip
 
     assert judged(acceptance).reasons == ("a walker is stuck: it accepted 0.40% of its proposals.",)

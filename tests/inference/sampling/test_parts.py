@@ -1,0 +1,121 @@
+"""A long run in parts: estimates lose nothing, little is kept, and slow parts are not closed."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from percept.inference.sampling import run as running
+from percept.inference.sampling.estimands import Estimates, Means
+from percept.inference.sampling.parts import Closed
+from percept.inference.sampling.run import Settings, sample
+from tests.inference.sampling.targets import Normal, SkewedHeavy
+
+
+class Remembered(Means):
+    """Means of two functions, and all values they were ever given."""
+
+    def __init__(self):
+        super().__init__(("a", "b"), lambda points: np.tanh(points[:, :2]))
+        self.values = []
+
+    def components(self, points):
+        found = super().components(points)
+        self.values.append(found)
+        return found
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Parts of as few positions as there may be."""
+    monkeypatch.setattr(running, "_KEPT_LIMIT", 1)
+
+
+def test_means_are_those_of_all_draws(small):
+    means = Remembered()
+    run = sample(SkewedHeavy(3), means, Settings(tolerance=0.003, seed=3))
+    assert run.gate.passed, run.gate.reasons
+    kept = run.points[..., 0].size
+    assert run.points.shape[1] <= running._FEWEST_POSITIONS
+    # The run began anew after its first round, of which one call of one draw tells.
+    begun = [len(values) for values in means.values].index(1, 1)
+    drawn = np.concatenate(means.values[begun + 1 :])
+    assert len(drawn) > 3 * kept
+    np.testing.assert_allclose(run.estimates.value, drawn.mean(axis=0), rtol=0, atol=1e-15)
+
+
+def test_claimed_errors_of_parts_together_are_right(small):
+    """Of a normal's mean, zero: scatter of 12 runs over what they claim."""
+    means = Means(("E x",), lambda points: points[:, :1])
+    runs = [sample(Normal(2), means, Settings(tolerance=0.004, seed=seed)) for seed in range(1, 13)]
+    assert all(run.gate.passed for run in runs)
+    assert all(run.stride > running._STRIDE for run in runs)
+    z = np.array([run.estimates.value[0] / run.errors[0] for run in runs])
+    # Sum of squares of 12 standard normals: beyond these with probability 0.001 each.
+    assert 2.21 < z @ z < 32.9
+
+
+def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
+    """Chains that remember a hundred steps need longer parts than there is room for at every third step."""
+    monkeypatch.setattr(running, "_KEPT_LIMIT", 1 << 14)
+    slow = running._FIRST_ROUND
+
+    class Walk:
+        """Autoregressive chains in place of the walkers: a step remembers all but a fiftieth of the last."""
+
+        def __init__(self):
+            self.rng = np.random.default_rng(1)
+
+        def __call__(self, target, state, *, steps, stride, walkers=None):
+            walkers = state.coords.shape[1] if walkers is None else walkers
+            kept, here = [], state.coords
+            for step in range(1, steps + 1):
+                here = 0.98 * here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(here.shape)
+                if step % stride == 0:
+                    kept.append(here[:, :walkers])
+            moved = dataclasses.replace(
+                state, coords=here, accepted=state.accepted + steps, steps=state.steps + steps
+            )
+            return moved, np.stack(kept, axis=1)
+
+    monkeypatch.setattr(running, "advance", Walk())
+    means = Means(("E x",), lambda points: points[:, :1])
+    run = sample(Normal(1), means, Settings(tolerance=0.008, seed=1))
+    assert run.gate.passed, run.gate.reasons
+    assert run.gate.autocorrelation_time == pytest.approx(99.0, rel=0.2)
+    assert run.stride > running._STRIDE
+    assert run.gate.times_run >= 10
+    assert run.steps > 10 * 99 > slow
+
+
+def estimates(value):
+    return Estimates(("a",), np.array([value]), np.ones(1), np.zeros((1, 1)))
+
+
+def closed(steps, value, error, stride=3):
+    points = np.arange(steps // stride, dtype=float).reshape(1, -1, 1, 1)
+    return Closed(steps, np.array([value]), np.array([error]), points, -points, stride)
+
+
+def test_parts_weigh_by_their_steps():
+    together, error = closed(300, 1.0, 0.3).estimates(estimates(4.0), np.array([0.6]), 100)
+    assert together.value == pytest.approx([1.75])
+    assert error == pytest.approx([np.hypot(0.75 * 0.3, 0.25 * 0.6)])
+
+
+@pytest.mark.parametrize(
+    ("own", "new", "most", "stride", "wanted"),
+    [
+        (3, 3, 100, 3, [0, 1, 2, 3, 100, 101, 102]),
+        (3, 3, 4, 6, [1, 3, 101]),
+        (6, 3, 100, 6, [0, 1, 101]),
+        (3, 12, 100, 12, [3, 100, 101, 102]),
+    ],
+)
+def test_positions_share_one_stride(own, new, most, stride, wanted):
+    before = closed(12, 0.0, 1.0, own)
+    points = 100.0 + np.arange(3.0).reshape(1, -1, 1, 1)
+    joined, components, found = before.positions(points, -points, new, most)
+    assert found == stride
+    assert joined.ravel().tolist() == wanted
+    assert (-components).ravel().tolist() == wanted
