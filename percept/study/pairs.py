@@ -188,7 +188,7 @@ def _bayesian(first: Study, second: Study, rng: np.random.Generator) -> list[dic
             continue
         a, b = column_a[cell], column_b[cell]
         mean, sd = (mean_b[:, [b]] - mean_a[:, [a]]), np.hypot(sd_a[:, [a]], sd_b[:, [b]])
-        lower, upper = (float(mixture_quantile(mean, sd, tail, upper=side)[0]) for side in (False, True))
+        lower, upper = (float(mixture_quantile(mean, sd, tail, upper=side)[0][0]) for side in (False, True))
         ends = np.array([lower, float(mean.mean()), upper])
         ratio = np.quantile(spread_b[:, b] / spread_a[:, a], [tail, 0.5, 1.0 - tail])
         rows.append(

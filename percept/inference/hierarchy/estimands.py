@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.laws import Laws, Model
 from percept.inference.sampling.estimands import Estimates
-from percept.inference.sampling.mixture import mixture_influence, mixture_quantile, share_half_width
+from percept.inference.sampling.mixture import mixture_quantile, share_half_width
 
 __all__ = ["KINDS", "IntervalEstimands"]
 
@@ -76,10 +76,9 @@ class IntervalEstimands:
             return centre - half, centre + half, influence
         sd = laws.sd if kind == "mean" else np.hypot(laws.sd, laws.spread)
         tail = 0.5 * (1.0 - self.level)
-        lower = mixture_quantile(laws.mean, sd, tail, upper=False)
-        upper = mixture_quantile(laws.mean, sd, tail, upper=True)
-        pulls = [mixture_influence(laws.mean, sd, limit) for limit in (lower, upper)]
-        return lower, upper, np.concatenate(pulls, axis=1)
+        lower, on_lower = mixture_quantile(laws.mean, sd, tail, upper=False)
+        upper, on_upper = mixture_quantile(laws.mean, sd, tail, upper=True)
+        return lower, upper, np.concatenate([on_lower, on_upper], axis=1)
 
     def estimate(self, components: Array) -> Estimates:
         """All limits of all kinds asked for, their scale being the interval's half-width."""
