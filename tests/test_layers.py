@@ -12,9 +12,9 @@ ALLOWED = {
     "haptics": {"haptics", "errors"},
     "inference": {"inference", "errors"},
     "boundary": {"boundary", "haptics", "inference", "errors"},
-    "sessions": {"sessions", "errors"},
+    "sessions": {"sessions", "cores", "errors"},
     "study": {"study", "boundary", "haptics", "inference", "sessions", "scene", "errors"},
-    "workers": {"workers", "cache", "errors"},
+    "workers": {"workers", "cache", "cores", "errors"},
 }
 FORBIDDEN = {
     "haptics": {"pandas", "matplotlib", "argparse", "scipy", "emcee"},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import signal
 import subprocess
@@ -13,10 +12,11 @@ from contextlib import suppress
 from types import TracebackType
 from typing import IO, Any
 
+from percept.cores import cores
 from percept.report.figures.canvas import Drawing
 from percept.report.plates import Drawn, drawn
 
-__all__ = ["Artist", "cores", "serve"]
+__all__ = ["Artist", "serve"]
 
 # The path first, so that the other process finds the same percept.
 _START = """
@@ -25,13 +25,6 @@ sys.path[:] = pickle.load(sys.stdin.buffer)
 from percept.report.artist import serve
 serve()
 """
-
-
-def cores() -> int:
-    """How many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class Artist:

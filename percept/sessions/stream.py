@@ -11,7 +11,6 @@ import csv
 import ctypes
 import hashlib
 import io
-import os
 from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -23,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from percept.cores import cores
 from percept.errors import UsageError
 from percept.sessions.columns import Resolution, resolve
 from percept.sessions.decode import decode
@@ -84,7 +84,7 @@ class Stream:
         """
         digest = hashlib.sha256()
         pending: deque[tuple[bytes, Future[tuple[pd.DataFrame | None, int]]]] = deque()
-        workers = min(4, os.cpu_count() or 1)
+        workers = min(4, cores())
         with ThreadPoolExecutor(workers) as pool, Path(self.file).open("rb") as source:
             digest.update(source.read(self.skip))
             for raw in self._blocks(source):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from percept.cores import cores
 from percept.errors import UsageError
 from percept.workers.jobs import InProcess, Mapper
 from percept.workers.on_cluster import OnCluster
@@ -46,7 +46,7 @@ def open_mapper(workers: int | None = None, scheduler: str | None = None) -> Ite
     UsageError
         As `connected`.
     """
-    if scheduler is None and (os.cpu_count() if workers is None else workers) == 1:
+    if scheduler is None and (cores() if workers is None else workers) == 1:
         yield InProcess()
     else:
         with connected(workers, scheduler) as client:
@@ -104,7 +104,7 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
     with (
         config.set(_FEW_RECORDS),
         LocalCluster(
-            n_workers=workers,
+            n_workers=workers or cores(),
             threads_per_worker=1,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",

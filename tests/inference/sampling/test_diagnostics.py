@@ -38,6 +38,16 @@ def test_autocorrelation_time_sees_walkers_apart():
     assert np.isinf(autocorrelation_time(constant)[0])
 
 
+def test_normal_scores_share_the_mean_rank_of_ties():
+    """Against scipy.stats: walkers that stay, and values that are all apart or all equal."""
+    rng = np.random.default_rng(7)
+    columns = [rng.normal(size=60), np.repeat(rng.normal(size=20), 3), rng.integers(0, 4, 60), np.ones(60)]
+    values = np.stack(columns, axis=1).reshape(3, 20, 4)
+    ranks = np.stack([stats.rankdata(column) for column in columns], axis=1)
+    wanted = stats.norm.ppf((ranks - 0.375) / 60.25).reshape(values.shape)
+    np.testing.assert_allclose(normal_scores(values), wanted, rtol=1e-13, atol=1e-13)
+
+
 @pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_monte_carlo_error_is_the_scatter_of_repeated_means(rho):
     rng = np.random.default_rng(3)
