@@ -176,7 +176,7 @@ def _main(words: Sequence[str] | None = None) -> None:
         if asked.scene == "page and figures":
             from percept.report.fit import write_fit
 
-            write_fit(study, Path(folder) / "out")
+            write_fit(study, Path(folder) / "out", processes=1)
         else:
             from percept.report.write import write_report
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from percept.report.divided import divided
 from percept.report.document import build_document
 from percept.report.folder import filled_folder
 from percept.report.plain import dumps
@@ -14,8 +15,11 @@ if TYPE_CHECKING:
 
 __all__ = ["write_fit"]
 
+#: Runs to such a tolerance are mostly over before another process has imported what it needs.
+_SOON = 0.02
 
-def write_fit(study: Study, out_dir: str | Path) -> Path:
+
+def write_fit(study: Study, out_dir: str | Path, *, processes: int | None = None) -> Path:
     """Write fit.json, in report.json's schema without curves, and posterior.nc.
 
     Parameters
@@ -24,6 +28,9 @@ def write_fit(study: Study, out_dir: str | Path) -> Path:
         What it has not computed yet is computed now.
     out_dir : str or Path
         Folder, made where it does not exist; files of other programs in it stay.
+    processes : int, optional
+        1: everything in this process. By default others, where there are more cores, take a part of the
+        sampling; the files are the same.
 
     Returns
     -------
@@ -39,7 +46,9 @@ def write_fit(study: Study, out_dir: str | Path) -> Path:
     """
     from percept.study.posterior_file import write_posterior
 
-    with filled_folder(out_dir, last="fit.json") as folder:
+    asked = study.scene.inference
+    short = asked.method == "classical" or asked.tolerance >= _SOON
+    with filled_folder(out_dir, last="fit.json") as folder, divided(study, 1 if short else processes):
         (folder / "fit.json").write_text(dumps(build_document(study, curves=False)), encoding="utf-8")
         if study.posterior_groups is not None:
             write_posterior(study.posterior_groups, folder / "posterior.nc")

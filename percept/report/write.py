@@ -14,7 +14,7 @@ from percept.report.pdf import print_pdf
 from percept.report.plain import Digits, dumps
 
 if TYPE_CHECKING:
-    from percept.report.artist import Artist
+    from percept.processes import Processes
     from percept.report.page import Plate
     from percept.report.plates import Drawn
     from percept.study import Study
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["write_report"]
 
 Progress = Callable[[str], None]
+_DRAWING = ("percept.report.plates", "matplotlib.backends.backend_svg", "matplotlib.figure")
 
 
 def write_report(
@@ -58,8 +59,8 @@ def write_report(
     progress : callable, optional
         Called with the name of each step.
     processes : int, optional
-        1: figures are drawn in this process. By default a second one draws them while the analysis goes on,
-        where there is a second core.
+        1: everything in this process. By default others, where there are more cores, take a part of the work
+        and draw the figures while the analysis goes on; the files are the same.
 
     Returns
     -------
@@ -73,12 +74,15 @@ def write_report(
     PerceptError
         What the study refuses.
     """
-    from percept.report.artist import Artist
+    from percept.report.divided import divided
 
     step = progress or (lambda _: None)
-    with filled_folder(out_dir, last="report.html") as folder, Artist(formats, processes=processes) as artist:
+    with (
+        filled_folder(out_dir, last="report.html") as folder,
+        divided(study, processes, also=_DRAWING) as beside,
+    ):
         step("results")
-        figures = _Figures(artist)
+        figures = _Figures(beside, formats)
         document = build_document(study, seed=seed, seen=figures.begin)
         _fill(folder, study, document, figures, date or datetime.date.today().isoformat(), step)
         if pdf:
@@ -90,17 +94,18 @@ def write_report(
 class _Figures(Mapping[str, "Plate"]):
     """Figures of a document, begun as soon as it has their numbers, and waited for where they are shown."""
 
-    def __init__(self, artist: Artist) -> None:
-        self._artist = artist
+    def __init__(self, beside: Processes, formats: Sequence[str]) -> None:
+        self._beside, self._formats = beside, tuple(formats)
         self._begun: dict[str, Callable[[], Drawn]] = {}
 
     def begin(self, document: Mapping[str, Any]) -> None:
         """Have drawn what the document now has numbers for, and had not before."""
         from percept.report.figures.catalogue import drawings
+        from percept.report.plates import drawn
 
         for drawing in drawings(document):
             if drawing.name not in self._begun:
-                self._begun[drawing.name] = cache(self._artist.draw(drawing))
+                self._begun[drawing.name] = cache(self._beside.ask(drawn, drawing, self._formats))
 
     def __getitem__(self, name: str) -> Plate:
         return self._begun[name]().plate

@@ -22,6 +22,7 @@ from percept.inference.hierarchy.statistics import Statistics, from_summary, fro
 from percept.inference.hierarchy.unpooled import Unpooled
 from percept.inference.sampling.records import Progress, Run, Settings
 from percept.inference.sampling.unfinished import Keeper
+from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import Cell, cell_moments
@@ -137,6 +138,7 @@ def fit(
     *,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
+    share: Share = ALONE,
 ) -> Fit:
     """Sample a prepared model to the scene's tolerance.
 
@@ -150,6 +152,8 @@ def fit(
         Told the state after every round.
     store : RunStore, optional
         Asked first, and given what was sampled.
+    share : Share
+        Who works on the sampling.
 
     Returns
     -------
@@ -182,7 +186,7 @@ def fit(
     def sampled(keeper: Keeper | None = None) -> Run:
         from percept.inference.sampling.run import sample
 
-        run = sample(prepared.model, estimands, settings, progress=progress, keeper=keeper)
+        run = sample(prepared.model, estimands, settings, progress=progress, keeper=keeper, share=share)
         # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
         points, components = np.ascontiguousarray(run.points), np.ascontiguousarray(run.components)
         return dataclasses.replace(run, points=points, components=components)

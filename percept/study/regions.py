@@ -114,6 +114,10 @@ class Draws:
     level: float
     pairs: Pairs
 
+    def within(self, environment: str) -> Draws:
+        """Draws of one environment alone."""
+        return dataclasses.replace(self, pairs={environment: self.pairs[environment]})
+
 
 def displayable(values: Array) -> Array:
     """Bring draws and limits (N/m, N·s/m) into the range that impedances can be worked out for."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from percept import haptics
 from percept.errors import RefusalError
 from percept.inference.hierarchy.priors import MEANINGS
+from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.responses import references
@@ -59,6 +60,11 @@ class Study:
     store : RunStore, optional
         Where finished runs of the sampler are kept, such as `percept.cache.PosteriorCache`; none by default.
 
+    Attributes
+    ----------
+    share : Share
+        Who works on what can be divided, such as `percept.processes.Processes`; by default this process.
+
     Raises
     ------
     RefusalError
@@ -75,6 +81,7 @@ class Study:
     ) -> None:
         self.sessions = sessions
         self.scene = scene or Scene()
+        self.share: Share = ALONE
         self._progress = progress
         self._store = store
 
@@ -126,7 +133,7 @@ class Study:
         from percept.study.bayesian import fit, prepare
 
         prepared = prepare(self.sessions, self.scene, self.parameters)
-        return fit(prepared, self.scene, progress=self._progress, store=self._store)
+        return fit(prepared, self.scene, progress=self._progress, store=self._store, share=self.share)
 
     @cached_property
     def posterior_groups(self) -> Groups | None:
@@ -264,11 +271,13 @@ class Study:
             return (kinds is None or one.kind in kinds) and (joints is None or joint in joints)
 
         drawn = [draws for draws in self.curve_draws if wanted(draws)]
-        found = []
+        parts = []
         for environment in environments:
             regions = [one for one in self.regions if one.environment == environment and wanted(one)]
-            found += environment_boundaries(self.bench, environment, regions, drawn, frequencies)
-        return tuple(found)
+            here = [draws.within(environment) for draws in drawn if environment in draws.pairs]
+            parts.append((self.bench, environment, regions, here, frequencies))
+        found = self.share(environment_boundaries, parts)
+        return tuple(boundary for boundaries in found for boundary in boundaries)
 
     @cached_property
     def bench(self) -> Bench | None:

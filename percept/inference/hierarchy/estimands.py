@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.laws import Laws, Model
 from percept.inference.sampling.estimands import Estimates
 from percept.inference.sampling.mixture import mixture_quantile, share_half_width
+from percept.inference.share import ALONE, Share
 
 __all__ = ["KINDS", "IntervalEstimands"]
 
@@ -80,12 +81,11 @@ class IntervalEstimands:
         upper, on_upper = mixture_quantile(laws.mean, sd, tail, upper=True)
         return lower, upper, np.concatenate([on_lower, on_upper], axis=1)
 
-    def estimate(self, components: Array) -> Estimates:
+    def estimate(self, components: Array, share: Share = ALONE) -> Estimates:
         """All limits of all kinds asked for, their scale being the interval's half-width."""
         laws = Laws.unpack(components)
         values, scales, influences = [], [], []
-        for kind in self.kinds:
-            lower, upper, influence = self.limits(kind, laws)
+        for lower, upper, influence in share(self.limits, [(kind, laws) for kind in self.kinds]):
             values += [lower, upper]
             scales += [0.5 * (upper - lower)] * 2
             influences.append(influence)

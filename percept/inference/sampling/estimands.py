@@ -9,6 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.inference.share import ALONE, Share
+
 __all__ = ["Estimands", "Estimates", "Means"]
 
 Array = NDArray[np.float64]
@@ -43,8 +45,8 @@ class Estimands(Protocol):
     def components(self, points: Array) -> Array:
         """Quantities kept per draw: points (W, d) to an array (W, C)."""
 
-    def estimate(self, components: Array) -> Estimates:
-        """Estimates from the components (S, C) of S kept draws."""
+    def estimate(self, components: Array, share: Share = ALONE) -> Estimates:
+        """Estimates from the components (S, C) of S kept draws, worked on by `share`."""
 
 
 class Means:
@@ -66,7 +68,8 @@ class Means:
         """Values of the functions, shape (W, C)."""
         return np.asarray(self._function(points))
 
-    def estimate(self, components: Array) -> Estimates:
+    def estimate(self, components: Array, share: Share = ALONE) -> Estimates:
         """Means, with deviations as influence."""
+        del share
         mean = components.mean(axis=0)
         return Estimates(self._names, mean, components.std(axis=0), components - mean)

@@ -24,10 +24,12 @@ from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
 from percept.inference.sampling.parts import Closed
+from percept.inference.sampling.pieces import run_piece
 from percept.inference.sampling.records import Gate, Progress, Run, Settings
 from percept.inference.sampling.transported import Transported
 from percept.inference.sampling.unfinished import Keeper, Saver, Unfinished
 from percept.inference.sampling.warmup import refine, warm_up
+from percept.inference.share import ALONE, Share
 
 __all__ = ["Gate", "Progress", "Run", "Settings", "sample"]
 
@@ -55,6 +57,7 @@ def sample(
     *,
     progress: Callable[[Progress], None] | None = None,
     keeper: Keeper | None = None,
+    share: Share = ALONE,
 ) -> Run:
     """Sample a target with emcee to a stated accuracy.
 
@@ -71,6 +74,8 @@ def sample(
     keeper : Keeper, optional
         Given the unfinished run every few seconds and when it is interrupted; what it kept of an earlier
         attempt is taken up, and the result is the same in every digit.
+    share : Share
+        Who works on the ensembles; the result is the same in every digit.
 
     Returns
     -------
@@ -83,7 +88,7 @@ def sample(
     """
     target = Checked(target)
     kept = keeper.load() if keeper is not None else None
-    run = _Running(target, estimands, kept or _begin(target, estimands, settings))
+    run = _Running(target, estimands, kept or _begin(target, estimands, settings), share)
     with Saver(keeper) as saver:
         while True:
             while run.steps < run.goal:
@@ -97,7 +102,8 @@ def sample(
             if judged.gate.passed or run.state.steps >= settings.most_steps:
                 return judged
             if not run.refined and needed > _WORTH_REFINING * run.spanned:
-                run = _Running(target, estimands, _refined(target, estimands, settings, judged.points))
+                refined = _refined(target, estimands, settings, judged.points)
+                run = _Running(target, estimands, refined, share)
             else:
                 run.go_on(judged, needed, settings)
 
@@ -156,7 +162,8 @@ def _burnt_in(
 class _Running:
     """Kept positions of the part at work, their components, and what is left of the parts before it."""
 
-    def __init__(self, target: Target, estimands: Estimands, begun: Unfinished) -> None:
+    def __init__(self, target: Target, estimands: Estimands, begun: Unfinished, share: Share) -> None:
+        self._share = share
         self._here = Transported(target, begun.transport)
         self._estimands = estimands
         self.state = begun.state
@@ -193,12 +200,13 @@ class _Running:
     def extend(self, steps: int) -> None:
         """Run every ensemble for at least `steps` and keep what is needed."""
         steps = max(self.stride, math.ceil(steps / self.stride) * self.stride)
-        walkers = self._points.shape[2]
-        self.state, points = advance(self._here, self.state, steps=steps, stride=self.stride, walkers=walkers)
-        flat = self._here.map(points.reshape(-1, points.shape[-1]))
-        components = self._estimands.components(flat).reshape(*points.shape[:3], -1)
-        self._points = np.concatenate([self._points, flat.reshape(points.shape)], axis=1)
-        self._components = np.concatenate([self._components, components], axis=1)
+        piece = run_piece(
+            self._here, self._estimands, self.state,
+            steps=steps, stride=self.stride, walkers=self._points.shape[2], share=self._share,
+        )  # fmt: skip
+        self.state = piece.state
+        self._points = np.concatenate([self._points, piece.points], axis=1)
+        self._components = np.concatenate([self._components, piece.components], axis=1)
 
     def go_on(self, judged: Run, needed: int, settings: Settings) -> None:
         """Make room where memory is full, and set the next goal."""
@@ -223,7 +231,7 @@ class _Running:
     def judge(self, settings: Settings) -> Run:
         """Estimate, measure and pass the gate or not."""
         points, components, stride, state = self._points, self._components, self.stride, self.state
-        estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]))
+        estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]), self._share)
         influence = estimates.influence.reshape(*components.shape[:3], -1)
         varying = np.ptp(components, axis=(0, 1, 2)) > 0
         own = autocorrelation_time(influence)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from percept.inference.sampling import pieces
 from percept.inference.sampling import run as running
 from percept.inference.sampling.estimands import Estimates, Means
 from percept.inference.sampling.parts import Closed
@@ -78,7 +79,7 @@ def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
             )
             return moved, np.stack(kept, axis=1)
 
-    monkeypatch.setattr(running, "advance", Walk())
+    monkeypatch.setattr(pieces, "advance", Walk())
     means = Means(("E x",), lambda points: points[:, :1])
     run = sample(Normal(1), means, Settings(tolerance=0.008, seed=1))
     assert run.gate.passed, run.gate.reasons
