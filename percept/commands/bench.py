@@ -154,6 +154,12 @@ def _workers(arguments: argparse.Namespace) -> Sequence[Any]:
     return batch_costs(arguments.studies)
 
 
+def _processes(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.processes import process_gains
+
+    return process_gains(told=_told)
+
+
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": _sampling,
     "magnitude": _magnitude,
@@ -166,6 +172,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "haptics": _haptics,
     "skipping": _skipping,
     "workers": _workers,
+    "processes": _processes,
     "growth": _growth,
 }
 
