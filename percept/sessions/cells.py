@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from percept.sessions.numbers import is_missing
 
-__all__ = ["CellError", "pick"]
+__all__ = ["CellError", "NoKeyError", "pick"]
 
 _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
 
 
 class CellError(ValueError):
     """A cell that has no value at the path asked for."""
+
+
+class NoKeyError(CellError):
+    """A record without a key of the path; `keys` are those it has."""
+
+    def __init__(self, step: str, keys: Iterable[str]) -> None:
+        super().__init__(f"the record has no {step!r}")
+        self.keys = tuple(keys)
 
 
 def pick(cell: str, path: str) -> str:
@@ -34,6 +43,8 @@ def pick(cell: str, path: str) -> str:
 
     Raises
     ------
+    NoKeyError
+        A record on the path lacks the next key.
     CellError
         The cell is no JSON, names one key twice, or ends before the path does.
     """
@@ -57,7 +68,9 @@ def pick(cell: str, path: str) -> str:
 
 def _step(value: Any, step: str) -> Any:
     if isinstance(value, dict):
-        return value.get(step)
+        if step not in value:
+            raise NoKeyError(step, value)
+        return value[step]
     if isinstance(value, list) and re.fullmatch(r"-?[0-9]{1,9}", step):
         at = int(step)
         if -len(value) <= at < len(value):

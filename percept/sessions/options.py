@@ -86,7 +86,8 @@ class ReadOptions:
     delimiter, encoding : str, optional
         Declared where they cannot be told.
     keep : {"last"}, optional
-        Files with a row per event: the last value of each parameter in a trial stands.
+        Files with a row per event: the last value of each parameter in a trial stands. Texts leave events out
+        before that, limits of `exclude` leave out what stands.
     filename : str, optional
         Pattern of file names without suffix, such as "sub-{subject}_ses-{session}".
     groups : tuple of str

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.cells import CellError, pick
+from percept.sessions.cells import CellError, NoKeyError, pick
 from percept.sessions.columns import Resolution, Slot, resolve
 from percept.sessions.dialect import Grid
 from percept.sessions.numbers import Mark, decimal_mark, is_missing, parse_numbers
@@ -231,10 +231,19 @@ class _Reader:
 
     def _pick(self, canonical: str, path: str) -> None:
         picked = []
+        keys: dict[str, None] = {}
+        lacking = somewhere = False
         for row, cell in zip(self.rows, self.text[canonical], strict=True):
             try:
                 picked.append(pick(cell, path))
+                somewhere = somewhere or not is_missing(cell)
+            except NoKeyError as error:
+                # Records of other kinds of trial lack the key; a path that no record has is a wrong one.
+                lacking = True
+                keys |= dict.fromkeys(error.keys)
+                picked.append("")
             except CellError as error:
+                somewhere = True
                 # Whether such a row holds no adjustment is the scene's to say, hence a problem, not a blank.
                 self.problems.add(
                     f"{error}.",
@@ -245,6 +254,15 @@ class _Reader:
                     hint=f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only.",
                 )
                 picked.append("")
+        if lacking and not somewhere:
+            self.problems.add(
+                f"no row has this path; the keys there are {shown(list(keys)) or 'none'}.",
+                file=self.file,
+                column=self._name(canonical),
+                key=f"columns.{canonical}.path",
+                value=path,
+                hint="A path begins inside the cell; correct it, or pick rows with [sessions] only.",
+            )
         self.text[canonical] = picked
 
     def read(self) -> pd.DataFrame:
@@ -273,8 +291,13 @@ class _Reader:
         self._exclude(blank, "no adjustment", log=self._is_trial)
         self._check_ids()
         numbers = self._numbers()
-        frame = self._frame(numbers)
-        return self._last(frame) if self.options.keep == "last" else frame
+        if self.options.keep == "last":
+            numbers = self._last(numbers)
+        # Limits judge observations, so an event that is not its trial's last is gone by now.
+        for rule in self.options.exclude:
+            if not rule.equals:
+                self._out_of_range(rule, numbers)
+        return self._frame(numbers)
 
     def _is_trial(self, at: int) -> bool:
         return all(self.text.get(c, ["x"] * (at + 1))[at].strip() for c in ("subject", "environment"))
@@ -333,9 +356,6 @@ class _Reader:
             out[c] = convert(out[c], self.resolution.rules[c].unit, c[0])
         if "trial" in out:
             self._check_whole(out["trial"])
-        for rule in self.options.exclude:
-            if not rule.equals:
-                self._out_of_range(rule, out)
         return out
 
     def _parse(self, column: str, label: str, mark: Mark) -> npt.NDArray[np.float64]:
@@ -354,6 +374,17 @@ class _Reader:
                 value=self.text["trial"][at],
                 hint="Number the trials 1, 2, 3 …",
             )
+
+    def _last(self, numbers: dict[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:
+        """Reduce each trial to its last event, with the last value of each number."""
+        ids = {c: self.text[c] for c in IDS if c in self.text}
+        events = pd.DataFrame({**ids, **numbers})
+        trial = [c for c in (*IDS, "trial") if c in events]
+        values = [c for c in numbers if c != "trial"]
+        events[values] = events.groupby(trial, sort=False, dropna=False)[values].ffill()
+        last = ~events.duplicated(trial, keep="last").to_numpy()
+        self._keep(last.tolist(), "earlier event of a trial")
+        return {c: events[c].to_numpy(dtype=float)[last] for c in numbers}
 
     def _out_of_range(self, rule: ExcludeRule, numbers: dict[str, npt.NDArray[np.float64]]) -> None:
         key = rule.column if rule.column in numbers else f"own:{rule.column}"
@@ -383,12 +414,3 @@ class _Reader:
         columns |= {g: np.array(self.text[f"own:{g}"], dtype=object) for g in self.groups}
         columns["row"] = np.array(self.rows, dtype=np.int64)
         return pd.DataFrame(columns)
-
-    def _last(self, frame: pd.DataFrame) -> pd.DataFrame:
-        """Keep, per trial, the last value of each parameter; the row is that of the last event."""
-        keys = [*IDS, "trial"]
-        last = frame.groupby(keys, sort=False, as_index=False).last()
-        gone = len(frame) - len(last)
-        if gone:
-            self.part.counts["earlier event of a trial"] += gone
-        return last[list(frame.columns)]

@@ -263,6 +263,61 @@ def test_paths_into_cells(tmp_path):
         assert message in str(refusal(tmp_path, head + f"1,a,10,{cell}\n", path))
 
 
+def test_a_path_that_no_row_has_names_the_keys_there_are(tmp_path):
+    head = "subject,environment,k_ref,b_ref,response\n"
+    rows = '1,a,10,1,"{""k"": 11, ""b"": 2}"\n2,a,10,1,\n3,a,10,1,"{""k"": 9, ""rt"": null}"\n'
+    tables = {
+        "columns": {
+            "k_adj": {"name": "response", "path": "response.k"},
+            "b_adj": {"name": "response", "path": "b"},
+        }
+    }
+    error = refusal(tmp_path, head + rows, tables)
+    assert error.total == 1
+    assert "no row has this path; the keys there are 'k', 'b', 'rt'." in error.message
+    assert (error.column, error.key, error.value) == ("response", "columns.k_adj.path", "response.k")
+    assert error.file.endswith("f.csv")
+    tables["columns"]["k_adj"]["path"] = "k"
+    # Record 3 has no b, which record 1 has.
+    sessions = read(tmp_path, head + rows, tables)
+    assert sessions.table[["k_adj", "b_adj"]].fillna(-1).to_numpy().tolist() == [[11.0, 2.0], [9.0, -1.0]]
+    # A key whose every value is null is there.
+    tables["columns"]["b_adj"]["path"] = "rt"
+    only = {"sessions": {"only": {"subject": "3"}}}
+    assert read(tmp_path, head + rows, tables | only).counts["rows without b"] == 1
+    tables["columns"]["k_adj"]["path"] = "x.k"
+    error = refusal(tmp_path, head + "1,a,10,1,{}\n", tables)
+    assert [p.key for p in error.problems] == ["columns.k_adj.path", "columns.b_adj.path"]
+    assert "the keys there are none" in error.message
+
+
+def test_limits_judge_the_last_event_and_texts_every_event(tmp_path):
+    text = (
+        "subject,environment,k_ref,trial,k_adj,phase,rt\n"
+        "1,a,10,1,8,test,1\n2,a,10,1,9,test,70\n1,a,10,1,50,test,2\n"
+        "2,a,10,1,11,test,3\n2,a,10,1,12,replay,4\n3,a,10,1,13,test,5\n3,a,10,1,,test,90\n"
+    )
+    tables = {
+        "sessions": {
+            "keep": "last",
+            "exclude": [
+                {"column": "phase", "equals": "replay", "why": "replayed"},
+                {"column": "k_adj", "above": 40, "why": "slipped"},
+                {"column": "rt", "above": 60},
+            ],
+        }
+    }
+    sessions = read(tmp_path, text, tables)
+    assert sessions.table[["subject", "k_adj"]].to_numpy().tolist() == [["2", 11.0], ["3", 13.0]]
+    assert [(e.who, e.why, e.row) for e in sessions.exclusions] == [
+        ("2", "replayed", 6),
+        ("3", "no adjustment", 8),
+        ("1", "slipped", 4),
+    ]
+    assert sessions.counts["earlier event of a trial"] == 2
+    assert sessions.counts["excluded: slipped"] == 1
+
+
 def test_events_reduce_only_when_declared(tmp_path):
     rows = "1,a,10,1,1,5,\n1,a,10,1,1,9,2\n1,a,10,1,1,11,\n1,a,10,1,2,8,3\n"
     assert "stands already" in str(refusal(tmp_path, HEAD + rows))
