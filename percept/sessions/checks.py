@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
@@ -187,7 +188,7 @@ def check_plausible(
         known = (adjusted > 0) & (reference > 0)
         if not known.any():
             continue
-        ratio = float(np.exp(np.median(np.log(adjusted[known]) - np.log(reference[known]))))
+        ratio = _typical_ratio(adjusted[known], reference[known])
         if 1 / _FAR < ratio < _FAR:
             continue
         text = f"{p}_adj is typically {ratio:.3g} times {p}_ref: their units seem to differ."
@@ -203,6 +204,10 @@ def check_plausible(
             **place(int(np.flatnonzero(known)[0])),
         )
     return notices
+
+
+def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:
+    return float(np.exp(np.median(np.log(values) - np.log(reference))))
 
 
 def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]:
@@ -262,7 +267,7 @@ def count_grid(table: pd.DataFrame, parameters: Sequence[str]) -> Counter[str]:
 
 
 def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None:
-    """Check a published table: parameter, order of limits, n, level, and one row for each interval.
+    """Check a published table: parameter, order of limits, n, level, units, and one row for each interval.
 
     Parameters
     ----------
@@ -283,10 +288,10 @@ def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None
         ("level", (table["level"] <= 0) | (table["level"] >= 1), "must lie between 0 and 1, as in 0.99."),
     )
     for column, wrong, message in rules:
+        values = table[column].tolist()
         for at in np.flatnonzero(np.asarray(wrong)):
-            problems.add(
-                message, column=column, value=table[column].iloc[at], hint="Correct it.", **place(int(at))
-            )
+            problems.add(message, column=column, value=values[at], hint="Correct it.", **place(int(at)))
+    _check_units(table, place, problems)
     for at in np.flatnonzero(table.duplicated(["environment", "parameter"]).to_numpy()):
         problems.add(
             "a second row for this environment and parameter.",
@@ -295,3 +300,21 @@ def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None
             hint="Remove one of them.",
             **place(int(at)),
         )
+
+
+def _check_units(table: pd.DataFrame, place: Place, problems: Problems) -> None:
+    """Compare published limits with their references, as `check_plausible` compares adjustments."""
+    values, lower, upper = (table[c].to_numpy(dtype=float) for c in ("reference", "lower", "upper"))
+    # Of what the limits hold, the nearest to the reference: wide limits are no sign of another unit.
+    nearest = np.clip(values, lower, upper)
+    for p, unit in (("k", "N/m"), ("b", "N·s/m")):
+        known = np.flatnonzero((table["parameter"] == p).to_numpy() & (nearest > 0) & (values > 0))
+        ratio = _typical_ratio(nearest[known], values[known]) if len(known) else 1.0
+        if not 1 / _FAR < ratio < _FAR:
+            problems.add(
+                f"limits of {p} are typically {ratio:.3g} times the reference: their units seem to differ.",
+                column="reference",
+                value=float(values[known[0]]),
+                hint=f"Write references and limits in {unit}.",
+                **place(int(known[0])),
+            )

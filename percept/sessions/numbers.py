@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy.typing as npt
 
 from percept.sessions.problems import Problems
 
-__all__ = ["MISSING", "Mark", "decimal_mark", "is_missing", "parse_numbers"]
+__all__ = ["MISSING", "DecimalMark", "Mark", "decimal_mark", "is_missing", "parse_numbers"]
 
 Mark = Literal[".", ","]
 
@@ -21,8 +22,23 @@ _SPACE = " \t\xa0"
 _POINT = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _COMMA = re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]*)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?")
 # "1,286" is 1.286 with a decimal comma and 1286 with a comma between thousands; "0,435" and "12,5" are not.
-_TWO_READINGS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")
-_ASK = 'Declare [sessions] decimal = "," or decimal = "."'
+_TWO_READINGS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
+_WORDS = {".": "point", ",": "comma"}
+
+
+@dataclass(frozen=True)
+class DecimalMark:
+    """The decimal mark of a file.
+
+    Attributes
+    ----------
+    sign : {".", ","}
+    evidence : str
+        Where cells disagree: how many have this mark, and one of them.
+    """
+
+    sign: Mark
+    evidence: str = ""
 
 
 def is_missing(cell: str) -> bool:
@@ -31,18 +47,18 @@ def is_missing(cell: str) -> bool:
 
 
 def decimal_mark(
-    columns: Iterable[tuple[str, Sequence[str]]],
+    columns: Sequence[tuple[str, Sequence[str]]],
     rows: Sequence[int],
     *,
     file: str,
     declared: Mark | None,
     problems: Problems,
-) -> Mark:
+) -> DecimalMark:
     """Find the decimal mark of a file from all the number cells that are used.
 
     Parameters
     ----------
-    columns : iterable of (str, sequence of str)
+    columns : sequence of (str, sequence of str)
         Names and cells of the number columns.
     rows : sequence of int
         Physical row of each cell.
@@ -51,57 +67,72 @@ def decimal_mark(
     declared : {".", ","} or None
         The mark the scene declares; it is taken as it is.
     problems : Problems
-        Receives the cells that can be read two ways, and files that mix both marks.
+        Receives the cells that can be read two ways, where no other cell settles it.
 
     Returns
     -------
-    {".", ","}
+    DecimalMark
+        Where cells disagree, that of most of those with one reading; `parse_numbers` refuses the others.
     """
     if declared:
-        return declared
-    commas = [
-        (row, name, cell.strip(_SPACE))
-        for name, cells in columns
-        for row, cell in zip(rows, cells, strict=True)
-        if "," in cell and _COMMA.fullmatch(cell.strip(_SPACE))
-    ]
+        return DecimalMark(declared)
+    commas = _with_mark(",", columns, rows)
     if not commas:
-        return "."
-    for name, cells in columns:
-        for row, cell in zip(rows, cells, strict=True):
-            if "." in cell and _POINT.fullmatch(cell.strip(_SPACE)):
-                other = commas[0]
-                problems.add(
-                    f"a decimal point, where row {other[0]} has a comma ({other[2]!r}).",
-                    file=file,
-                    row=row,
-                    column=name,
-                    value=cell,
-                    hint="A file has one decimal mark; write its numbers in one way.",
-                )
-                return ","
+        return DecimalMark(".")
+    points = _with_mark(".", columns, rows)
+    if points:
+        return _settled(",", commas) if _weight(commas) > _weight(points) else _settled(".", points)
     if all(_TWO_READINGS.fullmatch(cell) for _, _, cell in commas):
         for row, name, cell in commas:
-            digits = cell.replace(",", "")
             problems.add(
-                f"can be read as {cell.replace(',', '.')} or as {digits}.",
+                f"{_readings(cell)}.",
                 file=file,
                 row=row,
                 column=name,
                 value=cell,
-                hint=f"{_ASK} if it separates thousands (and write them without it).",
+                hint='Declare [sessions] decimal = "," or decimal = "." if it separates thousands '
+                "(and write them without it).",
             )
-    return ","
+    return DecimalMark(",")
+
+
+def _with_mark(
+    sign: Mark, columns: Sequence[tuple[str, Sequence[str]]], rows: Sequence[int]
+) -> list[tuple[int, str, str]]:
+    """Row, column and text of each number that has a mark."""
+    pattern = _POINT if sign == "." else _COMMA
+    return [
+        (row, name, cell.strip(_SPACE))
+        for name, cells in columns
+        for row, cell in zip(rows, cells, strict=True)
+        if sign in cell and pattern.fullmatch(cell.strip(_SPACE))
+    ]
+
+
+def _settled(sign: Mark, cells: Sequence[tuple[int, str, str]]) -> DecimalMark:
+    row, name, cell = next((c for c in cells if not _TWO_READINGS.fullmatch(c[2])), cells[0])
+    count = f"{len(cells)} cells have" if len(cells) > 1 else "1 cell has"
+    return DecimalMark(sign, f"{count} a decimal {_WORDS[sign]}, as row {row} in column {name!r} ({cell!r})")
+
+
+def _weight(cells: Sequence[tuple[int, str, str]]) -> tuple[int, int]:
+    """How much cells say for their mark: how many have one reading, and how many there are."""
+    return sum(not _TWO_READINGS.fullmatch(cell) for _, _, cell in cells), len(cells)
+
+
+def _readings(cell: str) -> str:
+    return f"can be read as {cell.replace(',', '.')} or as {re.sub('[.,]', '', cell)}"
 
 
 def parse_numbers(
     cells: Sequence[str],
     rows: Sequence[int],
     *,
-    mark: Mark,
+    mark: DecimalMark,
     file: str,
     column: str,
     problems: Problems,
+    optional: bool = True,
 ) -> npt.NDArray[np.float64]:
     """Convert cells to the nearest doubles.
 
@@ -111,12 +142,14 @@ def parse_numbers(
         Decimal numbers, with or without an exponent; a cell that says "missing" gives NaN.
     rows : sequence of int, shape (n,)
         Physical rows, for messages.
-    mark : {".", ","}
-        Decimal mark.
+    mark : DecimalMark
+        Of the file.
     file, column : str
         For messages.
     problems : Problems
         Receives every cell that is neither a number nor missing, or that a double cannot hold.
+    optional : bool, optional
+        Whether messages offer to leave the cell empty.
 
     Returns
     -------
@@ -124,11 +157,14 @@ def parse_numbers(
         NaN where missing (and where a problem was found).
     """
     out = np.full(len(cells), np.nan)
-    pattern = (_POINT if mark == "." else _COMMA).fullmatch
+    pattern = (_POINT if mark.sign == "." else _COMMA).fullmatch
+    mend = (
+        "Correct the cell, or leave it empty if there was no adjustment." if optional else "Correct the cell."
+    )
     for at, cell in enumerate(cells):
         text = cell.strip(_SPACE)
         if pattern(text):
-            number = float(text.replace(",", ".") if mark == "," else text)
+            number = float(text.replace(",", ".") if mark.sign == "," else text)
             out[at] = number
             if math.isinf(number) or (number == 0 and re.search("[1-9]", re.split("[eE]", text)[0])):
                 problems.add(
@@ -137,26 +173,34 @@ def parse_numbers(
                     row=rows[at],
                     column=column,
                     value=cell,
-                    hint="Correct the cell, or leave it empty.",
+                    hint=mend,
                 )
         elif text.lower() not in MISSING:
             message, hint = _diagnosis(text, mark)
-            problems.add(message, file=file, row=rows[at], column=column, value=cell, hint=hint)
+            problems.add(message, file=file, row=rows[at], column=column, value=cell, hint=hint or mend)
     return out
 
 
-def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
-    """Say what is wrong with a cell that is no number, and what to do."""
-    other = _COMMA if mark == "." else _POINT
+def _diagnosis(text: str, mark: DecimalMark) -> tuple[str, str]:
+    """Say what is wrong with a cell that is no number, and what to do if that is more than to correct it."""
+    other = _COMMA if mark.sign == "." else _POINT
+    if other.fullmatch(text):
+        sign = "," if mark.sign == "." else "."
+        found = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[sign]}"
+        why = mark.evidence or f"the file is read with the decimal mark {mark.sign!r}"
+        hint = f"Write it with a decimal {_WORDS[mark.sign]}, and thousands without a separator"
+        return f"{found}; {why}.", hint + (
+            "." if mark.evidence else ", or set [sessions] decimal to the mark the file has."
+        )
     if re.fullmatch(r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?", text):
         return "not a plain number: separators of thousands are not read.", "Write it without them."
-    if other.fullmatch(text):
-        return f"not a number with the decimal mark {mark!r}.", f"{_ASK} as the file has it."
     if text.startswith(("[", "{")):
         return (
             "a list or a record, not a number.",
             'Say which value counts, as [columns] k_adj = { name = "…", path = "-1" } (the last of a list).',
         )
+    if text.endswith("%"):
+        return "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."
     if text.lower().lstrip("+-") in ("inf", "infinity"):
-        return "not a finite number.", "Leave the cell empty if there was no adjustment."
-    return "not a number.", "Correct the cell, or leave it empty if there was no adjustment."
+        return "not a finite number.", ""
+    return "not a number.", ""

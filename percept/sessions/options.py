@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from percept.errors import UsageError
+from percept.sessions.units import factor
 
 __all__ = [
     "CANONICAL",
@@ -188,7 +189,7 @@ def _columns(table: Any) -> Mapping[str, ColumnRule]:
                 f"no such column in [columns]; the names are {names}.", key=f"columns.{canonical}"
             )
         if isinstance(value, ColumnRule):
-            rules[canonical] = value
+            rules[canonical] = _with_unit(canonical, value)
             continue
         entry = {"name": value} if isinstance(value, str) else _table(value, f"[columns] {canonical}")
         wrong = [k for k, v in entry.items() if k not in ("name", "unit", "path") or not isinstance(v, str)]
@@ -198,8 +199,19 @@ def _columns(table: Any) -> Mapping[str, ColumnRule]:
                 key=f"columns.{canonical}",
                 value=value,
             )
-        rules[canonical] = ColumnRule(**entry)
+        rules[canonical] = _with_unit(canonical, ColumnRule(**entry))
     return rules
+
+
+def _with_unit(canonical: str, rule: ColumnRule) -> ColumnRule:
+    """Check a rule's unit before any file is read, while its key is known."""
+    if canonical in NUMBERS:
+        try:
+            factor(rule.unit, canonical[0])
+        except UsageError as error:
+            error.key = f"columns.{canonical}.unit"
+            raise
+    return rule
 
 
 def _table(value: Any, where: str) -> Mapping[str, Any]:

@@ -15,7 +15,7 @@ from percept.errors import UsageError
 from percept.sessions.cells import CellError, NoKeyError, pick
 from percept.sessions.columns import Resolution, Slot, resolve
 from percept.sessions.dialect import Grid
-from percept.sessions.numbers import Mark, decimal_mark, is_missing, parse_numbers
+from percept.sessions.numbers import DecimalMark, decimal_mark, is_missing, parse_numbers
 from percept.sessions.options import CANONICAL, IDS, KEPT_COLUMNS, NUMBERS, ExcludeRule, ReadOptions
 from percept.sessions.problems import Problems, shown
 from percept.sessions.records import Exclusion, Notice
@@ -85,7 +85,9 @@ def read_part(
     part.counts.update(grid.dropped)
     check_columns(part, grid.header, resolution, file=file, options=options, named=named)
     if resolution.form == "summary":
-        part.frame = read_summary(grid, resolution, file=file, options=options, problems=problems)
+        part.frame = read_summary(
+            grid, resolution, file=file, options=options, problems=problems, notices=part.notices
+        )
         return part
     reader = _Reader(grid, resolution, file, options, named, problems, part)
     part.frame = reader.read()
@@ -358,7 +360,7 @@ class _Reader:
             self._check_whole(out["trial"])
         return out
 
-    def _parse(self, column: str, label: str, mark: Mark) -> npt.NDArray[np.float64]:
+    def _parse(self, column: str, label: str, mark: DecimalMark) -> npt.NDArray[np.float64]:
         return parse_numbers(
             self.text[column], self.rows, mark=mark, file=self.file, column=label, problems=self.problems
         )

@@ -252,14 +252,13 @@ def open_stream(
     columns = slots[0].columns
     used = [(c, [r[at] for r in grid.cells]) for c, at in columns.items() if c in (*NUMBERS, "trial")]
     decimal = decimal_mark(used, grid.rows, file=file, declared=options.decimal, problems=doubts)
-    if len(doubts) or "group" in grid.header:
+    if len(doubts) or decimal.evidence or "group" in grid.header:
         return None
     part = Part("trials", pd.DataFrame())
     check_columns(part, grid.header, resolution, file=file, options=options, named=named)
     skip = len(head) - len(body) + body.index(b"\n") + 1
-    return Stream(
-        file, part, grid.header, grid.dialect.delimiter, decimal, resolution, options, named, problems, skip
-    )
+    delimiter, sign = grid.dialect.delimiter, decimal.sign
+    return Stream(file, part, grid.header, delimiter, sign, resolution, options, named, problems, skip)
 
 
 def _says_true(raw: bytes) -> bool:

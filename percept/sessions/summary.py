@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -14,14 +16,25 @@ from percept.sessions.dialect import Grid
 from percept.sessions.numbers import decimal_mark, is_missing, parse_numbers
 from percept.sessions.options import ReadOptions
 from percept.sessions.problems import Problems, shown
+from percept.sessions.records import Notice
 
 __all__ = ["read_summary"]
 
 _Floats = npt.NDArray[np.float64]
+_LIMITS = ("lower", "upper")
+_MOMENTS = ("mean", "sd")
+# Limits at any level give back the mean and SD they were made of.
+_LEVEL = 0.95
 
 
 def read_summary(
-    grid: Grid, resolution: Resolution, *, file: str, options: ReadOptions, problems: Problems
+    grid: Grid,
+    resolution: Resolution,
+    *,
+    file: str,
+    options: ReadOptions,
+    problems: Problems,
+    notices: list[Notice],
 ) -> pd.DataFrame:
     """Read a published table of limits, or of means and standard deviations.
 
@@ -36,13 +49,16 @@ def read_summary(
     options : ReadOptions
         How to read it.
     problems : Problems
-        Receives every cell that is empty or no number.
+        Receives every cell that is empty or no number, and limits that contradict their row's mean and SD.
+    notices : list of Notice
+        Receives the level of limits that were made of means and standard deviations without one.
 
     Returns
     -------
     DataFrame
         `environment`, `parameter`, `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`, `row`. Means
-        and standard deviations become the limits mean ± t·sd/√n of their t-interval at `level`.
+        and standard deviations become the limits mean ± t·sd/√n of their t-interval at `level`; where limits
+        are given too, these are kept.
 
     Raises
     ------
@@ -50,7 +66,9 @@ def read_summary(
         A missing column, or a declared unit.
     """
     columns = resolution.slots[0].columns
-    missing = [c for c in ("environment", "reference", "n", "level") if c not in columns]
+    limits, moments = (all(c in columns for c in pair) for pair in (_LIMITS, _MOMENTS))
+    needed = ("environment", "reference", "n", *(("level",) if limits else ()))
+    missing = [c for c in needed if c not in columns]
     if missing:
         raise UsageError(
             f"a summary needs the column {missing[0]}; the columns are {shown(grid.header)}.",
@@ -60,16 +78,18 @@ def read_summary(
             hint="Add it, or name it in the scene's [columns].",
         )
     text = {c: [record[at] for record in grid.cells] for c, at in columns.items()}
-    pair = ("lower", "upper") if "lower" in text and "upper" in text else ("mean", "sd")
-    numbers = ["reference", *pair, "n", "level"]
+    numbers = ["reference", *(_LIMITS if limits else ()), *(_MOMENTS if moments else ()), "n"]
+    numbers += ["level"] if "level" in text else []
     mark = decimal_mark(
         [(c, text[c]) for c in numbers], grid.rows, file=file, declared=options.decimal, problems=problems
     )
     frame: dict[str, Any] = {c: np.array(text[c], dtype=object) for c in ("environment", "parameter")}
     for c in numbers:
-        frame[c] = parse_numbers(text[c], grid.rows, mark=mark, file=file, column=c, problems=problems)
+        frame[c] = parse_numbers(
+            text[c], grid.rows, mark=mark, file=file, column=c, problems=problems, optional=False
+        )
         for at in np.flatnonzero(np.isnan(frame[c])):
-            if is_missing(text[c][at]):
+            if is_missing(text[c][at]) and not (limits and c in _MOMENTS):
                 problems.add(
                     "a summary leaves no cell empty.",
                     file=file,
@@ -81,20 +101,56 @@ def read_summary(
         raise UsageError(
             "units of a summary are N/m and N·s/m.", file=file, key="columns", hint="Convert the table."
         )
-    if pair == ("mean", "sd"):
+    if "level" not in frame:
+        frame["level"] = np.full(len(grid.rows), _LEVEL)
+        notices.append(Notice(f"means and SDs without a level are kept as their limits at {_LEVEL}", file))
+    if moments:
         mean, sd = frame.pop("mean"), frame.pop("sd")
         for at in np.flatnonzero(sd < 0):
-            problems.add("is negative.", file=file, row=grid.rows[at], column="sd", value=float(sd[at]))
-        half = _half_width(sd, frame["n"], frame["level"])
-        frame |= {"lower": mean - half, "upper": mean + half}
+            problems.add(
+                "is negative.",
+                file=file,
+                row=grid.rows[at],
+                column="sd",
+                value=float(sd[at]),
+                hint="Correct it.",
+            )
+        factor = _factor(frame["n"], frame["level"])
+        implied = {"lower": mean - factor * sd, "upper": mean + factor * sd}
+        if limits:
+            near = 1e-9 * (np.abs(mean) + factor * sd)
+            near += _half_digit(text["mean"], mean) + factor * _half_digit(text["sd"], sd)
+            for c in _LIMITS:
+                off = np.abs(frame[c] - implied[c]) > near + _half_digit(text[c], frame[c])
+                for at in np.flatnonzero(off):
+                    problems.add(
+                        f"the mean {mean[at]:g}, SD {sd[at]:g}, n {frame['n'][at]:g} and level "
+                        f"{frame['level'][at]:g} of this row make it {implied[c][at]:.6g}.",
+                        file=file,
+                        row=grid.rows[at],
+                        column=c,
+                        value=text[c][at],
+                        hint="Correct the row, or leave out either mean and sd or the limits.",
+                    )
+        frame = implied | frame
     frame["row"] = np.array(grid.rows, dtype=np.int64)
     return pd.DataFrame(frame)
 
 
-def _half_width(sd: _Floats, n: _Floats, level: _Floats) -> _Floats:
+def _factor(n: _Floats, level: _Floats) -> _Floats:
+    """Half-width of a t-interval in standard deviations."""
     from scipy.special import stdtrit
 
-    # Impossible n and levels are reported by the study's checks; they must only not stop the arithmetic.
+    # Impossible n and levels are reported by the study's checks; as NaN they contradict nothing.
     possible = (n >= 2) & (level > 0) & (level < 1)
-    n, level = np.where(possible, n, 2.0), np.where(possible, level, 0.5)
-    return -stdtrit(n - 1, (1 - level) / 2) * sd / np.sqrt(n)
+    n, level = np.where(possible, n, np.nan), np.where(possible, level, np.nan)
+    return np.asarray(-stdtrit(n - 1, (1 - level) / 2) / np.sqrt(n))
+
+
+def _half_digit(cells: Sequence[str], numbers: _Floats) -> _Floats:
+    """Half a unit of each number's last printed digit, the most that rounding can have changed it."""
+    places = (
+        Decimal(cell.replace(",", ".")).as_tuple().exponent if np.isfinite(number) else 0
+        for cell, number in zip(cells, numbers, strict=True)
+    )
+    return np.array([0.5 * 10.0 ** int(place) for place in places])

@@ -77,24 +77,51 @@ def test_one_decimal_mark_per_file(tmp_path):
     sessions = read(tmp_path, head + "1;a;1,5;0,435\n2;a;1,5;1,286\n")
     assert sessions.table["k_adj"].tolist() == [0.435, 1.286]
     error = refusal(tmp_path, head + "1;a;1,5;0.435\n2;a;1,5;1,286\n")
-    assert "a decimal point, where row 2 has a comma ('1,5')" in str(error)
+    assert error.total == 1
+    assert "a decimal point; 3 cells have a decimal comma, as row 2 in column 'k_ref' ('1,5')." in str(error)
+    assert (error.row, error.column, error.value) == (2, "k_adj", "0.435")
     error = refusal(tmp_path, head + "1;a;2;1,286\n2;a;2;1,301\n")
     assert [p.row for p in error.problems] == [2, 3]
     assert 'decimal = ","' in str(error)
     sessions = read(tmp_path, head + "1;a;2;1,286\n", {"sessions": {"decimal": ","}})
     assert sessions.table["k_adj"].tolist() == [1.286]
     error = refusal(tmp_path, head + "1;a;2;1,286\n", {"sessions": {"decimal": "."}})
-    assert "separators of thousands" in str(error)
+    assert "can be read as 1.286 or as 1286; the file is read with the decimal mark '.'" in error.message
+    assert "thousands without a separator" in error.hint
+    # A point with three digits behind it is not taken for a separator of thousands either.
+    error = refusal(tmp_path, head + "1;a;2;951.541\n", {"sessions": {"decimal": ","}})
+    assert "can be read as 951.541 or as 951541" in error.message
+
+
+@pytest.mark.parametrize(
+    ("cells", "blamed", "why"),
+    [
+        # One cell among right ones, whose own readings are three-digit ones in part.
+        ((".85", "951.541", "1,286", "8.5"), ["1,286"], "3 cells have a decimal point, as row 2"),
+        # Cells with one reading go before more numerous ones with two.
+        (("1,286", "2,301", "0.5"), ["1,286", "2,301"], "1 cell has a decimal point, as row 4"),
+        (("12,5", "0,435", "1.286"), ["1.286"], "2 cells have a decimal comma, as row 2"),
+        (("1,286", "2,301", "1.250"), ["1.250"], "2 cells have a decimal comma, as row 2"),
+        (("1,286", "1.250"), ["1,286"], "1 cell has a decimal point, as row 3"),
+    ],
+)
+def test_cells_that_disagree_are_blamed_and_no_others(tmp_path, cells, blamed, why):
+    rows = "".join(f"{i};a;2;{cell}\n" for i, cell in enumerate(cells))
+    error = refusal(tmp_path, "subject;environment;k_ref;k_adj\n" + rows)
+    assert [problem.value for problem in error.problems] == blamed
+    for problem in error.problems:
+        point, plain = problem.value.replace(",", "."), problem.value.replace(",", "").replace(".", "")
+        assert problem.message.startswith(f"can be read as {point} or as {plain}; {why}")
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from("eEfg"), st.integers(0, 25))
 def test_numbers_are_correctly_rounded(value, kind, digits):
-    from percept.sessions.numbers import parse_numbers
+    from percept.sessions.numbers import DecimalMark, parse_numbers
     from percept.sessions.problems import Problems
 
     text = f"{value:.{digits}{kind}}"
     problems = Problems()
-    (got,) = parse_numbers([text], [2], mark=".", file="f", column="k_adj", problems=problems)
+    (got,) = parse_numbers([text], [2], mark=DecimalMark("."), file="f", column="k_adj", problems=problems)
     exact = Fraction(text)
     if len(problems):
         assert exact != 0
@@ -170,6 +197,9 @@ def test_units_are_declared_converted_and_checked(tmp_path):
     assert sessions.table["k_adj"].tolist() == [1100.0, 900.0]
     sessions = read(tmp_path, rows, {"columns": {"k_adj": {"name": "k_adj", "unit": "N/m"}}})
     assert any("their units seem to differ" in notice.text for notice in sessions.notices)
+    with pytest.raises(UsageError) as caught:
+        ReadOptions.from_mapping({"columns": {"b_ref": {"name": "b", "unit": "N/m"}}}, file="scene.toml")
+    assert str(caught.value).startswith("scene.toml, columns.b_ref.unit = 'N/m': not a unit of damping.")
     for unit in ("kg", "furlong", "10**10**10", "N/m; import os", ""):
         with pytest.raises(UsageError, match="not a unit of stiffness"):
             factor(unit, "k")
@@ -421,7 +451,9 @@ def test_a_published_summary(tmp_path):
         ("VE1,k,10,19,11,10,0.99", "upper", "is below the lower limit"),
         ("VE1,k,10,11,19,1,0.99", "n", "a whole number of at least 2"),
         ("VE1,k,10,11,19,2.5,0.99", "n", "a whole number of at least 2"),
-        ("VE1,k,10,11,19,10,99", "level", "between 0 and 1"),
+        ("VE1,k,10,11,19,10,99", "level", "value 99.0: must lie between 0 and 1"),
+        ("VE1,k,10,11,19,10,99%", "level", "a percentage, not a number. Write it as a fraction"),
+        ("VE1,k,10,11,19,ten,0.99", "n", "not a number. Correct the cell."),
         ("VE1,k,10,,19,10,0.99", "lower", "leaves no cell empty"),
         (" ,k,10,11,19,10,0.99", "environment", "is empty"),
         ("VE1,k,10,11,19,10,0.99\nVE1,k,10,11,19,10,0.99", "environment", "a second row"),
@@ -430,6 +462,7 @@ def test_a_published_summary(tmp_path):
 def test_a_summary_that_cannot_be(tmp_path, row, column, message):
     error = refusal(tmp_path, SUMMARY + row + "\n")
     assert message in str(error)
+    assert str(error).count("adjustment") == 0
     assert error.column == column
 
 
@@ -448,8 +481,44 @@ def test_published_means_become_the_limits_of_their_interval(tmp_path):
             half = t * mpmath.mpf(sd) / mpmath.sqrt(10)
             assert row["lower"] == pytest.approx(float(mpmath.mpf(mean) - half), rel=1e-13)
             assert row["upper"] == pytest.approx(float(mpmath.mpf(mean) + half), rel=1e-13)
+    bare = read(tmp_path, head.replace(",level", "") + "VE1,k,15,14.914,3.9954,10\n")
+    (row,) = bare.table.to_dict("records")
+    assert any("without a level are kept as their limits at 0.95" in n.text for n in bare.notices)
+    # t(.975; 9) = 2.262157, from any table.
+    assert row["level"] == 0.95
+    assert row["upper"] - row["lower"] == pytest.approx(2 * 2.262157 * 3.9954 / math.sqrt(10), rel=2e-7)
+    assert row["upper"] + row["lower"] == pytest.approx(2 * 14.914, rel=1e-13)
     error = refusal(tmp_path, head + "VE1,k,15,14.9,-1,10,0.99\n")
     assert (error.column, error.message) == ("sd", "is negative.")
+
+
+def test_limits_beside_a_mean_and_sd_are_those_of_their_interval(tmp_path):
+    head = "environment,parameter,reference,mean,sd,lower,upper,n,level\n"
+    # 14.914 ± 3.249836 · 3.9954 / √10 = 10.80804 … 19.01996
+    good = "VE1,k,15,14.914,3.9954,10.808,19.020,10,0.99\n"
+    table = read(tmp_path, head + good + "VE1,b,0.7,,,0.5,0.8,10,0.99\n").table
+    assert table[["lower", "upper"]].to_numpy().tolist() == [[10.808, 19.02], [0.5, 0.8]]
+    # All four rounded to whole numbers: the SD's half a unit counts as much as the limits' own.
+    assert len(read(tmp_path, head + "VE1,k,15,15,4,11,19,10,0.99\n").table) == 1
+    error = refusal(tmp_path, head + good + "VE2,k,15,14.914,3.9954,10.808,19.03,10,0.99\n")
+    assert "the mean 14.914, SD 3.9954, n 10 and level 0.99 of this row make it 19.02." in error.message
+    assert (error.total, error.row, error.column, error.value) == (1, 3, "upper", "19.03")
+    error = refusal(tmp_path, head + "VE1,k,15,15,4,11,19,10,99\n")
+    assert (error.total, error.column) == (1, "level")
+    error = refusal(tmp_path, head.replace(",level", "") + "VE1,k,15,15,4,11,19,10\n")
+    assert "a summary needs the column level" in error.message
+
+
+def test_limits_far_from_every_reference_are_in_another_unit(tmp_path):
+    rows = "VE1,b,1,0.5,0.8,10,0.99\nVE1,k,5000,4.1,6.2,12,0.95\n"
+    error = refusal(tmp_path, SUMMARY + rows)
+    assert "limits of k are typically 0.00124 times the reference" in error.message
+    assert (error.total, error.row, error.column, error.value) == (1, 3, "reference", 5000.0)
+    assert error.hint == "Write references and limits in N/m."
+    error = refusal(tmp_path, SUMMARY + "VE1,b,0.01,6,9,12,0.95\n")
+    assert "in N·s/m" in error.hint
+    # Limits around the reference are no sign of a unit, however far their middle is from it.
+    assert len(read(tmp_path, SUMMARY + "VE1,b,1,-1,1.001,3,0.99\nVE1,k,1,-50,450,2,0.99\n").table) == 2
 
 
 def test_trials_and_summary_do_not_mix(tmp_path):
