@@ -10,6 +10,7 @@ EXAMPLE = "percept simulate --like datasets/hbfd_table1.csv --seed 1 --out sessi
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("--like", required=True, metavar="FILE", help="published limits to reproduce")
+    parser.add_argument("--scene", metavar="FILE", help="TOML file with [columns], [sessions] for that file")
     parser.add_argument("--seed", type=int, required=True, metavar="N", help="seed of the simulation")
     parser.add_argument("--subjects", type=int, metavar="N", help="subjects (the table's own n)")
     parser.add_argument("--out", required=True, metavar="FILE", help="CSV file to write")
@@ -17,8 +18,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and write; prints the path."""
+    from percept.scene import Scene
+    from percept.sessions import ReadOptions
     from percept.simulate import simulate_like_csv, write_sessions
 
-    table = simulate_like_csv(arguments.like, seed=arguments.seed, subjects=arguments.subjects)
+    scene = Scene.load(arguments.scene) if arguments.scene else Scene()
+    options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
+    table = simulate_like_csv(
+        arguments.like, seed=arguments.seed, subjects=arguments.subjects, options=options
+    )
     print(write_sessions(table, arguments.out))
     return 0

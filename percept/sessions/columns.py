@@ -127,7 +127,7 @@ def resolve(header: Sequence[str], declared: Mapping[str, ColumnRule], *, file: 
 
 
 def _is_summary(names: set[str], declared: Mapping[str, ColumnRule]) -> bool:
-    known = names | declared.keys()
+    known = {_plain(name) for name in names} | declared.keys()
     return "parameter" in known and ({"lower", "upper"} <= known or {"mean", "sd"} <= known)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from percept.errors import RefusalError, UsageError
+from percept.sessions import ReadOptions
 from percept.simulate.model import Seed, correlated_normal, generator
 from percept.simulate.published import PublishedLimits, read_summary
 from percept.simulate.tables import session_table
@@ -130,15 +131,18 @@ def simulate_like_csv(
     between: float = BETWEEN,
     correlation: float = CORRELATION,
     digits: int = 6,
+    options: ReadOptions | None = None,
 ) -> pd.DataFrame:
     """Make a study like the published table in a file; `write_sessions` then writes it.
 
     Parameters
     ----------
     path : str or path-like
-        CSV of the published table.
+        File of the published table.
     seed, subjects, between, correlation, digits
         As in `simulate_like`.
+    options : ReadOptions, optional
+        How to read the file.
 
     Returns
     -------
@@ -151,7 +155,7 @@ def simulate_like_csv(
         As `read_summary` and `simulate_like` raise them.
     """
     return simulate_like(
-        read_summary(path),
+        read_summary(path, options=options),
         seed=seed,
         subjects=subjects,
         between=between,

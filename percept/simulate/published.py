@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import warnings
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -15,6 +14,11 @@ from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
 from percept.errors import UsageError
+from percept.sessions import ReadOptions, read_sessions
+from percept.sessions.columns import resolve
+from percept.sessions.problems import shown
+from percept.sessions.read import read_grid_of
+from percept.sessions.sources import load
 from percept.simulate.design import PARAMETERS, Design, Parameter
 
 __all__ = ["COLUMNS", "PublishedLimits", "read_summary"]
@@ -151,13 +155,15 @@ class PublishedLimits:
         )
 
 
-def read_summary(path: str | os.PathLike[str]) -> PublishedLimits:
-    """Read a published table from a CSV, digits kept.
+def read_summary(path: str | os.PathLike[str], *, options: ReadOptions | None = None) -> PublishedLimits:
+    """Read a published table from a file, digits kept.
 
     Parameters
     ----------
     path : str or path-like
-        UTF-8 CSV with the columns of `PublishedLimits.from_table`.
+        A file that `percept.read_sessions` reads as a summary, with limits.
+    options : ReadOptions, optional
+        How to read it.
 
     Returns
     -------
@@ -169,27 +175,29 @@ def read_summary(path: str | os.PathLike[str]) -> PublishedLimits:
     UsageError
         If the file cannot be read or its table is not a summary.
     """
-    file = str(Path(path))
-    try:
-        with warnings.catch_warnings():
-            # pandas only warns when a row has more fields than the header, and drops them.
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            table = pd.read_csv(
-                file,
-                dtype=str,
-                keep_default_na=False,
-                encoding="utf-8-sig",
-                skip_blank_lines=False,
-                index_col=False,
-            )
-    except OSError as error:
-        raise UsageError(f"the summary cannot be read: {error.strerror}.", file=file) from error
-    except (UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise UsageError(f"the summary cannot be read: {error}.", file=file) from error
-    except pd.errors.ParserWarning as error:
-        raise UsageError("a row has more fields than the header.", file=file) from error
-    # The index still counts blank lines, so that messages name physical ones.
-    return PublishedLimits.from_table(table[(table != "").any(axis=1)], file=file)
+    file, options = str(Path(path)), options or ReadOptions()
+    if not Path(file).is_file():
+        raise UsageError("there is no such file.", file=file)
+    tables = list(load(file))
+    if len(tables) != 1:
+        raise UsageError(f"{len(tables)} tables where one is needed.", file=file, hint="Unpack the archive.")
+    grid = read_grid_of(tables[0], options, [])
+    found = resolve(grid.header, options.columns, file=file)
+    if found.form != "summary":
+        raise UsageError(
+            f"no table of published limits; the columns are {shown(grid.header)}.",
+            file=file,
+            row=1,
+            hint=f"It needs {', '.join(COLUMNS)}; the scene's [columns] says which is which.",
+        )
+    read_sessions(file, options=options)
+    columns = found.slots[0].columns
+    # The reader has held all numbers to one decimal mark, so a comma is nothing else.
+    text = {
+        c: [record[at] if c == "environment" else record[at].replace(",", ".") for record in grid.cells]
+        for c, at in columns.items()
+    }
+    return PublishedLimits.from_table(pd.DataFrame(text, index=np.array(grid.rows) - 2), file=file)
 
 
 def _require_columns(table: pd.DataFrame, file: str | None) -> None:
