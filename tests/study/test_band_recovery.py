@@ -32,7 +32,13 @@ STUDIES = 100 if LONG else 10
 
 
 def scene_of(method: str) -> Scene:
-    asked = {"method": method, "kinds": ("user",), "level": LEVEL, "family": "normal", "tolerance": 0.1}
+    asked = {
+        "method": method,
+        "kinds": ("user", "share"),
+        "level": LEVEL,
+        "family": "normal",
+        "tolerance": 0.1,
+    }
     return Scene.from_tables({"inference": asked})
 
 
@@ -98,7 +104,9 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     study = Study(kept, scene_of("bayesian").with_inference(tolerance=0.1 if LONG else 0.2))
     assert study.fit is not None
     assert study.fit.run.gate.passed
-    drawn = posterior_replicates(study.fit, study.scene, OMEGA)["bayesian", "user", "normal"]
+    replicates = posterior_replicates(study.fit, study.scene, OMEGA)
+    assert not [found for found in replicates if "share" in found]
+    drawn = replicates["bayesian", "user", "normal"]
     fitted = fit_law(law, IMPEDANCE[few], drawn)
     true = widened(law, 2.0 * stats.norm.isf(0.5 * (1.0 - LEVEL)))
     lower, upper = np.quantile(fitted, [0.005, 0.995], axis=0)
