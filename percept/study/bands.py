@@ -58,7 +58,7 @@ def band_study(
         if drawn is None or drawn.shape[1] != len(part) or len(part) < 3:
             continue
         names = tuple(part["environment"])
-        # A posterior's draws have laws of their own; a bootstrap's scatter about the law of the study's bands.
+        # Draws of a posterior have laws of their own; a bootstrap's scatter about that of the study's bands.
         fitted = None if method == "bayesian" else bands
         laws += band_laws(
             names, impedance, fitted, drawn, method=method, kind=kind, family=family, level=level
