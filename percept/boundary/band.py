@@ -150,7 +150,7 @@ def environment_magnitude_range(
 def band_laws(
     environments: tuple[str, ...],
     impedance: Array,
-    bands: Array,
+    bands: Array | None,
     replicates: Array,
     *,
     method: str,
@@ -164,8 +164,10 @@ def band_laws(
     ----------
     environments : tuple of str
         J names.
-    impedance, bands : ndarray, shape (J,)
-        abs(Z_e) and band, N·s/m, positive.
+    impedance : ndarray, shape (J,)
+        abs(Z_e), N·s/m, positive.
+    bands : ndarray, shape (J,), or None
+        Bands, N·s/m, positive, that the estimates are fitted to; None for the medians of the draws' own laws.
     replicates : ndarray, shape (S, J)
         Posterior or bootstrap draws of the bands.
     method, kind, family : str
@@ -185,8 +187,10 @@ def band_laws(
     count = impedance.size
     if count < 3:
         raise RefusalError(f"a law of the band needs three environments; there are {count}.")
+    drawn_laws = {law: fit_law(law, impedance, replicates) for law in LAWS}
     fits = {
-        law: (fit_law(law, impedance, bands[None])[0], fit_law(law, impedance, replicates)) for law in LAWS
+        law: (np.median(drawn, axis=0) if bands is None else fit_law(law, impedance, bands[None])[0], drawn)
+        for law, drawn in drawn_laws.items()
     }
     left_out = {law: leave_one_out(law, impedance, replicates) for law in LAWS}
     errors = np.stack([np.sqrt((error**2).mean(axis=1)) for error, _ in left_out.values()])

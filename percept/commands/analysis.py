@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from percept.commands.checks import with_checks
@@ -10,10 +12,13 @@ from percept.commands.checks import with_checks
 if TYPE_CHECKING:
     from percept.commands.progress import SamplerProgress
     from percept.scene import Scene
+    from percept.sessions.records import Notice
     from percept.study import Study
     from percept.study.bayesian import RunStore
 
 __all__ = ["add_analysis_arguments", "add_setting_arguments", "open_study", "settings"]
+
+_NOTICES = 10
 
 
 def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +42,7 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--level", type=float, metavar="X", help="confidence or credibility (0.99)")
     parser.add_argument("--family", choices=("lognormal", "normal"), help="scale of the hierarchical model")
     parser.add_argument("--method", choices=("both", "classical", "bayesian"), help="which method to run")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    parser.add_argument("--quiet", action="store_true", help="no progress, no notices")
 
 
 def settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -46,7 +51,7 @@ def settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None = None) -> Study:
-    """Read the sessions and the scene, and put them together.
+    """Read the sessions and the scene, put them together, and say what the reader noticed.
 
     Parameters
     ----------
@@ -72,7 +77,19 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
     scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
     sessions = read_sessions(*arguments.sessions, options=options)
+    if sessions.notices and not arguments.quiet:
+        _tell(sessions.notices)
     return Study(sessions, scene, progress=progress, store=_store(arguments, scene))
+
+
+def _tell(notices: Sequence[Notice]) -> None:
+    """Print notices on standard error, of many the first."""
+    from percept.sessions.validation import printable
+
+    for notice in notices[:_NOTICES]:
+        print(f"notice: {printable(str(notice))}", file=sys.stderr)
+    if len(notices) > _NOTICES:
+        print(f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr)
 
 
 def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:

@@ -86,8 +86,10 @@ def left_out_markdown(document: Mapping[str, Any]) -> str:
 
 
 _LEGEND = (
-    "k in N/m, b in N·s/m. Place: predictive probability that as many new users have a lower mean; even over "
-    "(0, 1) where the predictions mean what they say. Users inside: of a population with the observed mean "
+    "k in N/m, b in N·s/m. Place: predictive probability that as many other users have a lower mean; for "
+    "published limits even over (0, 1) where the predictions mean what they say. (Users of sessions were "
+    "seen in the other environments too: what they have in common there draws their places towards one half, "
+    "and the noise of single trials drives them apart.) Users inside: of a population with the observed mean "
     "and SD, the share between the limits of the next user. Extrapolation: how far the reference lies "
     "outside those the model had seen.\n"
 )

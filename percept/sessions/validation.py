@@ -103,18 +103,18 @@ def _refusals(sessions: Sessions) -> tuple[Notice, ...]:
 
 def format_validation(record: Validation) -> str:
     """Plain text of a validation, one finding per line, each beginning with its file:row:column."""
-    lines = [f"{_printable(s.name)}: {s.rows} rows, sha256 {s.sha256}" for s in record.sources]
+    lines = [f"{printable(s.name)}: {s.rows} rows, sha256 {s.sha256}" for s in record.sources]
     lines += [f"  {number:>9}  {reason}" for reason, number in record.counts.items()]
-    lines += [f"notice: {_printable(str(notice))}" for notice in record.notices]
+    lines += [f"notice: {printable(str(notice))}" for notice in record.notices]
     for e in record.exclusions:
         text = f"{e.file}:{e.row}: " if e.file else ""
-        lines.append(f"left out: {_printable(f'{text}subject {e.who}, {e.what}: {e.why}')}")
+        lines.append(f"left out: {printable(f'{text}subject {e.who}, {e.what}: {e.why}')}")
     for problem in record.problems:
         parts = (problem.file, problem.row, problem.column, problem.key)
         place = ":".join(str(part) for part in parts if part is not None)
         value = f" (found {problem.value!r})" if problem.value is not None else ""
         hint = f" {problem.hint}" if problem.hint else ""
-        lines.append(_printable(f"{place + ': ' if place else ''}{problem.message}{value}{hint}"))
+        lines.append(printable(f"{place + ': ' if place else ''}{problem.message}{value}{hint}"))
     if record.total > len(record.problems):
         lines.append(f"and {record.total - len(record.problems)} more problems")
     verdict = {
@@ -125,7 +125,7 @@ def format_validation(record: Validation) -> str:
     return "\n".join([*lines, verdict[record.exit_code]])
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """Escape what could move a terminal's cursor or hide text: control and bidirectional characters."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
@@ -189,4 +189,4 @@ def _toml(text: str) -> str:
 
 
 def _comment(text: str) -> str:
-    return _printable(text)[:80]
+    return printable(text)[:80]

@@ -63,18 +63,22 @@ def classical_replicates(
 def posterior_replicates(fit: Fit, scene: Scene, omega: float) -> Replicates:
     """Bands of the central interval given each posterior draw: of the population's mean, or of its users.
 
+    Limits that hold a share of users with a stated confidence belong to the posterior as a whole: there are
+    none given a draw, and no law of theirs.
+
     Parameters
     ----------
     fit : Fit
         A sampled posterior of both parameters.
     scene : Scene
-        Kinds, level and share.
+        Kinds, level and seed.
     omega : float
         rad/s.
 
     Returns
     -------
     Replicates
+        Of the kinds mean and user.
     """
     asked = scene.inference
     model, scale = fit.prepared.model, fit.prepared.scale
@@ -84,9 +88,10 @@ def posterior_replicates(fit: Fit, scene: Scene, omega: float) -> Replicates:
     means, _ = model.draw(points, rng)
     laws = model.laws(points)
     found: Replicates = {}
+    reach = -special.ndtri(0.5 * (1.0 - asked.level))
     for kind in asked.kinds:
-        held = asked.held_share if kind == "share" else asked.level
-        reach = -special.ndtri(0.5 * (1.0 - held))
+        if kind == "share":
+            continue
         centre, spread = (laws.mean, laws.sd) if kind == "mean" else (means, laws.spread)
         ends = scale.native(centre - reach * spread), scale.native(centre + reach * spread)
         limits = {cell: (ends[0][:, c], ends[1][:, c]) for c, cell in enumerate(model.cells)}

@@ -58,8 +58,10 @@ def band_study(
         if drawn is None or drawn.shape[1] != len(part) or len(part) < 3:
             continue
         names = tuple(part["environment"])
+        # Draws of a posterior have laws of their own; a bootstrap's scatter about that of the study's bands.
+        fitted = None if method == "bayesian" else bands
         laws += band_laws(
-            names, impedance, bands, drawn, method=method, kind=kind, family=family, level=level
+            names, impedance, fitted, drawn, method=method, kind=kind, family=family, level=level
         )
         statements += band_statements(impedance, drawn, method=method, kind=kind, family=family)
     return BandStudy(omega, table, tuple(laws), tuple(statements), kappa)

@@ -46,7 +46,7 @@ def compare_intervals(
         users over the sample's: shrinkage across environments) times certainty_ratio (half-widths in SDs,
         Bayesian over classical: what is borrowed in knowing the SD and the mean) is the width ratio on the
         family's scale; shift_sds (Bayesian centre minus classical, in sample SDs); prior_lower, prior_upper
-        (shift of the Bayesian limits by the priors, against priors twice as wide, in half-widths);
+        (shift of the Bayesian limits by the priors, against priors a quarter wider, in half-widths);
         prior_effective (draws those rest on); scale_ratio (classical width in the other family over the
         width in this one); to_mean_classical, to_mean_bayesian (width over that of kind mean: what is
         covered).

@@ -42,7 +42,9 @@ class LeftOut:
         environment, parameter; reference, lower, upper, estimate (predicted, of the average user), observed
         (mean of the users), user_lower, user_upper (predicted, of the next user), N/m or N·s/m; n; inside
         (whether the observed mean lies between the limits of the average user); place (predictive probability
-        that the mean of n new users is lower, even over (0, 1) if the predictions mean what they say);
+        that the mean of n other users is lower; even over (0, 1) for published limits if the predictions mean
+        what they say. Sessions are of users seen in the other environments too: strong subject effects draw
+        their places towards one half, and noise of single trials, which is left out, drives them apart);
         users_inside (share of users between the limits of the next user, of a population with the observed
         mean and SD); beyond (decades outside the range of the others, 0 inside).
     skipped : tuple of (str, str)

@@ -127,10 +127,12 @@ def predict(
     scene = study.scene
     given = {"k": stiffness, "b": damping}
     reference = np.array([_positive(p, given[p]) for p in study.parameters])
-    tested = np.array([[study.reference[p, e] for e in study.environments] for p in study.parameters])
+    fit = _fit(study)
+    # Those the fit is of: an environment where some parameter was never adjusted is not among them.
+    environments = tuple(dict.fromkeys(e for _, e in fit.prepared.model.cells))
+    tested = np.array([[study.reference[p, e] for e in environments] for p in study.parameters])
     if (tested <= 0).any():
         raise RefusalError("a reference of zero has no place on the scale that environments are compared on.")
-    fit = _fit(study)
     logs = np.log10(tested)
     at = np.log10(reference)
     x = at - logs.mean(axis=1)
@@ -143,7 +145,7 @@ def predict(
         environment=name,
         decades=dict(zip(study.parameters, x.tolist(), strict=True)),
         beyond=dict(zip(study.parameters, beyond.tolist(), strict=True)),
-        nearest=study.environments[int(far.argmin())],
+        nearest=environments[int(far.argmin())],
         distance=float(far.min()),
         intervals=intervals,
         boundaries=_boundaries(study, fit, expected, scale, intervals, reference, name) if curves else (),

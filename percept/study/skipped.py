@@ -68,6 +68,9 @@ def _haptics(study: Study) -> Iterator[Reason]:
 
 def _curves(study: Study) -> Iterator[Reason]:
     yield "ellipse of kind share", "there is no exact ellipse of a share of users"
+    asked = study.scene.inference
+    if asked.method != "classical" and "share" in asked.kinds and len(study.environments) > 2:
+        yield "Bayesian band law, kind share", "no posterior draw has a band of its own that holds a share"
     if study.device is not None:
         yield "curves through draws, kind share", "a share of users has no curve of its own"
         if study.sessions.form == "summary":

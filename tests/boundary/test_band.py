@@ -95,6 +95,20 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     assert sum(law.best or 0.0 for law in laws) == pytest.approx(1.0)
 
 
+def test_without_bands_of_the_study_the_estimate_is_the_median_of_the_draws() -> None:
+    """Bands of a posterior's draws may lie well below the study's; an estimate must lie in its interval."""
+    rng = np.random.default_rng(6)
+    draws = 0.3 * Z * np.exp(0.2 * rng.normal(size=(500, Z.size)))
+    names = tuple("ABCDEFG"[: Z.size])
+    said = {"method": "bayesian", "kind": "user", "family": "normal", "level": 0.9}
+    for law in band_laws(names, Z, None, draws, **said):
+        middle = np.median(fit_law(law.model, Z, draws), axis=0)
+        assert [one.value for one in law.parameters.values()] == middle.tolist()
+        assert all(one.lower < one.value < one.upper for one in law.parameters.values())
+    weber, *_ = band_laws(names, Z, 3.0 * Z, draws, **said)
+    assert weber.parameters["w"].value == pytest.approx(3.0)
+
+
 def test_statements_of_absolute_and_relative_width() -> None:
     z = np.array([1000.0, 1.0])
     draws = np.array([[100.0, 0.5], [100.0, 0.05], [0.4, 0.5], [100.0, 0.2]])

@@ -144,3 +144,34 @@ def test_a_map_is_proposed_for_one_file_read_as_the_scene_says(tmp_path, capsys)
         2,
         f"percept: value {path!r}: --write-map takes one file.\n",
     )
+
+
+def test_what_the_reader_noticed_is_said(tmp_path, capsys):
+    """The scene declares kN/m of a column in N/m: numbers a thousand times too large, but no error."""
+    study = write(tmp_path, [*ROWS, "S3,B,100,2,97,2.0"])
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[columns]\nk_adj = {name = "k_adj", unit = "kN/m"}\n', encoding="utf-8")
+    asked = ["fit", study, "--scene", str(scene), "--method", "classical", "--out", str(tmp_path / "out")]
+    assert main(asked) == 0
+    said = capsys.readouterr().err
+    assert "notice: k_adj: k_adj is typically 9" in said
+    assert "times k_ref: their units seem to differ." in said
+    assert main([*asked, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_of_many_notices_the_first_are_said(tmp_path, capsys):
+    folder = tmp_path / "study"
+    folder.mkdir()
+    for number in range(12):
+        rows = "\n".join(
+            f"S{number},{e},{k},1,{k * (1 + 0.01 * number)},1.1,x" for e, k in (("A", 10), ("B", 99))
+        )
+        (folder / f"s{number}.csv").write_text(
+            HEADER.replace("\n", f",extra_{number}\n") + rows + "\n", encoding="utf-8"
+        )
+    assert main(["fit", str(folder), "--method", "classical", "--out", str(tmp_path / "out")]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 11
+    assert lines[0].endswith("columns not used: 'extra_0'")
+    assert lines[-1] == "and 2 more notices: see percept validate"

@@ -32,7 +32,13 @@ STUDIES = 100 if LONG else 10
 
 
 def scene_of(method: str) -> Scene:
-    asked = {"method": method, "kinds": ("user",), "level": LEVEL, "family": "normal", "tolerance": 0.1}
+    asked = {
+        "method": method,
+        "kinds": ("user",),
+        "level": LEVEL,
+        "family": "normal",
+        "tolerance": 0.1,
+    }
     return Scene.from_tables({"inference": asked})
 
 
@@ -95,10 +101,14 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     few = slice(None, None, 1 if LONG else 3)
     table = simulated(law, 3).table
     kept = Sessions.from_frame(table[table["environment"].isin(NAMES[few])])
-    study = Study(kept, scene_of("bayesian").with_inference(tolerance=0.1 if LONG else 0.2))
+    study = Study(
+        kept, scene_of("bayesian").with_inference(kinds=("user", "share"), tolerance=0.1 if LONG else 0.2)
+    )
     assert study.fit is not None
     assert study.fit.run.gate.passed
-    drawn = posterior_replicates(study.fit, study.scene, OMEGA)["bayesian", "user", "normal"]
+    replicates = posterior_replicates(study.fit, study.scene, OMEGA)
+    assert not [found for found in replicates if "share" in found]
+    drawn = replicates["bayesian", "user", "normal"]
     fitted = fit_law(law, IMPEDANCE[few], drawn)
     true = widened(law, 2.0 * stats.norm.isf(0.5 * (1.0 - LEVEL)))
     lower, upper = np.quantile(fitted, [0.005, 0.995], axis=0)

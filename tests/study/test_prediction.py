@@ -3,11 +3,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.hierarchy.product import Product
+from percept.sessions import Sessions
 from percept.study.new_environment import new_environment
 from percept.study.posterior import thinned_points
 from percept.study.prediction import predict
@@ -96,6 +98,24 @@ def test_wider_than_at_a_tested_environment_and_flagged_outside(fitted: Study) -
     assert "1 decades above the tested range" in far.sentence
     widths = [np.log(p.intervals["upper"] / p.intervals["lower"]) for p in (inside, far)]
     assert (widths[1] > widths[0]).all()
+
+
+def test_an_environment_the_fit_does_not_know_has_no_say() -> None:
+    """Damping was never adjusted in VE3: it is neither fitted nor in the tested range, nor the nearest."""
+    table = read_sessions("datasets/hbfd_sessions.csv").table
+    table = table[table["environment"].isin(["VE1", "VE2", "VE3"])].copy()
+    without = table[table["environment"] != "VE3"]
+    table.loc[table["environment"] == "VE3", "b_adj"] = np.nan
+    scene = Scene.from_tables({"inference": {"method": "bayesian", "tolerance": 0.2}})
+    found, wanted = (
+        predict(Study(Sessions.from_frame(part), scene), stiffness=9e3, damping=9.0, curves=False)
+        for part in (table, without)
+    )
+    assert wanted.nearest == "VE2"
+    assert wanted.beyond["k"] > 0.9
+    assert (found.decades, found.beyond) == (wanted.decades, wanted.beyond)
+    assert (found.nearest, found.distance) == (wanted.nearest, wanted.distance)
+    pd.testing.assert_frame_equal(found.intervals, wanted.intervals)
 
 
 def test_boundaries_hold_draws_of_their_kind(fitted: Study) -> None:

@@ -26,7 +26,10 @@ _REASONS = {
         "better; times the spread it is the width ratio, on the family's scale",
     ),
     "shift_sds": ("shift in SDs", "of the centre, in sample SDs: pull towards the trend over environments"),
-    "prior_lower": ("priors, lower", "shift of the lower limit by the priors, in half-widths"),
+    "prior_lower": (
+        "priors, lower",
+        "how far the lower limit lies from where priors a quarter wider would put it, in half-widths",
+    ),
     "prior_upper": ("priors, upper", "the same for the upper limit"),
     "scale_ratio": ("scale", "classical width in the other family over the width in this one"),
     "to_mean_classical": ("covers, classical", "width over that of kind mean: what is covered"),
