@@ -58,6 +58,7 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
     Returns
     -------
     Study
+        Its device is read: a file that is missing is found out before anything is sampled.
 
     Raises
     ------
@@ -72,7 +73,9 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
     scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
     sessions = read_sessions(*arguments.sessions, options=options)
-    return Study(sessions, scene, progress=progress, store=_store(arguments, scene))
+    study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
+    _ = study.device
+    return study
 
 
 def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:

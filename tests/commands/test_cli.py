@@ -144,3 +144,13 @@ def test_a_map_is_proposed_for_one_file_read_as_the_scene_says(tmp_path, capsys)
         2,
         f"percept: value {path!r}: --write-map takes one file.\n",
     )
+
+
+def test_a_device_that_cannot_be_read_is_said_before_anything_is_sampled(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[device]\nresponse = "zd.csv"\nperiod = 0.001\n')
+    out = tmp_path / "out"
+    words = ["fit", "datasets/hbfd_sessions.csv", "--scene", str(scene), "--no-cache", "--out", str(out)]
+    assert main(words) == 2
+    assert f"{tmp_path / 'zd.csv'}: cannot be read" in capsys.readouterr().err
+    assert not out.exists()
