@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from percept.errors import UsageError
 from percept.inference.hierarchy.priors import Priors
@@ -29,6 +38,8 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 Kind = Literal["mean", "user", "share"]
+# Nyquist itself, rounded, is still allowed.
+_NYQUIST_ANGLE = math.pi + 4 * math.ulp(math.pi)
 
 
 class _Table(BaseModel):
@@ -46,7 +57,8 @@ class ModeTable(_Table):
 class DeviceTable(_Table):
     """The haptic device: mass (kg) and damping (N·s/m) with flexible modes, or a measured response.
 
-    `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m); `period` is in s.
+    `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m), from the folder of the
+    scene's file; `period` is in s.
     """
 
     mass: NonNegative | None = None
@@ -173,6 +185,24 @@ class Scene(_Table):
     columns: dict[str, Any] = Field(default_factory=dict)
     sessions: dict[str, Any] = Field(default_factory=dict)
     environments: dict[str, Any] = Field(default_factory=dict)
+    _folder: Path = PrivateAttr(default=Path())
+
+    @model_validator(mode="after")
+    def _below_nyquist(self) -> Self:
+        if self.device is None or self.frequency.upper * self.device.period <= _NYQUIST_ANGLE:
+            return self
+        period = self.device.period
+        raise UsageError(
+            f"lies above the Nyquist frequency, {math.pi / period:.6g} rad/s at a period of {period:g} s.",
+            key="frequency.upper",
+            value=self.frequency.upper,
+            hint="Set upper of [frequency] below that (it is 100 by default), or correct period of [device].",
+        )
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths in the scene start: the folder of its file, or else the current one."""
+        return self._folder
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -199,7 +229,9 @@ class Scene(_Table):
             raise UsageError(f"cannot be read: {error.strerror}.", file=name) from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise UsageError(f"is not TOML: {error}.", file=name) from error
-        return cls.from_tables(tables, file=name)
+        scene = cls.from_tables(tables, file=name)
+        scene._folder = Path(path).parent
+        return scene
 
     @classmethod
     def from_tables(cls, tables: dict[str, Any], *, file: str | None = None) -> Self:
@@ -225,6 +257,10 @@ class Scene(_Table):
             return cls.model_validate(tables)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
+            cause = first.get("ctx", {}).get("error")
+            if not first["loc"] and isinstance(cause, UsageError):
+                cause.file = file
+                raise cause from error
             message, value = first["msg"].removeprefix("Value error, "), first["input"]
             if first["type"] == "missing":
                 message, value = "is missing", None
@@ -244,9 +280,13 @@ class Scene(_Table):
     def with_inference(self, **changes: Any) -> Scene:
         """Return a copy with keys of `[inference]` replaced and checked; None leaves a key as it is."""
         kept = {key: value for key, value in changes.items() if value is not None}
-        tables = self.model_dump(exclude_none=True)
-        tables["inference"] = {**tables["inference"], **kept}
-        return Scene.from_tables(tables)
+        return self.with_tables(inference=self.inference.model_dump(exclude_none=True) | kept)
+
+    def with_tables(self, **tables: dict[str, Any]) -> Scene:
+        """Return a copy with whole tables replaced and checked; relative paths start where they did."""
+        changed = Scene.from_tables(self.model_dump(exclude_none=True) | tables)
+        changed._folder = self._folder
+        return changed
 
 
 def _keys_at(table: type[BaseModel], place: Sequence[str | int]) -> list[str]:

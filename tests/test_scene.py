@@ -1,5 +1,7 @@
 """Scenes: what is refused is named with file, table and key."""
 
+import math
+
 import pytest
 
 from percept.errors import UsageError
@@ -31,6 +33,11 @@ from percept.sessions import ReadOptions
             "inference.family = 'log': input should be 'lognormal' or 'normal'.",
         ),
         ("[frequency]\nlower = 5\nupper = 1\n", "frequency: lower must be below upper."),
+        (
+            "[device]\nmass = 1\ndamping = 2\nperiod = 0.05\n",
+            "frequency.upper = 100.0: lies above the Nyquist frequency, 62.8319 rad/s at a period of 0.05 s. "
+            "Set upper of [frequency] below that",
+        ),
         ('[model]\npooling = "none"\n', 'model: pooling = "none" and prior = "reference" go together.'),
         ("[model.priors]\ntau = 1\n", "model.priors: no such prior as tau; there are alpha_sd, gamma_sd"),
         ("[model.priors]\ntau_scale = -3\n", "a prior scale must be positive. Leave it out of the scene"),
@@ -88,3 +95,12 @@ def test_what_is_none_or_left_out_is_not_handed_on():
     assert "device" not in plain
     assert "share" not in plain["inference"]
     assert Scene.from_tables(plain) == Scene()
+
+
+def test_frequencies_up_to_nyquist_itself_are_allowed():
+    device = {"mass": 1.0, "damping": 5.0, "period": 1e-3}
+    scene = Scene.from_tables({"device": device, "frequency": {"upper": math.pi / 1e-3}})
+    with pytest.raises(UsageError, match="above the Nyquist frequency"):
+        scene.with_tables(frequency={"upper": 3141.6})
+    # Without a device nothing is sampled.
+    assert Scene.from_tables({"frequency": {"upper": 3141.6}}).frequency.upper == 3141.6

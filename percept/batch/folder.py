@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from percept.batch.rows import SCHEMA, Outcome
+from percept.batch.rows import SCHEMA, Outcome, Status
 from percept.durable import exclusive, remove_abandoned, whole_file, write_whole
 from percept.errors import UsageError
 
@@ -81,6 +81,11 @@ class BatchFolder:
     def finished(self, key: str) -> bool:
         """Whether a study has its final rows."""
         return self._path("studies", key).exists()
+
+    def verdict(self, key: str) -> tuple[Status, str | None]:
+        """Return the status of a finished study and why it is not "done"."""
+        kept = pq.ParquetFile(self._path("studies", key)).read(columns=["status", "message"])
+        return kept["status"][0].as_py(), kept["message"][0].as_py()
 
     def save(self, key: str, outcome: Outcome) -> None:
         """Write the rows of a study; it is finished unless it failed.

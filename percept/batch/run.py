@@ -10,7 +10,7 @@ from pathlib import Path
 
 from percept.batch.folder import BatchFolder
 from percept.batch.inputs import StudyFiles, StudySource
-from percept.batch.rows import Outcome
+from percept.batch.rows import Outcome, Status
 from percept.batch.work import analyse, nothing_read
 from percept.errors import PerceptError
 from percept.workers import Job, Mapper
@@ -31,11 +31,11 @@ class Summary:
     skipped : int
         Of them, how many an earlier run had finished.
     counts : dict of str to int
-        Of those analysed now, how many ended in each status.
+        How many of the studies ended in each status, now or in an earlier run.
     failures : tuple of (str, str)
-        Name and message of each study that was refused or failed now.
+        Name and message of each study that was refused, now or in an earlier run, or failed.
     seconds : float
-        Sum of the workers' times.
+        Sum of the workers' times, now.
     """
 
     table: Path
@@ -130,18 +130,17 @@ class _Batch:
             self.keys.append(key)
             if self._folder.finished(key):
                 self._skipped += 1
-                self._report()
+                self._count(files.name, *self._folder.verdict(key))
             else:
                 yield Job(key, files)
 
     def _keep(self, name: str, key: str, outcome: Outcome) -> None:
         self._folder.save(key, outcome)
-        self._counts[outcome.status] += 1
         self._seconds += outcome.seconds
-        if outcome.status in ("refused", "failed"):
-            self._failures.append((name, outcome.message or ""))
-        self._report()
+        self._count(name, outcome.status, outcome.message)
 
-    def _report(self) -> None:
-        finished = self._skipped + sum(self._counts.values())
-        self._tell(finished, len(self._studies), len(self._failures))
+    def _count(self, name: str, status: Status, message: str | None) -> None:
+        self._counts[status] += 1
+        if status in ("refused", "failed"):
+            self._failures.append((name, message or ""))
+        self._tell(sum(self._counts.values()), len(self._studies), len(self._failures))

@@ -272,9 +272,9 @@ def _sentence(
     smallest = min(errors.values())
     alike = [name for name, error in errors.items() if error <= _ALIKE * smallest]
     rank = (
-        "Left-one-out, it predicts as well as any of the three"
+        "With one environment left out, it predicts as well as any of the three"
         if law in alike
-        else "Left-one-out, another law predicts better"
+        else "With one environment left out, another law predicts better"
     )
     error = f"{rank} (typically off by a factor {math.exp(errors[law]):.3g})."
     if law == "weber":

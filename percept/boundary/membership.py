@@ -91,7 +91,8 @@ def depth_membership(omega: Array, depths: Array) -> Membership:
         raise UsageError("omega must be positive and increase, in rad/s.")
     x = np.log(omega)
     before, after = depths[:, :-1], depths[:, 1:]
-    crossing = before * after < 0
+    # By signs: depths reach -1e300, whose product is out of range.
+    crossing = np.sign(before) * np.sign(after) < 0
     share = np.divide(before, before - after, out=np.zeros_like(before), where=crossing)
     crossings = (x[:-1] + share * np.diff(x))[crossing]
     edges = np.unique(np.concatenate([x, crossings]))

@@ -63,6 +63,7 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
     Returns
     -------
     Study
+        Its device is read: a file that is missing is found out before anything is sampled.
 
     Raises
     ------
@@ -79,7 +80,11 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
     sessions = read_sessions(*arguments.sessions, options=options)
     if sessions.notices and not arguments.quiet:
         _tell(sessions.notices)
-    return Study(sessions, scene, progress=progress, store=_store(arguments, scene))
+    study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
+    if scene.device is not None and scene.device.response:
+        # A file that cannot be read is told before anything is sampled.
+        _ = study.device
+    return study
 
 
 def _tell(notices: Sequence[Notice]) -> None:

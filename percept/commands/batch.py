@@ -2,7 +2,7 @@
 
 Each STUDY is a session file, a folder of them (with a scene.toml of its own where it differs), or a quoted
 pattern. DIR/batch.parquet has the intervals of all; an interrupted batch goes on when started again.
-Exit code 1: some study was refused or failed.
+Exit code 1: some study was refused, now or in an earlier run, or failed.
 """
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ def _named(arguments: argparse.Namespace) -> list[str]:
 
 
 def _print(summary: Summary) -> None:
-    analysed = sum(summary.counts.values())
+    analysed = summary.studies - summary.skipped
     for name, message in summary.failures:
         print(message if message.startswith(name) else f"{name}: {message}", file=sys.stderr)
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
-    print(f"{summary.studies} studies: {summary.skipped} finished before, {analysed} now ({words or 'none'})")
+    print(f"{summary.studies} studies ({words}): {summary.skipped} finished before, {analysed} now")
     if analysed:
         print(f"{summary.seconds / analysed:.2f} s of a worker per study")
     print(summary.table)

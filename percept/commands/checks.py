@@ -42,13 +42,13 @@ def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
     flags = {name: bool(vars(arguments).get(name)) for name in ("checks", "refit", "models")}
     if not any(flags.values()):
         return scene
-    tables = scene.model_dump(exclude_none=True)
-    asked = tables.get("checks", {})
-    tables["checks"] = {
-        "refit": flags["refit"] or asked.get("refit", False),
-        "compare": flags["models"] or asked.get("compare", False),
-    }
-    return type(scene).from_tables(tables)
+    asked = scene.checks
+    return scene.with_tables(
+        checks={
+            "refit": flags["refit"] or (asked is not None and asked.refit),
+            "compare": flags["models"] or (asked is not None and asked.compare),
+        }
+    )
 
 
 def print_checks(study: Study) -> None:

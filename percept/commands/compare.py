@@ -48,11 +48,16 @@ def run(arguments: argparse.Namespace) -> int:
         found = compare_studies(first, second)
     if arguments.json:
         parts = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
-        _print_json({"studies": names, **parts})
+        _print_json({"studies": names, "notes": found.notes, **parts})
         return 0
     unit = "ratio B/A" if first.scene.inference.family == "lognormal" else "difference B - A"
-    print(f"A: {names['a']}\nB: {names['b']}\n\nAverage users, {unit}; spread between users, ratio B/A:")
-    _print(found.differences)
+    print("\n".join([f"A: {names['a']}", f"B: {names['b']}", *found.notes]))
+    if len(found.differences):
+        print(f"\nAverage users, {unit}; spread between users, ratio B/A:")
+        _print(found.differences)
+    elif not len(found.curves):
+        print("\nIntervals of A and B; width ratio B/A:")
+        _print(found.intervals)
     _print_curves(found.curves, "B/A")
     return 0
 

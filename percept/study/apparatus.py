@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from percept import haptics
+from percept.errors import UsageError
 from percept.scene import Scene
 
 __all__ = ["coupling_of", "device_of"]
@@ -24,7 +25,7 @@ def device_of(scene: Scene) -> haptics.AnyDevice | None:
     Raises
     ------
     UsageError
-        Where the response cannot be read.
+        Where the response cannot be read, or does not cover the scene's frequencies.
     """
     table = scene.device
     if table is None:
@@ -32,7 +33,20 @@ def device_of(scene: Scene) -> haptics.AnyDevice | None:
     if table.response is not None:
         from percept.study.response_table import read_response
 
-        return read_response(table.response)
+        # An absolute path stays what it is.
+        file = str(scene.folder / table.response)
+        measured = read_response(file)
+        first, last = (float(measured.omega[end]) for end in (0, -1))
+        for key, value in (("lower", scene.frequency.lower), ("upper", scene.frequency.upper)):
+            if not first <= value <= last:
+                raise UsageError(
+                    f"the table covers {first:g} to {last:g} rad/s only, and nothing is extrapolated.",
+                    file=file,
+                    key=f"frequency.{key}",
+                    value=value,
+                    hint="Measure further, or narrow [frequency] of the scene.",
+                )
+        return measured
     assert table.mass is not None
     assert table.damping is not None
     modes = tuple(haptics.Mode(m.mass, m.stiffness, m.damping) for m in table.modes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.laws import Laws
 from percept.inference.sampling.mixture import mixture_quantile
 from percept.sessions import Sessions
+from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS
 from percept.study.classical import cell_moments
 from percept.study.comparison import sample_sds
 
@@ -26,6 +28,11 @@ __all__ = ["PairComparison", "compare_studies", "split_by"]
 
 Array = NDArray[np.float64]
 _DRAWS = 8192
+_MOST_NAMED = 5
+_SAME = (
+    "A and B are the same sessions: the table of their users, whose intervals are those of two samples of "
+    "different people, is left out."
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,18 +47,22 @@ class PairComparison:
         environment, parameter, method, family; lower, value, upper of the average user of B over A (a ratio
         under lognormal, a difference in N/m or N·s/m under normal); probability_above (that B's is the
         larger, None for the classical method); and the same of the SD between users, as a ratio:
-        spread_lower, spread_value, spread_upper.
+        spread_lower, spread_value, spread_upper. Empty where A and B are the same sessions.
     curves : DataFrame
         As `compare_curves`, for boundaries of the two that are alike.
+    notes : tuple of str
+        Why there are no differences, and what they take for granted.
     """
 
     intervals: pd.DataFrame
     differences: pd.DataFrame
     curves: pd.DataFrame
+    notes: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
         shown = self.differences.to_html(index=False, escape=True)
-        return f"<p>{html.escape('Average users of B against A, and the spread between users.')}</p>{shown}"
+        about = ["Average users of B against A, and the spread between users.", *self.notes]
+        return "".join(f"<p>{html.escape(text)}</p>" for text in about) + shown
 
 
 def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
@@ -73,6 +84,8 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
     ------
     UsageError
         Where there is no such column, or it has one value.
+    RefusalError
+        Where a subject is in more than one part: two such parts are no two samples.
     """
     if column not in sessions.table:
         known = ", ".join(str(name) for name in sessions.table.columns)
@@ -83,6 +96,14 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
     }
     if len(parts) < 2:
         raise UsageError("all rows have one value: there is nothing to compare.", column=column)
+    groups = sessions.table.groupby("subject", sort=False)[column].nunique()
+    if shared := [str(subject) for subject in groups.index[groups > 1]]:
+        raise RefusalError(
+            f"{_counted(shared)} in more than one group, and intervals of two samples need different people.",
+            column=column,
+            hint="To compare conditions that the same people went through, give each condition environments "
+            "of its own: one model then holds them all.",
+        )
     return parts
 
 
@@ -92,7 +113,8 @@ def compare_studies(first: Study, second: Study, *, seed: int = 1) -> PairCompar
     Parameters
     ----------
     first, second : Study
-        A and B: of independent subjects, in one family and at one level.
+        A and B: of different subjects, or of the same sessions under two scenes; in one family and at one
+        level.
     seed : int
         Of the pairing of posterior draws.
 
@@ -105,7 +127,7 @@ def compare_studies(first: Study, second: Study, *, seed: int = 1) -> PairCompar
     UsageError
         Families or levels that differ.
     RefusalError
-        No environment in common.
+        No environment in common; some subjects of one file in both; or the same sessions and scene.
     """
     for name in ("family", "level"):
         a, b = (getattr(study.scene.inference, name) for study in (first, second))
@@ -115,13 +137,57 @@ def compare_studies(first: Study, second: Study, *, seed: int = 1) -> PairCompar
             )
     if not set(first.environments) & set(second.environments):
         raise RefusalError("the two studies have no environment in common, by name.")
+    same = _same_sessions(first.sessions, second.sessions)
+    if same and first.scene == second.scene:
+        raise RefusalError(
+            "A and B are the same sessions under the same scene: there is nothing to compare.",
+            hint="Give the sessions of other people, or another scene.",
+        )
+    notes = (_SAME,) if same else _in_common(first.sessions, second.sessions)
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
     pair = [study.intervals[[*keys, "lower", "upper"]] for study in (first, second)]
     intervals = pair[0].merge(pair[1], on=keys, suffixes=("_a", "_b"))
     widths = [intervals[f"upper_{side}"] - intervals[f"lower_{side}"] for side in ("a", "b")]
     intervals["width_ratio"] = widths[1] / widths[0]
-    differences = _classical(first, second) + _bayesian(first, second, np.random.default_rng(seed))
-    return PairComparison(intervals, pd.DataFrame(differences), _curves(first, second))
+    differences = []
+    if not same:
+        differences = _classical(first, second) + _bayesian(first, second, np.random.default_rng(seed))
+    return PairComparison(intervals, pd.DataFrame(differences), _curves(first, second), notes)
+
+
+def _same_sessions(first: Sessions, second: Sessions) -> bool:
+    if first.form != second.form:
+        return False
+    columns = list(TRIAL_COLUMNS if first.form == "trials" else SUMMARY_COLUMNS)
+    return first.table[columns].equals(second.table[columns])
+
+
+def _in_common(first: Sessions, second: Sessions) -> tuple[str, ...]:
+    """Note subjects named alike; refuse them where the studies share a file and they are the same people."""
+    known = set(second.subjects)
+    shared = [subject for subject in first.subjects if subject in known]
+    if not shared:
+        return ()
+    contents = {source.sha256 for source in second.sources}
+    files = [source.name for source in first.sources if source.sha256 in contents]
+    if files:
+        raise RefusalError(
+            f"{_counted(shared)} in both studies, and intervals of two samples need different people.",
+            file=files[0],
+            hint="Keep each subject in one of the two: [sessions] only, in a scene, chooses rows.",
+        )
+    return (
+        f"{_counted(shared)} in both studies by name, and taken for different people: if they are the same, "
+        "the intervals of the differences do not hold.",
+    )
+
+
+def _counted(subjects: Sequence[str]) -> str:
+    named = ", ".join(subjects[:_MOST_NAMED])
+    more = ", …" if len(subjects) > _MOST_NAMED else ""
+    if len(subjects) == 1:
+        return f"1 subject ({named}) is"
+    return f"{len(subjects)} subjects ({named}{more}) are"
 
 
 def _classical(first: Study, second: Study) -> list[dict[str, object]]:

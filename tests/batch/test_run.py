@@ -67,7 +67,8 @@ def test_a_second_run_analyses_only_what_is_new_or_failed(studies, tmp_path):
     again = batch(studies, tmp_path / "out", InProcess())
     fresh = batch(studies, tmp_path / "fresh", InProcess())
     assert again.skipped == 3
-    assert sum(again.counts.values()) == 4
+    assert again.counts == fresh.counts == {"done": 5, "refused": 2}
+    assert set(again.failures) == set(fresh.failures)
     assert again.table.read_bytes() == fresh.table.read_bytes()
 
 
@@ -85,7 +86,7 @@ def test_a_study_without_an_answer_failed_and_a_later_run_tries_it_again(studies
     assert summary.failures == ((studies[1], "OSError: killed"),)
     assert pq.read_table(summary.table)["message"].to_pylist()[-1] == "OSError: killed"
     again = batch(studies[:2], tmp_path / "out", InProcess())
-    assert (again.skipped, again.counts) == (1, {"done": 1})
+    assert (again.skipped, again.counts, again.failures) == (1, {"done": 2}, ())
 
 
 def test_the_command(studies, tmp_path, capsys):
@@ -96,12 +97,32 @@ def test_the_command(studies, tmp_path, capsys):
     assert main(arguments) == 1
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
-    assert lines[0] == "7 studies: 0 finished before, 7 now (4 done, 1 failed, 2 refused)"
+    assert lines[0] == "7 studies (4 done, 1 failed, 2 refused): 0 finished before, 7 now"
     assert lines[-1] == str(tmp_path / "out" / "batch.parquet")
     assert "text.csv:2" in printed.err
     assert main([*arguments[:2], *arguments[4:], "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
-    assert (summary["studies"], summary["skipped"], summary["counts"]) == (1, 1, {})
+    assert (summary["studies"], summary["skipped"], summary["counts"]) == (1, 1, {"done": 1})
+
+
+def test_a_study_refused_before_is_reported_again(studies, tmp_path, capsys):
+    arguments = ["batch", studies[0], studies[2], "--method", "classical", "--workers", "1"]
+    arguments += ["--out", str(tmp_path / "out")]
+    assert main(arguments) == 1
+    first = capsys.readouterr()
+    rows = [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("out/studies/*/*"))]
+    assert main(arguments) == 1
+    again = capsys.readouterr()
+    assert "text.csv:2, column 'k_adj', value 'much'" in again.err
+    assert again.err == first.err
+    assert again.out.splitlines()[0] == "2 studies (1 done, 1 refused): 2 finished before, 0 now"
+    assert [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("out/studies/*/*"))] == rows
+    assert main([*arguments, "--json"]) == 1
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["skipped"], summary["counts"]) == (2, {"done": 1, "refused": 1})
+    ((name, message),) = summary["failures"]
+    assert name == studies[2]
+    assert "value 'much'" in message
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,7 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     offset = next(law for law in laws if law.model == "offset")
     assert offset.carried_by == "A"
     assert "Only A speaks for the offset" in offset.sentence
+    assert "With one environment left out, " in offset.sentence
     assert offset.parameters["c"].lower < 1.1 < offset.parameters["c"].upper
     assert sum(law.best or 0.0 for law in laws) == pytest.approx(1.0)
 

@@ -128,3 +128,10 @@ def test_nothing_and_everything_are_exact_shares():
     depth = 1.0 + np.random.default_rng(4).random((1, 57))
     assert depth_membership(omega, -depth).inside == 0.0
     assert depth_membership(omega, depth).inside == 1.0
+
+
+def test_depths_beyond_the_square_root_of_the_largest_number_cross_once() -> None:
+    # An ellipse's logarithmic scale gives -1e300 where it does not reach; products would overflow.
+    found = depth_membership(OMEGA, np.array([[-1e300, -1e300, 1.0]]))
+    assert found.leaves == (pytest.approx((1.0, 100.0)),)
+    assert found.margin == -1e300

@@ -175,3 +175,13 @@ def test_of_many_notices_the_first_are_said(tmp_path, capsys):
     assert len(lines) == 11
     assert lines[0].endswith("columns not used: 'extra_0'")
     assert lines[-1] == "and 2 more notices: see percept validate"
+
+
+def test_a_device_that_cannot_be_read_is_said_before_anything_is_sampled(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[device]\nresponse = "zd.csv"\nperiod = 0.001\n')
+    out = tmp_path / "out"
+    words = ["fit", "datasets/hbfd_sessions.csv", "--scene", str(scene), "--no-cache", "--out", str(out)]
+    assert main(words) == 2
+    assert f"{tmp_path / 'zd.csv'}: cannot be read" in capsys.readouterr().err
+    assert not out.exists()

@@ -27,6 +27,14 @@ def folder(tmp_path_factory):
     (out / "scene.toml").write_text(f'{device}[sessions]\ngroups = ["hand"]\n')
     (out / "hasty.toml").write_text("[inference]\ntolerance = 1e-4\nmost_steps = 200\n")
     (out / "light.toml").write_text(device.replace("mass = 1.0", "mass = 0.1"))
+    table.assign(hand=np.where(table["environment"] == "VE2", "left", "right")).to_csv(
+        out / "within.csv", index=False
+    )
+    table.assign(k_adj=1.1 * table["k_adj"]).to_csv(out / "elsewhere.csv", index=False)
+    (out / "first.toml").write_text('[sessions]\nonly = { subject = ["S01", "S02", "S03", "S04"] }\n')
+    (out / "last.toml").write_text('[sessions]\nonly = { subject = ["S04", "S05", "S06", "S07"] }\n')
+    (out / "others.toml").write_text('[sessions]\nonly = { subject = ["S05", "S06", "S07", "S08"] }\n')
+    (out / "normal.toml").write_text("[inference]\nshare = 0.9\n")
     return out
 
 
@@ -54,13 +62,42 @@ def test_two_devices_differ_in_curves_only(folder, capsys):
     words += ["--other-scene", folder / "light.toml"]
     found = json.loads(printed([*words, "--json"], capsys))
     assert {row["width_ratio"] for row in found["intervals"]} == {1.0}
-    assert {row["value"] for row in found["differences"]} == {1.0}
+    assert found["differences"] == []
+    assert found["notes"][0].startswith("A and B are the same sessions: the table of their users")
     assert max(row["area_upper"] for row in found["curves"]) > 0.01
     text = printed(words, capsys)
     assert f"B: {folder / 'all.csv'} under {folder / 'light.toml'}" in text
     assert f"The 10 of {len(found['curves'])} boundaries farthest apart" in text
     areas = [max(row["area_lower"], row["area_upper"]) for row in found["curves"]]
     assert f"{max(areas):.4g}" in text
+    assert found["notes"][0] in text
+    assert "Average users" not in text
+
+
+def test_the_same_sessions_under_two_settings_stand_side_by_side(folder, capsys):
+    words = ["compare", folder / "all.csv", "--other-scene", folder / "normal.toml", "--method", "classical"]
+    text = printed(words, capsys)
+    assert "Average users" not in text
+    assert "width_ratio" in text.split("Intervals of A and B")[1]
+
+
+def test_names_that_two_labs_have_in_common_are_noted(folder, capsys):
+    words = ["compare", folder / "all.csv", folder / "elsewhere.csv", "--method", "classical"]
+    text = printed(words, capsys)
+    assert "10 subjects (S01, S02, S03, S04, S05, …) are in both studies by name" in text
+    assert "Average users" in text
+    found = json.loads(printed([*words, "--json"], capsys))
+    stiffness = [row["value"] for row in found["differences"] if row["parameter"] == "k"]
+    assert stiffness == pytest.approx([1.1, 1.1])
+    assert len(found["notes"]) == 1
+
+
+def test_different_people_of_one_file_are_two_samples(folder, capsys):
+    words = ["compare", folder / "all.csv", "--scene", folder / "first.toml"]
+    words += ["--other-scene", folder / "others.toml", "--method", "classical", "--json"]
+    found = json.loads(printed(words, capsys))
+    assert found["notes"] == []
+    assert len(found["differences"]) == 4
 
 
 def test_methods_are_printed_with_their_reasons(folder, capsys):
@@ -83,6 +120,13 @@ def test_methods_are_printed_with_their_reasons(folder, capsys):
         (["all.csv", "--by", "hand", "--other-scene", "light.toml"], 2, "leave --other-scene out"),
         (["all.csv", "left.csv", "right.csv"], 2, "one or two studies"),
         (["all.csv", "--method", "classical"], 1, "only the classical method was asked for"),
+        (
+            ["within.csv", "--scene", "scene.toml", "--by", "hand"],
+            1,
+            "column 'hand': 10 subjects (S01, S02, ",
+        ),
+        (["all.csv", "--scene", "first.toml", "--other-scene", "last.toml"], 1, "1 subject (S04) is in both"),
+        (["all.csv", "all.csv"], 1, "the same sessions under the same scene"),
         (["all.csv", "--scene", "hasty.toml"], 1, "withheld, and the others stand alone. "),
     ],
 )

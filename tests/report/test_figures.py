@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from percept.errors import UsageError
@@ -97,6 +98,62 @@ def test_hostile_names_are_drawn_as_text(both):
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
         assert 'alert("$x$")' in seen
+
+
+def renamed(document, names):
+    """The document with its environments called otherwise in what figures of intervals show."""
+    changed = copy.deepcopy(document)
+    for row in (*changed["intervals"], *changed["data"]["cells"]):
+        row["environment"] = names[row["environment"]]
+    return changed
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        "{}, medium names",
+        "Umgebung {}, sehr hart und weich",
+        "{} is the beginning of a name that goes on and on until nobody reads it",
+        "a name that goes on and on until nobody reads it says at last that it is {}",
+        "a name that says somewhere in the middle that it is {}, and goes on and on until nobody reads it",
+    ],
+)
+def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apart(both, pattern):
+    names = {name: pattern.format(name) for name in ("VE1", "VE2", "VE4")}
+    (drawing,) = (one for one in drawings(renamed(both, names)) if one.name == "intervals_k")
+    figure = Figure(figsize=[side / 25.4 for side in drawing.size])
+    drawing.draw(figure)
+    FigureCanvasAgg(figure).draw()
+    (ax,) = figure.axes
+    labels = ax.get_yticklabels()
+    assert min(label.get_window_extent().x0 for label in labels) > 0
+    assert ax.get_position().width > 0.5
+    texts = [label.get_text() for label in labels]
+    assert len(set(texts)) == 3
+    for name, text in zip(names.values(), texts, strict=True):
+        begin, cut, end = text.partition("…")
+        whole = f"{begin[3:] if text[1:3] == '. ' else begin}{cut}{end}"
+        assert re.fullmatch(re.escape(whole).replace("…", ".+"), name)
+
+
+def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
+    (two,) = (one for one in drawings(both) if one.name == "intervals_b")
+    assert "; each classical above Bayesian; below them the subjects. " in two.description
+    document = copy.deepcopy(classical)
+    for row in (*document["intervals"], *document["data"]["cells"]):
+        if (row["environment"], row["parameter"]) == ("VE1", "b"):
+            row["reference"] = 0.0
+    k, b = (one for one in drawings(document) if one.name.startswith("intervals_"))
+    assert "Bayesian" not in k.description
+    assert "reference is 0" not in k.description
+    assert b.description.endswith("Only in the tables, since their reference is 0: VE1.")
+    figure = Figure()
+    b.draw(figure)
+    (legend,) = figure.legends
+    # The first environment, which has no bars, is not the one that names them.
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "classical, mean", "classical, user", "classical, share", "one subject",
+    ]  # fmt: skip
 
 
 def drawing_of(draw, **given):

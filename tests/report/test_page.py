@@ -11,6 +11,7 @@ from percept.report import build_document
 from percept.report.numbers import number
 from percept.report.page import Plate, render_page
 from percept.report.sections import build_parts
+from percept.sessions import Sessions
 
 from .conftest import DATASETS, scene_of
 
@@ -199,6 +200,25 @@ def test_a_section_not_needed_is_absent(classical):
     assert "Published limits for 5 references" in page
     assert "Llewellyn" not in page
     assert "emcee" not in re.sub(r'<script.*?</script>|"emcee.*', "", page.split('<h2 id="provenance')[0])
+
+
+def said_of(sessions):
+    """Visible text of the page of one set of sessions, without a device."""
+    scene = type(scene_of())(inference={"method": "classical"})
+    text = "".join(Reader(page_of(build_document(Study(sessions, scene)))).text)
+    return re.sub(r"\s+", " ", text)
+
+
+def test_one_environment_is_spoken_of_as_one():
+    whole = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    one = said_of(Sessions.from_frame(whole[whole["environment"] == "VE1"]))
+    assert "until it felt like the one reference, VE1." in one
+    assert "until it felt like the one reference environment." in one
+    assert re.search(r"for stiffness is [\d.]+ % \(VE1\) of the reference wide", one)
+    assert "1 reference" not in one
+    two = said_of(Sessions.from_frame(whole[whole["environment"].isin(["VE1", "VE2"])]))
+    assert "until it felt like each of 2 references: VE1, VE2." in two
+    assert re.search(r"for stiffness is between [\d.]+ % \(VE\d\) and [\d.]+ % \(VE\d\) of", two)
 
 
 def test_curves_of_both_methods_are_compared_on_the_page(both, read):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ __all__ = [
     "grid",
     "legend_below",
     "panels",
+    "row_labels",
     "shade_boxes",
 ]
 
@@ -150,13 +151,67 @@ def grid(
 
 
 def legend_below(ax: Axes, *, columns: int = 2) -> None:
-    """Put the legend of some axes at the lower edge of their figure."""
+    """Put the legend of some axes at the lower edge of their figure, each label once."""
     handles, labels = ax.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
     figure = ax.get_figure(root=True)
-    if figure is not None and handles:
+    if figure is not None and named:
         figure.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=columns, borderaxespad=0.2
+            named.values(),
+            named.keys(),
+            loc="lower left",
+            bbox_to_anchor=(0.0, 0.0),
+            ncols=columns,
+            borderaxespad=0.2,
         )
+
+
+def row_labels(names: Sequence[str], *, most: float) -> tuple[list[str], float]:
+    """Fit the names of rows into a margin.
+
+    A name that is too long loses its middle, since names in a series differ at their ends; names that look
+    the same then are numbered.
+
+    Parameters
+    ----------
+    names : sequence of str
+        From top to bottom, all different.
+    most : float
+        Width there may be, mm.
+
+    Returns
+    -------
+    labels : list of str
+        One per name, all different.
+    width : float
+        Of the widest, in the lettering of the ticks, mm.
+    """
+    labels = [_shortened(name, most) for name in names]
+    if len(set(labels)) < len(labels):
+        labels = [_shortened(f"{row}. {name}", most) for row, name in enumerate(names, start=1)]
+    return labels, max(map(_width, labels))
+
+
+def _shortened(name: str, most: float) -> str:
+    width = _width(name)
+    if width <= most:
+        return name
+    kept = int(len(name) * most / width)
+    while True:
+        label = f"{name[: kept - kept // 2]}…{name[len(name) - kept // 2 :]}"
+        if kept <= 2 or _width(label) <= most:
+            return label
+        kept -= 1
+
+
+def _width(label: str) -> float:
+    from matplotlib import rcParams
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=rcParams["ytick.labelsize"])
+    points: float = text_to_path.get_text_width_height_descent(label, font, ismath=False)[0]
+    return points / 72.0 / MM
 
 
 def shade_boxes(

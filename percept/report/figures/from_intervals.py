@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import Drawing, Figure, legend_below, panels
+from percept.report.figures.canvas import Drawing, Figure, legend_below, panels, row_labels
 from percept.report.figures.intervals import Bar, draw_intervals
 from percept.report.select import KINDS, METHODS, array, distinct, family_of, first, matching
 
@@ -17,6 +17,15 @@ __all__ = ["interval_drawings"]
 
 FloatArray = NDArray[np.float64]
 _NAMES = {"k": "stiffness k", "b": "damping b"}
+_BARS = {
+    "mean": "average user (thick bar, mark at the estimate)",
+    "user": "next user",
+    "share": "share of users (thin)",
+}
+# Left margin, mm: at least that of short names, at most what leaves the bars more than half of the width.
+_LEAST_MARGIN, _MOST_MARGIN = 18.0, 52.0
+# Between a label and the axis, and to the edge of the figure, mm; other viewers' lettering may be wider.
+_MARGIN_BESIDE = 4.0
 
 
 def interval_drawings(document: Mapping[str, Any]) -> list[Drawing]:
@@ -51,14 +60,24 @@ def interval_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             Drawing(
                 f"intervals_{parameter}",
                 f"Intervals of {name}, divided by the reference",
-                "In each environment from top to bottom: average user (thick bar, mark at the estimate), "
-                "next user, share of users (thin); each classical above Bayesian, and below them the "
-                "subjects. The dashed line is the reference.",
+                _description(rows, bars, values),
                 (130.0, 26.0 + 17.0 * len(environments)),
                 partial(_draw, name, environments, bars, values, family == "lognormal"),
             )
         )
     return found
+
+
+def _description(rows: list[Any], bars: list[Bar], values: list[FloatArray]) -> str:
+    kinds = [text for kind, text in _BARS.items() if any(bar.kind == kind for bar in bars)]
+    order = "In each environment from top to bottom: " + ", ".join(kinds)
+    if len({bar.method for bar in bars}) == 2:
+        order += "; each classical above Bayesian"
+    if any(seen.size for seen in values):
+        order += "; below them the subjects"
+    empty = distinct([row for row in rows if row["reference"] == 0], "environment")
+    left_out = f" Only in the tables, since their reference is 0: {', '.join(empty)}." if empty else ""
+    return f"{order}. The dashed line is the reference.{left_out}"
 
 
 def _bar(rows: list[Any], environment: str, kind: str, method: str, family: str) -> Bar | None:
@@ -87,7 +106,8 @@ def _draw(
     log: bool,
     figure: Figure,
 ) -> None:
-    (ax,) = panels(figure, left=18, top=3, bottom=21)
-    draw_intervals(ax, environments, bars, values, log=log)
+    labels, width = row_labels(environments, most=_MOST_MARGIN - _MARGIN_BESIDE)
+    (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), top=3, bottom=21)
+    draw_intervals(ax, environments, bars, values, log=log, labels=labels)
     ax.set_xlabel(f"adjusted {name} / reference")
     legend_below(ax, columns=4)

@@ -46,6 +46,7 @@ def draw_intervals(
     values: Sequence[NDArray[np.float64]],
     *,
     log: bool,
+    labels: Sequence[str] | None = None,
 ) -> None:
     """Draw a group of bars per environment: kinds by thickness, methods by colour and mark.
 
@@ -61,6 +62,8 @@ def draw_intervals(
         The subjects' adjustments divided by the reference, one array per environment; may be empty.
     log : bool
         Logarithmic axis; what is zero or negative runs to the edge.
+    labels : sequence of str, optional
+        What the environments are called on the axis, where that is not their names.
     """
     place = {environment: -index for index, environment in enumerate(environments)}
     present = [method for method in METHODS if any(bar.method == method for bar in bars)]
@@ -74,7 +77,7 @@ def draw_intervals(
             [y, y],
             color=COLOURS[bar.method],
             linewidth=_WIDTH[bar.kind],
-            label=f"{METHOD_NAMES[bar.method]}, {bar.kind}" if bar.environment == environments[0] else None,
+            label=f"{METHOD_NAMES[bar.method]}, {bar.kind}",
         )
         if bar.kind == "mean":
             ax.plot(
@@ -94,14 +97,14 @@ def draw_intervals(
             markersize=5,
             color=COLOURS["quiet"],
             linestyle="none",
-            label="one subject" if environment == environments[0] and len(seen) else None,
+            label="one subject" if len(seen) else None,
         )
     ax.axvline(1.0, color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
     if log:
         ax.set_xscale("log")
         ax.set_xlim(ends.min() / 1.15, ends.max() * 1.15)
         _plain_ticks(ax)
-    ax.set_yticks(list(place.values()), environments)
+    ax.set_yticks(list(place.values()), environments if labels is None else labels)
     ax.set_ylim(-len(environments) + 0.4, 0.6)
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", length=0)
