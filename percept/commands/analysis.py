@@ -63,7 +63,7 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
     Returns
     -------
     Study
-        Its device is read: a file that is missing is found out before anything is sampled.
+        A device's table is read: one that is missing or too short is found out before anything is sampled.
 
     Raises
     ------
@@ -82,7 +82,6 @@ def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None =
         _tell(sessions.notices)
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
     if scene.device is not None and scene.device.response:
-        # A file that cannot be read is told before anything is sampled.
         _ = study.device
     return study
 
