@@ -87,6 +87,7 @@ def test_curves_are_compared_in_pairs(fitted: Study) -> None:
 def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
     table = fitted.sessions.table.copy()
     table["k_adj"] *= 1.25
+    table["subject"] = "other " + table["subject"].astype(str)
     scene = fitted.scene.model_copy(update={"device": None}).with_inference(tolerance=0.2)
     other = Study(dataclasses.replace(fitted.sessions, table=table), scene)
     found = compare_studies(fitted, other).differences
