@@ -99,7 +99,7 @@ def sample(
             if progress:
                 worst = judged.gate.worst_error
                 progress(Progress(run.state.steps, _BURN_IN + needed, worst, settings.tolerance))
-            if judged.gate.passed or run.state.steps >= settings.most_steps:
+            if judged.gate.passed or run.at_its_end(settings):
                 return judged
             if not run.refined and needed > _WORTH_REFINING * run.spanned:
                 refined = _refined(target, estimands, settings, judged.points)
@@ -208,6 +208,11 @@ class _Running:
         self._points = np.concatenate([self._points, piece.points], axis=1)
         self._components = np.concatenate([self._components, piece.components], axis=1)
 
+    def at_its_end(self, settings: Settings) -> bool:
+        """Whether no steps are left, or too few to judge another part by."""
+        left = settings.most_steps - self.state.steps
+        return left < (_FEWEST_POSITIONS * self.stride if self._full else 1)
+
     def go_on(self, judged: Run, needed: int, settings: Settings) -> None:
         """Make room where memory is full, and set the next goal."""
         gate = judged.gate
@@ -245,7 +250,7 @@ class _Running:
             points, components, stride = self._closed.positions(points, components, stride, self._most)
         gate = pass_gate(
             settings, estimates, errors, (influence, scores), slowest, state.accepted / state.steps, moved,
-            stride=self.stride, spanned=self.spanned, full=self._full or state.steps >= settings.most_steps,
+            stride=self.stride, spanned=self.spanned, full=self._full or self.at_its_end(settings),
         )  # fmt: skip
         return Run(
             points, components, estimates, errors, own * self.stride, gate, state.steps, stride, settings

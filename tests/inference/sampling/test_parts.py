@@ -89,6 +89,18 @@ def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
     assert run.steps > 10 * 99 > slow
 
 
+@pytest.mark.parametrize("most", range(420, 540, 17))
+def test_wherever_the_steps_end_the_errors_are_known(small, most):
+    """The last part of a run at its cap is long enough to be judged, however many steps were left for it."""
+    run = sample(
+        Normal(2), Means(("E x",), lambda points: points[:, :1]), Settings(tolerance=1e-5, most_steps=most)
+    )
+    assert not run.gate.passed
+    assert run.steps <= most + 2 * running._STRIDE
+    # A thousand walkers of independent draws a step, or nearly so, at every third step.
+    assert 0.5 < run.errors[0] * np.sqrt(1024 * run.steps / 3) < 3.0
+
+
 def estimates(value):
     return Estimates(("a",), np.array([value]), np.ones(1), np.zeros((1, 1)))
 
