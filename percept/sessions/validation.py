@@ -16,7 +16,7 @@ from percept.sessions.read import read_grid_of, read_sessions
 from percept.sessions.records import Exclusion, Notice, Sessions, Source
 from percept.sessions.sources import expand, load
 
-__all__ = ["Validation", "format_validation", "propose_columns", "validate"]
+__all__ = ["Validation", "format_validation", "printable", "propose_columns", "validate"]
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ class Settings:
     walkers : int or None
         Walkers per ensemble; None for the larger of 64 and twice the dimension.
     most_steps : int
-        Steps per ensemble at which the run gives up.
+        Steps per ensemble at which the run gives up; a long one sooner, where too few are left for a part.
     """
 
     tolerance: float = 0.01
