@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import hashlib
-import os
 import statistics
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from percept.bench.as_installed import as_installed
 from percept.cores import cores
 
 __all__ = ["ProcessGain", "process_gains"]
@@ -101,7 +101,7 @@ def _timed(task: str, tolerance: float, count: int) -> tuple[float, str]:
     command = [sys.executable, "-m", "percept.bench.processes", task, str(tolerance), str(count)]
     started = time.perf_counter()
     # As the command line sets it.
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    environment = as_installed(OPENBLAS_NUM_THREADS="1")
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return time.perf_counter() - started, done.stdout.strip()
 

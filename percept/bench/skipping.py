@@ -17,6 +17,8 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from percept.bench.as_installed import as_installed
+
 if TYPE_CHECKING:
     from percept.study import Study
 
@@ -158,7 +160,7 @@ def work_of(
     command = [sys.executable, "-m", __name__, scene, "--tolerance", str(tolerance), "--method", method]
     if points is not None:
         command += ["--points", str(points)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=as_installed())
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from percept.bench.as_installed import as_installed
 from percept.bench.peers.engines import Engine
 from percept.bench.peers.reference import Reference
 from percept.bench.peers.responses import Responses
@@ -161,7 +162,7 @@ def _startup(name: str, found: list[dict[str, Any]]) -> Startup:
 def _child(task: dict[str, Any], file: Path) -> dict[str, Any]:
     file.write_text(json.dumps(task | {"started": time.time()}), encoding="utf-8")
     command = [sys.executable, "-m", "percept.bench.peers.child", str(file)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=as_installed())
     if done.returncode:
         last = done.stderr.strip().splitlines()[-1:] or ["no message"]
         raise RefusalError(

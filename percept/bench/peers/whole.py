@@ -12,19 +12,26 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from percept.bench.as_installed import as_installed
 from percept.errors import RefusalError
 
 __all__ = ["COMMANDS", "Comparison", "Whole", "comparisons", "whole_commands"]
 
 _NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"
-#: Name to arguments of Python; SESSIONS, SCENE and OUT are filled in.
+
+
+def _percept(command: str) -> tuple[str, ...]:
+    return ("-m", "percept", command, "SESSIONS", "--out", "OUT")
+
+
+#: Name to arguments of Python; SESSIONS, SCENE, OUT and SEED, another in every round, are filled in.
 COMMANDS = {
     "import pymc": ("-c", "import pymc"),
     "import what percept fit needs": ("-c", f"import {_NEEDED}"),
-    "percept report": ("-m", "percept", "report", "SESSIONS", "--scene", "SCENE", "--out", "OUT"),
-    "percept fit": ("-m", "percept", "fit", "SESSIONS", "--out", "OUT"),
-    "percept fit, 2 %": ("-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--tolerance", "0.02"),
-    "percept fit, classical": ("-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--method", "classical"),
+    "percept report": (*_percept("report"), "--seed", "SEED", "--scene", "SCENE"),
+    "percept fit": (*_percept("fit"), "--seed", "SEED"),
+    "percept fit, 2 %": (*_percept("fit"), "--seed", "SEED", "--tolerance", "0.02"),
+    "percept fit, classical": (*_percept("fit"), "--method", "classical"),
 }
 #: Command, what it is compared with, and the largest ratio promised.
 _PROMISES = (
@@ -95,7 +102,7 @@ def whole_commands(
     sessions, scene : str
         Files.
     repeats : int
-        Rounds that count; one round before them warms the file cache.
+        Rounds that count, with seeds 1, 2, …; one round before them warms the file cache.
     commands : mapping of str to sequence of str
         Name to arguments of Python.
 
@@ -112,13 +119,13 @@ def whole_commands(
     for round_ in range(repeats + 1):
         for name, arguments in commands.items():
             with tempfile.TemporaryDirectory() as out:
-                spent = _run(_filled(arguments, sessions, scene, str(Path(out, "out"))))
+                spent = _run(_filled(arguments, sessions, scene, str(Path(out, "out")), str(round_)))
             if round_:
                 times[name].append(spent)
     found = []
     for name, arguments in commands.items():
         wall, processor = zip(*times[name], strict=True)
-        typed = " ".join(_quoted(part) for part in _filled(arguments, "SESSIONS", "SCENE", "DIR"))
+        typed = " ".join(_quoted(part) for part in _filled(arguments, "SESSIONS", "SCENE", "DIR", "SEED"))
         typed = f"python {typed}".replace("python -m percept", "percept")
         found.append(Whole(name, typed, wall, statistics.median(wall), statistics.median(processor)))
     return found
@@ -135,8 +142,8 @@ def comparisons(found: Sequence[Whole]) -> list[Comparison]:
     return rows
 
 
-def _filled(arguments: Sequence[str], sessions: str, scene: str, out: str) -> list[str]:
-    places = {"SESSIONS": sessions, "SCENE": scene, "OUT": out}
+def _filled(arguments: Sequence[str], sessions: str, scene: str, out: str, seed: str) -> list[str]:
+    places = {"SESSIONS": sessions, "SCENE": scene, "OUT": out, "SEED": seed}
     return [places.get(part, part) for part in arguments]
 
 
@@ -147,10 +154,10 @@ def _quoted(part: str) -> str:
 def _run(arguments: Sequence[str]) -> tuple[float, float]:
     """Wall and processor seconds of one process; percept finds no posterior kept from an earlier one."""
     before, started = os.times(), time.perf_counter()
-    environment = os.environ | {"PERCEPT_CACHE": "off"}
     done = subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, check=False, env=environment
-    )
+        [sys.executable, *arguments], capture_output=True, text=True, check=False,
+        env=as_installed(PERCEPT_CACHE="off"),
+    )  # fmt: skip
     wall, after = time.perf_counter() - started, os.times()
     if done.returncode:
         last = done.stderr.strip().splitlines()[-1:] or ["no message"]

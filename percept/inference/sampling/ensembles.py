@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import emcee
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.sampling.checked import Checked, Target, refuse_impossible
+from percept.inference.sampling.lean_emcee import emcee
 from percept.inference.sampling.moves import standard_moves
 from percept.inference.sampling.reference import Reference
 from percept.inference.sampling.unfinished import Ensembles

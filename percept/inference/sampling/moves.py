@@ -14,11 +14,10 @@ import dataclasses
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 
-import emcee
 import numpy as np
-from emcee.moves.move import Move
 from numpy.typing import NDArray
 
+from percept.inference.sampling.lean_emcee import emcee
 from percept.inference.sampling.reference import Reference
 
 __all__ = ["DifferentialMove", "EllipticMove", "IndependentMove", "standard_moves"]
@@ -54,7 +53,7 @@ class Offer:
     log_ratio: Array
 
 
-class _EnsemblesMove(Move):  # type: ignore[misc]  # emcee is untyped
+class _EnsemblesMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
     """Metropolis-Hastings step of all ensembles, each with its own generator.
 
     Parameters
@@ -178,7 +177,7 @@ class DifferentialMove(_EnsemblesMove):
         return Offer(points, density(points), np.zeros(len(moving)))
 
 
-def standard_moves(reference: Reference, generators: Generators) -> list[tuple[Move, float]]:
+def standard_moves(reference: Reference, generators: Generators) -> list[tuple[emcee.moves.Move, float]]:
     """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`.
 
     Parameters
