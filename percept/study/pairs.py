@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["PairComparison", "compare_studies", "split_by"]
 
 Array = NDArray[np.float64]
-_DRAWS = 8192
+#: Draws of either posterior, and turns in which each draw of one meets another draw of the other.
+_DRAWS, _TURNS = 8192, 16
 _MOST_NAMED = 5
 _SAME = (
     "A and B are the same sessions: the table of their users, whose intervals are those of two samples of "
@@ -47,7 +48,9 @@ class PairComparison:
         environment, parameter, method, family; lower, value, upper of the average user of B over A (a ratio
         under lognormal, a difference in N/m or N·s/m under normal); probability_above (that B's is the
         larger, None for the classical method); and the same of the SD between users, as a ratio:
-        spread_lower, spread_value, spread_upper. Empty where A and B are the same sessions.
+        spread_lower, spread_value, spread_upper. The Bayesian ones are quantiles over pairs of draws, with a
+        Monte Carlo error of one or two hundredths of the half-width. Empty where A and B are the same
+        sessions.
     curves : DataFrame
         As `compare_curves`, for boundaries of the two that are alike.
     notes : tuple of str
@@ -231,7 +234,11 @@ def _classical(first: Study, second: Study) -> list[dict[str, object]]:
 
 
 def _bayesian(first: Study, second: Study, rng: np.random.Generator) -> list[dict[str, object]]:
-    """Root of the mixture of differences of conditional normals; the two posteriors are independent."""
+    """Root of the mixture of differences of conditional normals.
+
+    The two posteriors are independent, so every pair of their draws is a draw of both: pairing each draw with
+    several others takes a third to two thirds of the error from quantiles of ratios.
+    """
     fits = [study.fit for study in (first, second)]
     if any(fit is None or not fit.run.gate.passed for fit in fits):
         return []
@@ -241,22 +248,27 @@ def _bayesian(first: Study, second: Study, rng: np.random.Generator) -> list[dic
     for fit in fits:
         assert fit is not None
         components = fit.run.components.reshape(-1, fit.run.components.shape[-1])
-        laws = Laws.unpack(components[rng.integers(len(components), size=_DRAWS)])
+        laws = Laws.unpack(components[rng.permutation(len(components))[:_DRAWS]])
         scale = fit.prepared.scale
         origin = np.log(scale.origin) if log else scale.origin
         unit = scale.unit
         column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
         parts.append((origin + unit * laws.mean, unit * laws.sd, unit * laws.spread, column))
-    (mean_a, sd_a, spread_a, column_a), (mean_b, sd_b, spread_b, column_b) = parts
+    (*of_a, column_a), (*of_b, column_b) = parts
+    count = min(len(of_a[0]), len(of_b[0]))
+    turns = rng.integers(count, size=_TURNS)
     rows: list[dict[str, object]] = []
     for cell in column_a:
         if cell not in column_b:
             continue
-        a, b = column_a[cell], column_b[cell]
-        mean, sd = (mean_b[:, [b]] - mean_a[:, [a]]), np.hypot(sd_a[:, [a]], sd_b[:, [b]])
+        mean_a, sd_a, spread_a = (np.tile(law[:count, column_a[cell]], _TURNS) for law in of_a)
+        mean_b, sd_b, spread_b = (
+            np.concatenate([np.roll(law[:count, column_b[cell]], turn) for turn in turns]) for law in of_b
+        )
+        mean, sd = (mean_b - mean_a)[:, None], np.hypot(sd_a, sd_b)[:, None]
         lower, upper = (float(mixture_quantile(mean, sd, tail, upper=side)[0][0]) for side in (False, True))
         ends = np.array([lower, float(mean.mean()), upper])
-        ratio = np.quantile(spread_b[:, b] / spread_a[:, a], [tail, 0.5, 1.0 - tail])
+        ratio = np.quantile(spread_b / spread_a, [tail, 0.5, 1.0 - tail])
         rows.append(
             _row(cell, "bayesian", family, np.exp(ends) if log else ends)
             | {

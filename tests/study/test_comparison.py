@@ -9,9 +9,11 @@ from arviz_stats.base import array_stats
 
 from percept import RefusalError, Scene, Study, UsageError
 from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.laws import Laws
 from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.sampling.run import Settings, sample
 from percept.sessions import Sessions
+from percept.study.bayesian import Fit
 from percept.study.comparison import compare_curves
 from percept.study.pairs import compare_studies, split_by
 from percept.study.posterior import thinned_points
@@ -100,6 +102,20 @@ def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
     assert b["probability_above"].between(0.2, 0.8).all()
     bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")].set_index("environment")
     assert bayes.loc["VE4", "probability_above"] > 0.999
+    assert other.fit is not None
+    for (parameter, environment), row in found.set_index(["parameter", "environment"]).iterrows():
+        if row["method"] == "bayesian":
+            first, second = (log_spreads(study.fit, (parameter, environment)) for study in (fitted, other))
+            for side, tail in (("lower", 0.005), ("upper", 0.995)):
+                # Over all pairs of draws; 8192 pairs taken at random would scatter by 0.0008.
+                below = np.searchsorted(second, first + np.log(row[f"spread_{side}"])).mean() / len(second)
+                assert abs(below - tail) < 6e-4
+
+
+def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:
+    """Logs of a cell's SD between users over all kept draws, in order."""
+    laws = Laws.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
+    return np.sort(np.log(laws.spread[:, fit.prepared.model.cells.index(cell)]))
 
 
 def test_groups_are_split_by_a_column(fitted: Study) -> None:
