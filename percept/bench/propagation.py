@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.boundary.draws import MEMORY, DrawCurves
-from percept.boundary.grid import adaptive_grid
+from percept.boundary.grid import Grid, adaptive_grid
 from percept.haptics import AnyDevice, Device, perceived_magnitude
 
 if TYPE_CHECKING:
@@ -23,55 +26,69 @@ if TYPE_CHECKING:
 __all__ = [
     "PropagationCost",
     "PropagationMemory",
-    "propagation_cost",
+    "propagation_costs",
     "propagation_memory",
     "study_propagation",
 ]
 
 Array = NDArray[np.float64]
 _NAIVE = (0.1, 100.0, 1000)
+#: Departures that percept's frequencies are chosen for, and even frequencies of the other way.
+_BOUNDS, _POINTS = (1e-2, 1e-3), (25, 100, 400)
 
 
 @dataclass(frozen=True)
 class PropagationCost:
-    """Pointwise bands through fewer draws at chosen omega, against all draws at all omega.
+    """One way to a pointwise band, against the quantiles of every draw at each of many frequencies.
 
     Attributes
     ----------
-    seconds, naive_seconds : float
-        Processor time of both; the naive way is np.quantile of every curve.
-    ratio : float
-        seconds/naive_seconds.
-    points, naive_points : int
-        Frequencies.
-    draws, naive_draws : int
+    environment : str
+        Whose draws.
+    way : {"percept", "all draws"}
+        Percept's: as many draws as there is information for, at frequencies chosen for them. The other: all
+        draws, np.quantile at frequencies spaced evenly in log omega.
+    draws : int
         Draws propagated.
-    error : float
-        Largest difference of the limits, as a fraction of the band's half-width in log abs(Z_h), over a fine
-        grid: Monte Carlo error of the fewer draws and lines between the points together.
+    points : int
+        Frequencies.
+    bound : float or None
+        Largest relative departure that percept's frequencies were chosen for.
+    seconds, seconds_low, seconds_high : float
+        Processor time: median and range of the repeats.
+    ratio : float
+        seconds over that of the band it is compared with.
+    error, worst_error : float
+        Root mean square, and largest, difference from that band over omega and both limits, as a fraction of
+        its half-width in log abs(Z_h): Monte Carlo error of fewer draws and lines between points together.
     """
 
-    seconds: float
-    naive_seconds: float
-    ratio: float
-    points: int
-    naive_points: int
+    environment: str
+    way: str
     draws: int
-    naive_draws: int
+    points: int
+    bound: float | None
+    seconds: float
+    seconds_low: float
+    seconds_high: float
+    ratio: float
     error: float
+    worst_error: float
 
 
-def propagation_cost(
+def propagation_costs(
     device: AnyDevice,
     stiffness: Array,
     damping: Array,
     period: float,
     *,
     kept: int,
+    name: str = "",
     level: float = 0.99,
     frequencies: tuple[float, float, int] = _NAIVE,
-) -> PropagationCost:
-    """Time both ways on draws of one environment.
+    repeats: int = 3,
+) -> list[PropagationCost]:
+    """Time both ways on draws of one environment, from few draws and frequencies to many.
 
     Parameters
     ----------
@@ -83,48 +100,86 @@ def propagation_cost(
         Sampling period, s.
     kept : int
         Draws there is information for.
+    name : str
+        Of the environment.
     level : float
         Of the bands.
     frequencies : tuple of (float, float, int)
-        Range, rad/s, and points of the naive grid.
+        Range, rad/s, and frequencies of the band that the others are compared with.
+    repeats : int
+        How often each is timed.
 
     Returns
     -------
-    PropagationCost
+    list of PropagationCost
+        Percept's, by draws and bound, and then the other way's, by frequencies; the last is the band that
+        all are compared with.
     """
     lower, upper, points = frequencies
-    tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
-    started = time.process_time()
-    ensemble = DrawCurves(device, stiffness[:kept], damping[:kept], period, level=level)
-
-    def curves(omega: Array) -> Array:
-        bands = ensemble.at(omega)
-        out = 3.0 * bands.sd
-        return np.stack([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
-
-    grid = adaptive_grid(curves, lower, upper, followed=np.array([False, False, True, True]))
-    seconds = time.process_time() - started
-    started = time.process_time()
     fine = np.geomspace(lower, upper, points)
-    every = perceived_magnitude(fine[:, None], device, stiffness, damping, period)
-    naive = np.log(np.quantile(every, tails, axis=1))
-    naive_seconds = time.process_time() - started
-    ours = np.stack([np.interp(np.log(fine), np.log(grid.omega), np.log(row)) for row in grid.values[:2]])
-    error = np.abs(ours - naive) / (0.5 * (naive[1] - naive[0]))
-    return PropagationCost(
-        seconds=seconds,
-        naive_seconds=naive_seconds,
-        ratio=seconds / naive_seconds,
-        points=grid.omega.size,
-        naive_points=points,
-        draws=kept,
-        naive_draws=stiffness.size,
-        error=float(error.max()),
-    )
+
+    def every_draw(count: int) -> Grid:
+        omega = np.geomspace(lower, upper, count)
+        curves = perceived_magnitude(omega[:, None], device, stiffness, damping, period)
+        tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
+        return Grid(omega, np.quantile(curves, tails, axis=1), 0.0)
+
+    def followed(draws: int, bound: float) -> Grid:
+        ensemble = DrawCurves(device, stiffness[:draws], damping[:draws], period, level=level)
+
+        def curves(omega: Array) -> Array:
+            bands = ensemble.at(omega)
+            out = 3.0 * bands.sd
+            return np.stack([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
+
+        smooth = np.array([False, False, True, True])
+        return adaptive_grid(curves, lower, upper, tolerance=bound, followed=smooth)
+
+    ways: list[tuple[str, int, float | None, Callable[[], Grid]]] = [
+        ("percept", draws, bound, partial(followed, draws, bound))
+        for draws in (kept // 16, kept // 4, kept)
+        for bound in _BOUNDS
+    ]
+    ways += [
+        ("all draws", stiffness.size, None, partial(every_draw, count))
+        for count in (*(count for count in _POINTS if count < points), points)
+    ]
+    timed = [_timed(work, repeats) for *_, work in ways]
+    band = np.log(timed[-1][0].values)
+    half_width = 0.5 * (band[1] - band[0])
+    found = []
+    for (way, draws, bound, _), (grid, seconds) in zip(ways, timed, strict=True):
+        lines = [np.interp(np.log(fine), np.log(grid.omega), np.log(row)) for row in grid.values[:2]]
+        error = np.abs(np.stack(lines) - band) / half_width
+        found.append(
+            PropagationCost(
+                environment=name,
+                way=way,
+                draws=draws,
+                points=grid.omega.size,
+                bound=bound,
+                seconds=median(seconds),
+                seconds_low=min(seconds),
+                seconds_high=max(seconds),
+                ratio=median(seconds) / median(timed[-1][1]),
+                error=float(np.sqrt(np.mean(error**2))),
+                worst_error=float(error.max()),
+            )
+        )
+    return found
+
+
+def _timed(work: Callable[[], Grid], repeats: int) -> tuple[Grid, list[float]]:
+    seconds = []
+    for _ in range(repeats):
+        started = time.process_time()
+        found = work()
+        seconds.append(time.process_time() - started)
+    return found, seconds
 
 
 def study_propagation(
-    study: Study, *, frequencies: tuple[float, float, int] = _NAIVE
+    study: Study, *, frequencies: tuple[float, float, int] = _NAIVE, repeats: int = 3
 ) -> list[PropagationCost]:
     """Time both ways on the next user of every environment of a study.
 
@@ -133,12 +188,14 @@ def study_propagation(
     study : Study
         With a passed fit and a device.
     frequencies : tuple of (float, float, int)
-        Range, rad/s, and points of the naive grid.
+        Range, rad/s, and frequencies of the band that the others are compared with.
+    repeats : int
+        How often each is timed.
 
     Returns
     -------
     list of PropagationCost
-        One per environment: the draws that boundaries go through, against one draw at every kept point.
+        By environment: up to the draws that boundaries go through, against one draw at every kept point.
     """
     fit, bench = study.fit, study.bench
     assert fit is not None
@@ -148,15 +205,14 @@ def study_propagation(
     rng = np.random.default_rng(study.scene.inference.seed)
     every = fit.prepared.scale.native(fit.prepared.model.draw(points, rng)[1])
     column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
-    found = []
+    found: list[PropagationCost] = []
     for name, kept in ours.pairs.items():
         rest = (every[:, column[parameter, name]] for parameter in ("k", "b"))
         k, b = (np.concatenate(pair) for pair in zip(kept, rest, strict=True))
-        found.append(
-            propagation_cost(
-                bench.device, k, b, bench.period, kept=kept[0].size, level=ours.level, frequencies=frequencies
-            )
-        )
+        found += propagation_costs(
+            bench.device, k, b, bench.period,
+            kept=kept[0].size, name=name, level=ours.level, frequencies=frequencies, repeats=repeats,
+        )  # fmt: skip
     return found
 
 

@@ -73,8 +73,8 @@ class Saving:
     ----------
     without : str
         What is left out, one of `SCENES`.
-    seconds : float
-        Processor time of the whole process, imports included; median of the repeats.
+    seconds, seconds_low, seconds_high : float
+        Processor time of the whole process, imports included: median and range of the repeats.
     share : float
         Of the first scene's time, by default the one that leaves nothing out.
     imports : tuple of str
@@ -87,6 +87,8 @@ class Saving:
 
     without: str
     seconds: float
+    seconds_low: float
+    seconds_high: float
     share: float
     imports: tuple[str, ...]
     stages: tuple[str, ...]
@@ -122,12 +124,14 @@ def skipping_cost(
         {scene: work_of(scene, tolerance=tolerance, method=method) for scene in scenes}
         for _ in range(repeats)
     ]
-    seconds = {scene: median(one[scene]["seconds"] for one in rounds) for scene in scenes}
+    taken = {scene: [one[scene]["seconds"] for one in rounds] for scene in scenes}
     return tuple(
         Saving(
             without=scene,
-            seconds=seconds[scene],
-            share=seconds[scene] / seconds[scenes[0]],
+            seconds=median(taken[scene]),
+            seconds_low=min(taken[scene]),
+            seconds_high=max(taken[scene]),
+            share=median(taken[scene]) / median(taken[scenes[0]]),
             imports=tuple(rounds[0][scene]["imports"]),
             stages=tuple(rounds[0][scene]["stages"]),
             coordinates=rounds[0][scene]["coordinates"],

@@ -5,12 +5,17 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import os
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 EXAMPLE = "percept bench sampling --json"
+_OUT = "benchmark"
+#: Parts that measure simulated studies.
+_SIMULATED = {"sampling", "propagation", "envelope", "skipping", "coverage", "workers", "processes", "growth"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,10 +36,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--studies", type=int, default=200, metavar="N", help="studies of workers (200)")
     parser.add_argument("--json", action="store_true", help="print as JSON")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help="write PART.json and PART.md into it as they are measured (peers: benchmark)",
+    )
     peers = parser.add_argument_group(
         "peers, reference", "parts run alone, that write files: percept against other samplers (extra peers)"
     )
-    peers.add_argument("--out", default="benchmark", metavar="DIR", help="folder to write into (benchmark)")
     peers.add_argument("--engines", nargs="+", default=(), metavar="NAME", help="only these")
     peers.add_argument(
         "--seconds", type=float, default=150.0, metavar="S", help="begin no run of an engine later (150)"
@@ -62,7 +71,13 @@ def run(arguments: argparse.Namespace) -> int:
     found: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
         print(f"measuring {part}", file=sys.stderr)
-        found[part] = [dataclasses.asdict(record) for record in _PARTS[part](arguments)]
+        begun, before = time.perf_counter(), os.getloadavg()[0]
+        records = _PARTS[part](arguments)
+        if arguments.out:
+            print(_write(part, records, arguments, (before, os.getloadavg()[0]), time.perf_counter() - begun))
+        found[part] = [dataclasses.asdict(record) for record in records]
+    if arguments.out:
+        return 0
     if arguments.json:
         print(json.dumps(found, indent=1))
         return 0
@@ -71,6 +86,33 @@ def run(arguments: argparse.Namespace) -> int:
     for part, rows in found.items():
         print(f"\n{part}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}")
     return 0
+
+
+def _write(
+    part: str,
+    records: Sequence[Any],
+    arguments: argparse.Namespace,
+    loads: tuple[float, float],
+    seconds: float,
+) -> Path:
+    from percept.bench.measurement import measurement, write_measurement
+
+    sizes = {"haptics": f" --cases {arguments.cases}", "workers": f" --studies {arguments.studies}"}
+    command = f"percept bench {part}{sizes.get(part, '')} --out DIR"
+    document = measurement(
+        part, records, command=command, simulated=part in _SIMULATED, loads=loads, seconds=seconds
+    )
+    return write_measurement(document, arguments.out)
+
+
+def _published() -> Any:
+    """Return the published study's sessions under its scene."""
+    from percept.reproduce.published import dataset
+    from percept.scene import Scene
+    from percept.sessions import read_sessions
+    from percept.study import Study
+
+    return Study(read_sessions(dataset("hbfd_sessions.csv")), Scene.load(dataset("hbfd.toml")))
 
 
 def _sampling(arguments: argparse.Namespace) -> Sequence[Any]:
@@ -89,14 +131,14 @@ def _magnitude(arguments: argparse.Namespace) -> Sequence[Any]:
 
 def _propagation(arguments: argparse.Namespace) -> Sequence[Any]:
     from percept.bench.propagation import study_propagation
-    from percept.reproduce.published import dataset
-    from percept.scene import Scene
-    from percept.sessions import read_sessions
-    from percept.study import Study
 
-    return study_propagation(
-        Study(read_sessions(dataset("hbfd_sessions.csv")), Scene.load(dataset("hbfd.toml")))
-    )
+    return study_propagation(_published())
+
+
+def _envelope(arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.bench.envelope import envelope_costs
+
+    return envelope_costs(_published())
 
 
 def _memory(arguments: argparse.Namespace) -> Sequence[Any]:
@@ -164,6 +206,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": _sampling,
     "magnitude": _magnitude,
     "propagation": _propagation,
+    "envelope": _envelope,
     "memory": _memory,
     "moments": _moments,
     "tolerance": _tolerance,
@@ -185,15 +228,15 @@ def _peers(arguments: argparse.Namespace) -> Path:
     from percept.bench.peers.run import run_benchmark
 
     return run_benchmark(
-        arguments.out, engines=arguments.engines, seconds=arguments.seconds, starts=arguments.starts,
-        repeats=arguments.repeats, quick=arguments.quick, told=_told,
+        arguments.out or _OUT, engines=arguments.engines, seconds=arguments.seconds,
+        starts=arguments.starts, repeats=arguments.repeats, quick=arguments.quick, told=_told,
     )  # fmt: skip
 
 
 def _reference(arguments: argparse.Namespace) -> Path:
     from percept.bench.peers.run import run_reference
 
-    return run_reference(arguments.out, told=_told)
+    return run_reference(arguments.out or _OUT, told=_told)
 
 
 _WRITERS: dict[str, Callable[[argparse.Namespace], Path]] = {"peers": _peers, "reference": _reference}

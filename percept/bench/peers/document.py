@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import math
-import os
-import platform
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +12,7 @@ import numpy as np
 
 from percept import __version__
 from percept.bench.growth import Growth
+from percept.bench.machine import machine
 from percept.bench.peers.engines import ENGINES, Engine, engine
 from percept.bench.peers.measure import Measured, Startup
 from percept.bench.peers.reference import Reference
@@ -144,11 +143,7 @@ def build_document(
     document = {
         "schema": SCHEMA,
         "command": command,
-        "machine": {
-            "processors": os.cpu_count(), "python": platform.python_version(), "system": platform.system(),
-            "architecture": platform.machine(), "load_before": loads[0], "load_after": loads[1],
-            "seconds": seconds,
-        },
+        "machine": machine(loads, seconds),
         "versions": _versions(run_engines),
         "reference": {
             "command": reference.command, "own_effective": reference.own.effective,
