@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.bench.timed import timed
 from percept.haptics import perceived_magnitude
 from percept.study.boundaries import Bench, region_curves
 from percept.study.regions import Region
@@ -106,18 +106,12 @@ def _costs(region: Region, bench: Bench, omega: Array, repeats: int) -> list[Env
     for count in _POINTS:
         points = _rectangle(region, count) if region.ellipse is None else _ellipse(region, count)
         ways.append((points.shape[1], partial(among, points)))
-    timed = []
-    for _, work in ways:
-        seconds = []
-        for _ in range(repeats):
-            started = time.process_time()
-            limits = work()
-            seconds.append(time.process_time() - started)
-        timed.append((np.log(np.stack(limits)), seconds))
-    true, taken = timed[0]
+    runs = [timed(work, repeats) for _, work in ways]
+    (limits, taken), *_ = runs
+    true = np.log(np.stack(limits))
     found = []
-    for (among_points, _), (curves, seconds) in zip(ways, timed, strict=True):
-        error = np.abs(curves - true) / (0.5 * (true[1] - true[0]))
+    for (among_points, _), (limits, seconds) in zip(ways, runs, strict=True):
+        error = np.abs(np.log(np.stack(limits)) - true) / (0.5 * (true[1] - true[0]))
         found.append(
             EnvelopeCost(
                 environment=region.environment,

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.bench.timed import timed
 from percept.boundary.draws import MEMORY, DrawCurves
 from percept.boundary.grid import Grid, adaptive_grid
 from percept.haptics import AnyDevice, Device, perceived_magnitude
@@ -144,11 +145,11 @@ def propagation_costs(
         ("all draws", stiffness.size, None, partial(every_draw, count))
         for count in (*(count for count in _POINTS if count < points), points)
     ]
-    timed = [_timed(work, repeats) for *_, work in ways]
-    band = np.log(timed[-1][0].values)
+    runs = [timed(work, repeats) for *_, work in ways]
+    band = np.log(runs[-1][0].values)
     half_width = 0.5 * (band[1] - band[0])
     found = []
-    for (way, draws, bound, _), (grid, seconds) in zip(ways, timed, strict=True):
+    for (way, draws, bound, _), (grid, seconds) in zip(ways, runs, strict=True):
         lines = [np.interp(np.log(fine), np.log(grid.omega), np.log(row)) for row in grid.values[:2]]
         error = np.abs(np.stack(lines) - band) / half_width
         found.append(
@@ -161,21 +162,12 @@ def propagation_costs(
                 seconds=median(seconds),
                 seconds_low=min(seconds),
                 seconds_high=max(seconds),
-                ratio=median(seconds) / median(timed[-1][1]),
+                ratio=median(seconds) / median(runs[-1][1]),
                 error=float(np.sqrt(np.mean(error**2))),
                 worst_error=float(error.max()),
             )
         )
     return found
-
-
-def _timed(work: Callable[[], Grid], repeats: int) -> tuple[Grid, list[float]]:
-    seconds = []
-    for _ in range(repeats):
-        started = time.process_time()
-        found = work()
-        seconds.append(time.process_time() - started)
-    return found, seconds
 
 
 def study_propagation(
