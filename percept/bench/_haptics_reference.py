@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, TypeAlias
 
@@ -26,12 +26,19 @@ def is_nyquist(theta: float) -> bool:
 def error_over_condition(
     computed: complex, exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
 ) -> float:
-    """Return the relative error of `computed` over max(1, condition of `exact` in its inputs).
+    """Return `errors_over_condition` of one value."""
+    return errors_over_condition((computed,), exact, inputs, at_nyquist=at_nyquist)[0]
+
+
+def errors_over_condition(
+    computed: Sequence[complex], exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
+) -> list[float]:
+    """Return relative errors over max(1, condition of `exact` in its inputs).
 
     Parameters
     ----------
-    computed : complex
-        What percept gave; NaN counts as an infinite error.
+    computed : sequence of complex
+        Values of one quantity, worked out in different ways; NaN counts as an infinite error.
     exact : callable
         Takes a namespace with the inputs and z, s, θ; returns an mpmath number.
     inputs : mapping of str to float
@@ -45,24 +52,33 @@ def error_over_condition(
         precise = {key: mpmath.mpf(value) for key, value in inputs.items()}
         if at_nyquist:
             precise["omega"] = (mpmath.pi - mpmath.mpf(_NYQUIST_GAP)) / precise["period"]
-        value = exact(_point(precise))
-        if np.isnan(computed):
-            return float("inf")
+        value = exact(_point(precise, mpmath))
         size = mpmath.mpf(abs(value))
         if size > _EVERYTHING:
-            return 0.0 if np.isinf(computed) else float("inf")
+            return [0.0 if np.isinf(one) else float("inf") for one in computed]
         if size < _NOTHING:
-            return 0.0 if abs(computed) < _NOTHING else float("inf")
-        if np.isinf(computed):
-            return float("inf")
+            return [0.0 if abs(one) < _NOTHING else float("inf") for one in computed]
         total = mpmath.mpf(0)
         for key, number in precise.items():
             if number == 0 or (at_nyquist and key in ("omega", "period")):
                 continue
-            moved = exact(_point({**precise, key: number * (1 + mpmath.mpf(_STEP))}))
+            moved = exact(_point({**precise, key: number * (1 + mpmath.mpf(_STEP))}, mpmath))
             total += abs(moved - value) / mpmath.mpf(_STEP)
-        error = abs(mpmath.mpmathify(computed) - value) / size
-        return float(error / max(mpmath.mpf(1), total / size))
+        allowed = size * max(mpmath.mpf(1), total / size)
+        return [
+            float(abs(mpmath.mpmathify(one) - value) / allowed) if np.isfinite(one) else float("inf")
+            for one in computed
+        ]
+
+
+def in_doubles(exact: Formula, inputs: Mapping[str, float]) -> complex:
+    """Evaluate a formula as it stands in double precision; NaN where it divides by zero or overflows."""
+    import mpmath
+
+    try:
+        return complex(exact(_point(inputs, mpmath.fp)))
+    except (ArithmeticError, ValueError):
+        return complex(np.nan)
 
 
 def limit_error_over_condition(stiffness: float, device: float, coupling: float, period: float) -> float:
@@ -95,15 +111,13 @@ def limit_error_over_condition(stiffness: float, device: float, coupling: float,
         return float(abs(base - b_d) / by_k / max(mpmath.mpf(1), condition))
 
 
-def _point(inputs: Mapping[str, Number]) -> SimpleNamespace:
-    """Add z = exp(jωT), Tustin's s and θ to the inputs."""
-    import mpmath
-
+def _point(inputs: Mapping[str, Number], mp: Any) -> SimpleNamespace:
+    """Add z = exp(jωT), Tustin's s and θ to the inputs, in the arithmetic of an mpmath context."""
     theta = inputs["omega"] * inputs["period"]
-    z = mpmath.expj(theta)
+    z = mp.expj(theta)
     # On the unit circle s is imaginary; a real part is rounding, and would count where nothing else is real.
-    s = mpmath.mpc(0, (2 / inputs["period"] * (z - 1) / (z + 1)).imag)
-    return SimpleNamespace(**inputs, theta=theta, z=z, s=s, mp=mpmath)
+    s = mp.mpc(0, (2 / inputs["period"] * (z - 1) / (z + 1)).imag)
+    return SimpleNamespace(**inputs, theta=theta, z=z, s=s, mp=mp)
 
 
 def series(a: Number, b: Number) -> Number:

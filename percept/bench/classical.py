@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import cycle, islice, product
-from math import inf, isqrt, log10, nextafter, ulp
+from math import inf, isfinite, isqrt, log10, nextafter, ulp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,9 @@ class Digits:
         The same of the exact value on the doubles the decimal data become: what no arithmetic can beat.
     ulps : float
         Distance from the correctly rounded value on those doubles, in units in the last place.
+    direct : float
+        Decimal digits of that value, at most 16, that sums of the values and of their squares keep; 0 where
+        they give none.
     """
 
     name: str
@@ -45,6 +48,7 @@ class Digits:
     kept: float | None
     possible: float | None
     ulps: float
+    direct: float
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,8 @@ def digits_kept(*, long: int = 10_000_000, seed: int = 1) -> list[Digits]:
         groups = [values[treatment == index] for index in range(9)]
         within = sum((_squares_about_mean(group) for group in groups), Fraction(0))
         exact = within / (values.size - 9)
-        rows.append(_digits(f"SmLs0{which}", "sd", computed, _root(exact), sd))
+        direct = _textbook(groups)[1]
+        rows.append(_digits(f"SmLs0{which}", "sd", computed, _root(exact), sd, direct))
     random = np.random.default_rng(seed)
     hard: dict[str, NDArray[np.float64]] = {
         "offset 1e15": 1e15 + random.normal(size=1000),
@@ -168,14 +173,16 @@ def digits_kept(*, long: int = 10_000_000, seed: int = 1) -> list[Digits]:
     # the deviations are whole numbers of 1/8, the spacing of doubles at 10¹⁵: so the answer is known exactly
     eighths = random.integers(-40, 41, long)
     sums = MomentsAccumulator()
+    sample = 1e15 + eighths / 8.0
     for start in range(0, long, _CHUNK):
-        sums.update(1e15 + eighths[start : start + _CHUNK] / 8.0)
+        sums.update(sample[start : start + _CHUNK])
     total, squares = int(eighths.sum()), int((eighths**2).sum())
     mean_exact = Fraction(10**15) + Fraction(total, 8 * long)
     variance = Fraction(long * squares - total * total, 64 * long * (long - 1))
     name = f"offset 1e15, {long:.0e} values in chunks"
-    rows.append(_digits(name, "mean", sums.mean, float(mean_exact), None))
-    rows.append(_digits(name, "sd", sums.sd, _root(variance), None))
+    direct_mean, direct_sd = _textbook([sample])
+    rows.append(_digits(name, "mean", sums.mean, float(mean_exact), None, direct_mean))
+    rows.append(_digits(name, "sd", sums.sd, _root(variance), None, direct_sd))
     return rows
 
 
@@ -244,10 +251,21 @@ def _of_sample(
     fractions = [Fraction(value) for value in values.tolist()]
     exact_mean = float(sum(fractions, Fraction(0)) / len(fractions))
     exact_sd = _root(_squares_about_mean(values) / (len(fractions) - 1))
+    direct_mean, direct_sd = _textbook([values])
     return [
-        _digits(name, "mean", sums.mean, exact_mean, mean),
-        _digits(name, "sd", sums.sd, exact_sd, sd),
+        _digits(name, "mean", sums.mean, exact_mean, mean, direct_mean),
+        _digits(name, "sd", sums.sd, exact_sd, sd, direct_sd),
     ]
+
+
+def _textbook(groups: list[NDArray[np.float64]]) -> tuple[float, float]:
+    """Mean and SD about the groups' means, from sums of values and of their squares in doubles."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = np.array([group.sum() for group in groups])
+        squares = np.array([(group * group).sum() for group in groups])
+        size = np.array([group.size for group in groups])
+        left = (squares - total * total / size).sum() / (size.sum() - len(groups))
+        return float(total.sum() / size.sum()), float(np.sqrt(left))
 
 
 def _squares_about_mean(values: NDArray[np.float64]) -> Fraction:
@@ -267,13 +285,16 @@ def _root(square: Fraction) -> float:
     return min(candidates, key=lambda candidate: abs(Fraction(candidate) - near))
 
 
-def _digits(name: str, quantity: str, computed: float, exact: float, certified: float | None) -> Digits:
+def _digits(
+    name: str, quantity: str, computed: float, exact: float, certified: float | None, direct: float
+) -> Digits:
     return Digits(
         name,
         quantity,
         None if certified is None else _agreement(computed, certified),
         None if certified is None else _agreement(exact, certified),
         abs(computed - exact) / ulp(exact),
+        max(0.0, _agreement(direct, exact)) if isfinite(direct) else 0.0,
     )
 
 
@@ -281,4 +302,6 @@ def _agreement(value: float, certified: float) -> float:
     """Return the logarithm of the relative error, as digits, at most 16."""
     if value == certified:
         return 16.0
+    if certified == 0.0:
+        return 0.0
     return min(16.0, -log10(abs(value - certified) / abs(certified)))

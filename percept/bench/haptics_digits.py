@@ -52,8 +52,12 @@ class Digits:
         How many were compared.
     worst : float
         Largest relative error over `PROMISE`·max(1, condition); the promise is kept up to 1.
-    digits : float
-        Decimal digits kept beyond what the condition costs, in the worst case (at most 16).
+    digits, direct : float
+        Decimal digits kept beyond what the condition costs, in the worst case (at most 16): by percept, and
+        by the textbook's formula in doubles, 0 where that gives none.
+    typical : float or None
+        Median over the cases of the digits that formula keeps. It and `direct` are None for the two
+        quantities that are searched for.
     """
 
     quantity: str
@@ -61,6 +65,8 @@ class Digits:
     cases: int
     worst: float
     digits: float
+    direct: float | None
+    typical: float | None
 
 
 def digits_kept(
@@ -85,24 +91,33 @@ def digits_kept(
     tuple of Digits
         By quantity and decade.
     """
-    worst: dict[tuple[str, int], list[float]] = {}
+    found: dict[tuple[str, int], list[list[float]]] = {}
     chosen = {name: QUANTITIES[name] for name in quantities or QUANTITIES}
     for values in _cases(cases, np.random.default_rng(seed)):
         theta = values["omega"] * values["period"]
         at_nyquist = reference.is_nyquist(theta)
         decade = 1 if at_nyquist else int(np.floor(np.log10(theta)))
         for name, check in chosen.items():
-            worst.setdefault((name, decade), []).append(check(values, at_nyquist))
-    return tuple(
-        Digits(
-            quantity=name,
-            decade=decade,
-            cases=len(errors),
-            worst=max(errors) / PROMISE,
-            digits=float(min(16.0, -np.log10(max(max(errors), 1e-300)))),
+            found.setdefault((name, decade), []).append(check(values, at_nyquist))
+    rows = []
+    for (name, decade), errors in sorted(found.items()):
+        ours, *direct = zip(*errors, strict=True)
+        rows.append(
+            Digits(
+                quantity=name,
+                decade=decade,
+                cases=len(errors),
+                worst=max(ours) / PROMISE,
+                digits=_digits(max(ours)),
+                direct=_digits(max(direct[0])) if direct else None,
+                typical=_digits(float(np.median(direct[0]))) if direct else None,
+            )
         )
-        for (name, decade), errors in sorted(worst.items())
-    )
+    return tuple(rows)
+
+
+def _digits(error: float) -> float:
+    return float(np.clip(-np.log10(max(error, 1e-300)), 0.0, 16.0))
 
 
 def _cases(count: int, rng: np.random.Generator) -> Iterator[dict[str, float]]:
@@ -194,21 +209,28 @@ _ENVIRONMENT = ("k_e", "b_e", "m_e")
 _COUPLING = ("k_c", "b_c")
 _W = ("omega", "period")
 
-Check: TypeAlias = Callable[[Values, bool], float]
+#: Errors of percept and, but for quantities that are searched for, of the textbook's formula in doubles.
+Check: TypeAlias = Callable[[Values, bool], list[float]]
 
 
-def _check(ours: Callable[[Values], Any], exact: reference.Formula, inputs: tuple[str, ...]) -> Check:
-    def error(v: Values, at_nyquist: bool) -> float:
-        return reference.error_over_condition(
-            ours(v), exact, {key: v[key] for key in inputs}, at_nyquist=at_nyquist
-        )
+def _check(
+    ours: Callable[[Values], Any],
+    exact: reference.Formula,
+    inputs: tuple[str, ...],
+    *,
+    searched: bool = False,
+) -> Check:
+    def errors(v: Values, at_nyquist: bool) -> list[float]:
+        own = {key: v[key] for key in inputs}
+        computed = [ours(v)] if searched else [ours(v), reference.in_doubles(exact, own)]
+        return reference.errors_over_condition(computed, exact, own, at_nyquist=at_nyquist)
 
-    return error
+    return errors
 
 
-def _stiffness_limit(v: Values, at_nyquist: bool) -> float:
+def _stiffness_limit(v: Values, at_nyquist: bool) -> list[float]:
     limit = max_coupling_stiffness(v["b_d"], v["b_c"], v["period"])
-    return reference.limit_error_over_condition(float(limit), v["b_d"], v["b_c"], v["period"])
+    return [reference.limit_error_over_condition(float(limit), v["b_d"], v["b_c"], v["period"])]
 
 
 QUANTITIES: dict[str, Check] = {
@@ -290,6 +312,7 @@ QUANTITIES: dict[str, Check] = {
         lambda v: required_damping(_coupling(v), v["period"]).damping,
         reference.required,
         (*_W, *_COUPLING),
+        searched=True,
     ),
     "largest stiffness": _stiffness_limit,
 }

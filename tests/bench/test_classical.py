@@ -29,6 +29,16 @@ def test_every_mean_and_sd_is_the_correctly_rounded_one(rows):
     assert len(rows) == 2 * 4 + 9 + 2 * 6 + 2
 
 
+def test_sums_of_squares_lose_what_percept_keeps(rows):
+    direct = {(row.name, row.quantity): row.direct for row in rows}
+    assert direct["NumAcc1", "mean"] == 16.0
+    assert direct["SmLs01", "sd"] > 12
+    # squares of 1e6 hold their last digit at 1e-4: of an SD of 0.1 two digits are left, of offset 1e12 none
+    assert direct["SmLs04", "sd"] < 4
+    assert direct["SmLs07", "sd"] < 1
+    assert direct["huge", "sd"] == direct["offset 1e15", "sd"] == direct["constant 0.1", "sd"] == 0.0
+
+
 def test_certified_values_are_met_as_far_as_doubles_can(rows):
     certified = {(row.name, row.quantity): row for row in rows if row.kept is not None}
     assert len(certified) == 17

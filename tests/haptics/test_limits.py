@@ -44,7 +44,7 @@ def near(values, theta):
         numbers = {key: mpmath.mpf(value) for key, value in values.items()}
         numbers["omega"] = (mpmath.mpf(theta) if theta else mpmath.pi - mpmath.mpf("1e-25")) / period
         return {
-            name: complex(formula(reference._point(numbers)))
+            name: complex(formula(reference._point(numbers, mpmath)))
             for name, formula in {
                 "v": reference.velocity_ratio,
                 "eff": reference.effective,
