@@ -113,7 +113,8 @@ def normal_scores(values: Array) -> Array:
     ndarray, shape (..., Q)
         Standard normal in law, whatever the law of the values.
     """
-    columns = np.ascontiguousarray(values.reshape(-1, values.shape[-1]).T)
+    # A copy whatever the layout: where columns lie together `ascontiguousarray` would give the values themselves.
+    columns = np.array(values.reshape(-1, values.shape[-1]).T, order="C")
     size = columns.shape[1]
     # Of all ranks there may be, those of two tied values between them included.
     scores = special.ndtri((np.arange(1.0, size + 0.5, 0.5) - 0.375) / (size + 0.25))

@@ -48,6 +48,15 @@ def test_normal_scores_share_the_mean_rank_of_ties():
     np.testing.assert_allclose(normal_scores(values), wanted, rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_normal_scores_leave_their_values_alone(order):
+    values = np.asarray(np.random.default_rng(8).normal(size=(3, 20, 4)).reshape(60, 4), order=order)
+    before = values.copy()
+    scores = normal_scores(values)
+    np.testing.assert_array_equal(values, before)
+    assert not np.shares_memory(scores, values)
+
+
 @pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_monte_carlo_error_is_the_scatter_of_repeated_means(rho):
     rng = np.random.default_rng(3)
