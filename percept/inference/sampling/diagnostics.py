@@ -113,7 +113,7 @@ def normal_scores(values: Array) -> Array:
     ndarray, shape (..., Q)
         Standard normal in law, whatever the law of the values.
     """
-    # A copy whatever the layout: where columns lie together `ascontiguousarray` would give the values themselves.
+    # A copy whatever the layout: of columns that lie together `ascontiguousarray` would give the values.
     columns = np.array(values.reshape(-1, values.shape[-1]).T, order="C")
     size = columns.shape[1]
     # Of all ranks there may be, those of two tied values between them included.
