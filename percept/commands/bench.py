@@ -15,7 +15,9 @@ from typing import Any
 EXAMPLE = "percept bench sampling --json"
 _OUT = "benchmark"
 #: Parts that measure simulated studies.
-_SIMULATED = {"sampling", "propagation", "envelope", "skipping", "coverage", "workers", "processes", "growth"}
+_SIMULATED = {
+    "sampling", "propagation", "envelope", "density", "skipping", "coverage", "workers", "processes", "growth",
+}  # fmt: skip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

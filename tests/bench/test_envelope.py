@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from percept import Scene, Study, read_sessions
@@ -31,12 +34,14 @@ def test_points_come_nearer_and_percept_is_exact(study: Study) -> None:
             [64, 1024, 16_384] if ours.region == "rectangle" else [40, 160, 640]
         )
         errors = [one.error for one in points]
-        assert errors == sorted(errors, reverse=True)
-        assert 0.0 < errors[-1] < 0.1
+        # Where corners are all there is to it, points have them too, and differ by rounding.
+        assert all(later <= earlier + 1e-12 for earlier, later in itertools.pairwise(errors))
+        assert errors[-1] < 0.01
+    assert max(one.error for one in found if one.points == 40) > 0.001
 
 
 @pytest.mark.parametrize("points", [_rectangle, _ellipse])
-def test_points_lie_in_their_region(study: Study, points) -> None:  # type: ignore[no-untyped-def]
+def test_points_lie_in_their_region(study: Study, points: Callable[[Region, int], np.ndarray]) -> None:
     def right(region: Region) -> bool:
         return (region.ellipse is None) == (points is _rectangle)
 

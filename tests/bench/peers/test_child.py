@@ -20,4 +20,5 @@ def test_running_children_count():
         assert answer() == 199_999_990_000_000
         running = _processor() - before
     # Waited for, the child counts among those that ended: the sum goes on from where it was.
+    # Up to rounding: clock ticks of a hundredth are added as doubles.
     assert _processor() - before > running - 1e-6 > 0.1
