@@ -16,7 +16,8 @@ EXAMPLE = "percept bench sampling --json"
 _OUT = "benchmark"
 #: Parts that measure simulated studies.
 _SIMULATED = {
-    "sampling", "propagation", "envelope", "density", "skipping", "coverage", "workers", "processes", "growth",
+    "sampling", "propagation", "envelope", "density", "skipping", "coverage", "workers", "processes",
+    "growth",
 }  # fmt: skip
 
 
