@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from percept.haptics._arrays import FloatArray
+
+IntArray: TypeAlias = NDArray[np.intp]
 
 _GOLDEN = (np.sqrt(5) - 1) / 2
 # A minimum is flat: a relative 1e-9 in its place is 1e-18 in its value.
@@ -14,6 +18,9 @@ _NARROWINGS = 48
 # With sixteen places at once a bracket shrinks to 2/17: eleven rounds are worth as many narrowings.
 _PLACES = 16
 _ROUNDS = 11
+# Newton's error is squared by the next step: after one so short the place is exact.
+_LAST_STEP = 1e-9
+_STEPS = 60
 
 
 def local_minima(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
@@ -71,3 +78,40 @@ def wide_section(
         best = function(places[1:-1]).argmin(axis=0) + 1
         low, high = places[best - 1, every], places[best + 1, every]
     return (low + high) / 2
+
+
+def stationary_points(
+    slopes: Callable[[IntArray, FloatArray], tuple[FloatArray, FloatArray]], seen: FloatArray, reach: float
+) -> FloatArray:
+    """Return a minimum within `reach` of each place `seen`, by Newton's method kept inside its bracket.
+
+    Parameters
+    ----------
+    slopes : callable
+        Given which minima are looked for, shape (n,), and where, the function's first and second derivative.
+    seen : ndarray, shape (N,)
+        Where the function is about lowest.
+    reach : float
+        Half the width of the brackets.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Where the derivative vanishes; `seen` where it does so from the start.
+    """
+    place, low, high = seen.copy(), seen - reach, seen + reach
+    left = np.arange(seen.size)
+    for _ in range(_STEPS):
+        here = place[left]
+        first, second = slopes(left, here)
+        low[left] = np.where(first < 0, here, low[left])
+        high[left] = np.where(first > 0, here, high[left])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = here - first / second
+        inside = (second > 0) & (newton >= low[left]) & (newton <= high[left])
+        after = np.where(inside, newton, (low[left] + high[left]) / 2)
+        place[left] = np.where(first == 0, here, after)
+        left = left[np.abs(place[left] - here) > _LAST_STEP]
+        if not left.size:
+            break
+    return place

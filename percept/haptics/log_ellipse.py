@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
 from typing import TypeAlias
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 from percept.haptics._arrays import LARGEST, BoolArray, FloatArray, ratio, real_array, times
-from percept.haptics._search import wide_section
+from percept.haptics._search import stationary_points
 from percept.haptics._warp import warp
 from percept.haptics.ellipse import checked_centre, checked_factor
 from percept.haptics.parameters import AnyDevice
@@ -20,8 +20,11 @@ __all__ = ["magnitude_envelope_log_ellipse"]
 
 IntArray: TypeAlias = NDArray[np.intp]
 
-_ANGLES = 720
-_STEP = 2 * np.pi / _ANGLES
+_CELLS, _PER_CELL = 72, 5
+_STEP = 2 * np.pi / (_CELLS * _PER_CELL)
+_ANGLES = np.asarray(_STEP * np.arange(_CELLS * _PER_CELL), dtype=np.float64)
+# The first angle of every cell, the last one's before and the first one's after.
+_COARSE = _PER_CELL * np.r_[-1, :_CELLS, 0]
 
 
 def magnitude_envelope_log_ellipse(
@@ -62,7 +65,7 @@ def magnitude_envelope_log_ellipse(
     Returns
     -------
     lower, upper : ndarray
-        N·s/m, of the broadcast shape of ω and the device's parameters. Every extreme seen on a grid of half a
+        N·s/m, of the broadcast shape of ω and the device's parameters. Every extreme seen on a grid of one
         degree is refined to the precision of a double.
 
     Raises
@@ -86,42 +89,111 @@ def magnitude_envelope_log_ellipse(
     gain, per_rate, across, along = (
         np.broadcast_to(part, outer).ravel() for part in (held.gain, held.per_rate, across, along)
     )
-
-    def distance(point: IntArray | slice, angle: FloatArray) -> FloatArray:
-        u1, u2 = np.cos(angle), np.sin(angle)
-        k = np.exp(log_k + factor[0, 0] * u1)
-        b = np.exp(log_b + factor[1, 0] * u1 + factor[1, 1] * u2)
-        g, p, q, rate = (part[point] for part in (gain, across, along, per_rate))
-        if isinstance(point, slice):
-            g, p, q, rate = (part[:, None] for part in (g, p, q, rate))
-        return np.hypot(g * b + p, q - times(k, rate))
-
-    angles = np.asarray(_STEP * np.arange(_ANGLES), dtype=np.float64)
-    seen = distance(slice(None), angles)
-    lower, upper = _refined(distance, angles, seen)
-    inside = _holds_origin(log_k, log_b, factor, gain, per_rate, across, along)
-    lower = np.where(inside, 0.0, lower)
+    curve = _Curve(log_k, log_b, factor)
+    lower, upper = np.full((2, across.size), np.inf)
+    finite = np.isfinite(per_rate) & np.isfinite(across) & np.isfinite(along)
+    plane = gain[finite], per_rate[finite], across[finite], along[finite]
+    lower[finite], upper[finite] = _extremes(curve, *plane)
+    lower[_holds_origin(log_k, log_b, factor, gain, per_rate, across, along)] = 0.0
     return lower.reshape(outer)[()], upper.reshape(outer)[()]
 
 
-def _refined(
-    distance: Callable[[IntArray | slice, FloatArray], FloatArray], angles: FloatArray, seen: FloatArray
+@dataclasses.dataclass(frozen=True)
+class _Curve:
+    """Edge of the ellipse: k and b by angle."""
+
+    log_k: float
+    log_b: float
+    factor: FloatArray
+
+    def at(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return k and b."""
+        along_k, along_b, cross = self.factor[0, 0], self.factor[1, 1], self.factor[1, 0]
+        cos, sin = np.cos(angle), np.sin(angle)
+        return np.exp(self.log_k + along_k * cos), np.exp(self.log_b + cross * cos + along_b * sin)
+
+    def slopes(self, angle: FloatArray) -> tuple[FloatArray, ...]:
+        """Return first and second derivative of log k, then of log b."""
+        along_k, along_b, cross = self.factor[0, 0], self.factor[1, 1], self.factor[1, 0]
+        cos, sin = np.cos(angle), np.sin(angle)
+        return -along_k * sin, -along_k * cos, along_b * cos - cross * sin, -cross * cos - along_b * sin
+
+
+def _extremes(
+    curve: _Curve, gain: FloatArray, per_rate: FloatArray, across: FloatArray, along: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest and the largest distance of every point, from what was `seen` on the grid."""
-    before, after, finite = np.roll(seen, 1, axis=1), np.roll(seen, -1, axis=1), np.isfinite(seen)
-    # All local extremes are refined: on the grid the wrong one may look better.
-    dips = np.nonzero((seen <= before) & (seen <= after) & finite)
-    peaks = np.nonzero((seen >= before) & (seen >= after) & finite)
-    point, index = (np.concatenate(pair) for pair in zip(dips, peaks, strict=True))
-    sign = np.repeat([1.0, -1.0], [dips[0].size, peaks[0].size])
-    angle = wide_section(
-        lambda angle: sign * distance(point, angle), angles[index] - _STEP, angles[index] + _STEP
+    """Return the smallest and the largest distance along the curve, at every ω."""
+    k, b = curve.at(_ANGLES)
+    # Squares of numbers near one neither overflow nor vanish where they decide.
+    size = np.max(
+        [np.frexp(part)[1] for part in (gain * b.max(), across, along)]
+        + [np.frexp(per_rate)[1] + np.frexp(k.max())[1]],
+        axis=0,
     )
-    found = distance(point, angle)
-    lower, upper = seen.min(axis=1), seen.max(axis=1)
-    np.minimum.at(lower, dips[0], found[: dips[0].size])
-    np.maximum.at(upper, peaks[0], found[dips[0].size :])
+    g, r, p, q = (np.ldexp(part, -size) for part in (gain, per_rate, across, along))
+    point, index, sign = _turning_points(g, r, p, q, k, b)
+
+    def slopes(which: IntArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        place = point[which]
+        k, b = curve.at(angle)
+        k1, k2, b1, b2 = curve.slopes(angle)
+        spring, damper = r[place] * k, g[place] * b
+        x, y = damper + p[place], q[place] - spring
+        b1, k1, b2, k2 = damper * b1, spring * k1, damper * (b2 + b1 * b1), spring * (k2 + k1 * k1)
+        first = x * b1 - y * k1
+        second = b1 * b1 + k1 * k1 + x * b2 - y * k2
+        return sign[which] * first, sign[which] * second
+
+    seen = _ANGLES[index]
+    lower, upper = np.full(gain.size, np.inf), np.zeros(gain.size)
+    # A place of the grid stays where its refinement is worse in the last digits.
+    for angle in (seen, stationary_points(slopes, seen, _STEP)):
+        k, b = curve.at(angle)
+        with np.errstate(over="ignore"):
+            distance = np.hypot(gain[point] * b + across[point], along[point] - per_rate[point] * k)
+        np.minimum.at(lower, point, distance)
+        np.maximum.at(upper, point, distance)
     return lower, upper
+
+
+def _turning_points(
+    gain: FloatArray,
+    per_rate: FloatArray,
+    across: FloatArray,
+    along: FloatArray,
+    k: FloatArray,
+    b: FloatArray,
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return where distances turn on the grid: which ω, which angle, and 1 for a dip or -1 for a peak.
+
+    All are refined: on the grid the wrong one may look better. Cells of five angles are passed over where the
+    square of the distance changes by more than its changes do.
+    """
+
+    def square(which: IntArray | slice, k: FloatArray, b: FloatArray) -> FloatArray:
+        g, r, p, q = (part[which, None] for part in (gain, per_rate, across, along))
+        x, y = g * b, r * k
+        x += p
+        np.subtract(q, y, out=y)
+        x *= x
+        y *= y
+        x += y
+        return x
+
+    coarse = square(slice(None), k[_COARSE], b[_COARSE])
+    change = np.diff(coarse, axis=1)  # over the last cell before zero, then from zero on
+    bend = np.abs(np.diff(change, axis=1))
+    bend = np.maximum(bend, np.roll(bend, -1, axis=1))
+    # Half as much bend lets the slope vanish within a cell.
+    cell = np.flatnonzero(np.abs(change[:, 1:]) <= bend)
+    point, cell = np.divmod(cell, _CELLS)
+    angles = (_PER_CELL * cell[:, None] + np.arange(-1, _PER_CELL + 1)) % _ANGLES.size
+    fine = square(point, k[angles], b[angles])
+    rises, falls = fine[:, 1:] >= fine[:, :-1], fine[:, 1:] <= fine[:, :-1]
+    dips = np.flatnonzero(falls[:, :-1] & rises[:, 1:])
+    peaks = np.flatnonzero(rises[:, :-1] & falls[:, 1:])
+    row, index = np.divmod(np.concatenate([dips, peaks]), _PER_CELL)
+    return point[row], _PER_CELL * cell[row] + index, np.repeat([1.0, -1.0], [dips.size, peaks.size])
 
 
 def _holds_origin(

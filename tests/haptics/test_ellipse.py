@@ -254,6 +254,22 @@ def test_log_ellipse_finds_the_extreme_to_every_digit():
             assert value == pytest.approx(abs(found.fun), rel=1e-12)
 
 
+def test_log_ellipse_is_not_beaten_anywhere_on_its_edge(ellipse_edge):
+    rng = np.random.default_rng(15)
+    omega = np.sort(10 ** rng.uniform(-2, np.log10(np.pi / T), (30, 1)), axis=0)
+    for index in range(30):
+        device = Device(*10 ** rng.uniform([-3, -3], [1, 1]))
+        # From ellipses that are nearly straight to those whose curve turns several times, and thin ones.
+        centre, sd = rng.uniform([0, -4], [12, 5]), 10 ** rng.uniform(-3, 0.6, 2)
+        cross = (rng.uniform(-0.99, 0.99) if index % 5 else 1 - 1e-10) * sd.prod()
+        shape = np.array([[sd[0] ** 2, cross], [cross, sd[1] ** 2]])
+        lower, upper = magnitude_envelope_log_ellipse(omega, device, centre, shape, 2.0, T)
+        edge = perceived_magnitude(omega, device, *np.exp(ellipse_edge(centre, shape, 2.0, 20_000)), T)
+        assert np.all(lower[:, 0] <= edge.min(axis=1) * (1 + 1e-11))
+        assert np.all(upper[:, 0] >= edge.max(axis=1) * (1 - 1e-13))
+        np.testing.assert_allclose(upper[:, 0], edge.max(axis=1), rtol=1e-5)
+
+
 def test_log_ellipse_of_plain_numbers_is_refused():
     with pytest.raises(UsageError, match=r"reaches beyond 1e\+100.*natural logarithms"):
         magnitude_envelope_log_ellipse(1.0, DEVICE, (25000.0, 25.0), np.eye(2), 1.0, T)
