@@ -96,6 +96,12 @@ class FrequencyTable(_Table):
             raise ValueError("lower must be below upper")
         return self
 
+    @property
+    def read_at(self) -> float:
+        """Where single values are read, rad/s: at the paper's 10, or in the middle of a range without it."""
+        usual = 10.0
+        return usual if self.lower <= usual <= self.upper else math.sqrt(self.lower * self.upper)
+
 
 class InferenceTable(_Table):
     """Levels, family and accuracy of the intervals; `share` defaults to `level`."""
@@ -111,6 +117,18 @@ class InferenceTable(_Table):
     seed: Annotated[int, Field(ge=0)] = 1
     walkers: Annotated[int, Field(ge=64)] | None = None
     most_steps: Annotated[int, Field(ge=200)] = 20_000
+
+    @field_validator("kinds", "parameters")
+    @classmethod
+    def _each_once(cls, chosen: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        if chosen is None:
+            return None
+        if not chosen:
+            raise ValueError("give at least one, or leave the key out")
+        if repeated := [name for name in chosen if chosen.count(name) > 1]:
+            raise ValueError(f"{repeated[0]} stands there twice")
+        # One order, whatever the file's: stiffness comes first everywhere.
+        return tuple(name for name in (*get_args(Kind), "k", "b") if name in chosen)
 
     @property
     def held_share(self) -> float:

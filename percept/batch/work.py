@@ -82,7 +82,7 @@ def _study(files: StudyFiles) -> Study:
             path.write_bytes(data)
         try:
             study = Study(read_sessions(*(folder / name for name, _ in files.files), options=options), scene)
-            # While the folder is there: files too large for memory are read when asked for.
+            # Here, where a message can still say the user's path for the folder's.
             _ = study.intervals
         except PerceptError as error:
             raise RefusalError(str(error).replace(f"{folder}/", files.root)) from error

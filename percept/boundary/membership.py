@@ -58,7 +58,8 @@ def magnitude_membership(omega: Array, lower: Array, upper: Array, curve: Array)
     UsageError
         Shapes that differ, or frequencies that do not increase from above zero.
     """
-    log = np.log(curve)
+    # An impedance that vanishes is far below every limit, where its logarithm would be beyond all numbers.
+    log = np.log(np.maximum(curve, np.finfo(np.float64).tiny))
     floor = log + np.log(_NOTHING)
     with np.errstate(divide="ignore"):
         over = log - np.maximum(np.log(lower), floor)

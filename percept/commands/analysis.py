@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from percept.commands.checks import with_checks
 
 if TYPE_CHECKING:
-    from percept.commands.progress import SamplerProgress
+    from percept.commands.progress import Working
     from percept.scene import Scene
     from percept.sessions.records import Notice
     from percept.study import Study
@@ -50,14 +50,14 @@ def settings(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(arguments, name) for name in ("seed", "tolerance", "level", "family", "method")}
 
 
-def open_study(arguments: argparse.Namespace, progress: SamplerProgress | None = None) -> Study:
+def open_study(arguments: argparse.Namespace, progress: Working | None = None) -> Study:
     """Read the sessions and the scene, put them together, and say what the reader noticed.
 
     Parameters
     ----------
     arguments : argparse.Namespace
         As `add_analysis_arguments` parses them.
-    progress : SamplerProgress, optional
+    progress : Working, optional
         Told the state of the sampler.
 
     Returns

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.commands.analysis import add_analysis_arguments, open_study
-from percept.commands.progress import SamplerProgress
+from percept.commands.progress import Working
 from percept.commands.workers import add_worker_arguments
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
     from percept.calibration.plan import CoveragePlan, fitted_values
 
-    with SamplerProgress(shown=not arguments.quiet) as progress:
+    with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         values = fitted_values(study) if arguments.source == "fit" else None
     asked, device = study.scene.inference, study.scene.device

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from percept.commands.analysis import add_analysis_arguments, open_study
-from percept.commands.progress import SamplerProgress
+from percept.commands.progress import Working
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the methods' comparison for one path, the difference of the studies for two."""
-    with SamplerProgress(shown=not arguments.quiet) as progress:
+    with Working("comparing", shown=not arguments.quiet) as progress:
         pair = _pair(arguments, progress)
         if pair is None:
             return _methods(open_study(arguments, progress), as_json=arguments.json)
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _pair(
-    arguments: argparse.Namespace, progress: SamplerProgress
+    arguments: argparse.Namespace, progress: Working
 ) -> tuple[tuple[Study, Study], dict[str, str]] | None:
     """Two studies and what they are; None where one path and one scene are given."""
     from percept.errors import UsageError

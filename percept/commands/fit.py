@@ -6,7 +6,7 @@ import argparse
 
 from percept.commands.analysis import add_analysis_arguments, open_study
 from percept.commands.checks import add_check_arguments, print_checks
-from percept.commands.progress import SamplerProgress
+from percept.commands.progress import Working
 
 EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"
 
@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Fit, write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
     from percept.report import write_fit
 
-    with SamplerProgress(shown=not arguments.quiet) as progress:
+    with Working("fitting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         path = write_fit(study, arguments.out)
     if arguments.json:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.commands.analysis import add_analysis_arguments, open_study
-from percept.commands.progress import SamplerProgress
+from percept.commands.progress import Working
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--leave-one-out predicts the tested environments; --k and --b name another.")
     if arguments.out and not arguments.leave_one_out:
         raise UsageError("--out goes with --leave-one-out.")
-    with SamplerProgress(shown=not arguments.quiet) as progress:
+    with Working("predicting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         if arguments.leave_one_out:
             return _left_out(study, arguments)

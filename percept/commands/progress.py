@@ -1,68 +1,82 @@
-"""Progress of the sampler on a terminal."""
+"""Progress of a command on a terminal."""
 
 from __future__ import annotations
 
 import sys
-import time
+import threading
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from percept.inference.sampling.run import Progress
 
-__all__ = ["SamplerProgress"]
+__all__ = ["Working"]
 
 _WAIT = 2.0  # seconds before anything is shown
 
 
-class SamplerProgress:
-    """Shows steps, the worst error against the tolerance, and the time left, after two seconds.
+class Working:
+    """Shows that a command is at work, after two seconds, and how far its sampler is.
 
     Parameters
     ----------
+    what : str
+        What it does, shown until the sampler has something to say.
     shown : bool
         Whether to show anything; never without a terminal on standard error.
     """
 
-    def __init__(self, *, shown: bool) -> None:
+    def __init__(self, what: str, *, shown: bool) -> None:
         self._shown = shown and sys.stderr.isatty()
-        self._started = time.monotonic()
+        self._said: dict[str, Any] = {"description": what}
         self._bar: Any = None
-        self._task: Any = None
+        self._lock = threading.Lock()
+        # A thread's: what takes long may be one call that tells nothing.
+        self._timer = threading.Timer(_WAIT, self._open)
+        self._timer.daemon = True
 
     def __enter__(self) -> Self:
+        if self._shown:
+            self._timer.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        with self._lock:
+            self._shown = False
+            self._timer.cancel()
+            if self._bar is not None:
+                self._bar.stop()
 
     def __call__(self, state: Progress) -> None:
-        """Show the state of the sampler."""
-        if not self._shown or time.monotonic() - self._started < _WAIT:
-            return
-        if self._bar is None:
-            self._open()
-        self._bar.update(
-            self._task,
-            completed=state.steps,
-            total=max(state.expected_steps, state.steps),
-            error=f"worst error {state.worst_error:.2%} of half-width, asked {state.tolerance:.2%}",
-        )
+        """Show the state of the sampler: steps, the worst error against the tolerance, and the time left."""
+        total = max(state.expected_steps, state.steps)
+        error = f"error {state.worst_error:.2%} of half-width, asked {state.tolerance:.2%}"
+        with self._lock:
+            self._said = {
+                "description": f"{state.steps}/{total} steps, {error}",
+                "completed": state.steps,
+                "total": total,
+            }
+            if self._bar is not None:
+                self._bar.update(self._bar.task_ids[0], **self._said)
 
     def _open(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        self._bar = Progress(
-            TextColumn("sampling"),
-            BarColumn(),
-            TextColumn("{task.completed:.0f}/{task.total:.0f} steps"),
-            TextColumn("{task.fields[error]}"),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-        )
-        self._task = self._bar.add_task("sampling", total=None, error="")
-        self._bar.start()
+        with self._lock:
+            if not self._shown:
+                return
+            self._bar = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(bar_width=16),
+                TimeRemainingColumn(),
+                TimeElapsedColumn(),
+                console=Console(stderr=True),
+                # What the command prints belongs on standard output, whatever is shown beside it.
+                redirect_stdout=False,
+            )
+            self._bar.add_task(**({"total": None} | self._said))
+            self._bar.start()

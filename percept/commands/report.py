@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from percept.commands.analysis import add_analysis_arguments, open_study
 from percept.commands.checks import add_check_arguments
-from percept.commands.progress import SamplerProgress
+from percept.commands.progress import Working
 
 EXAMPLE = "percept report sessions/ --scene scene.toml --out results"
 
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the report; the last line printed is the page's path."""
     from percept.report import write_report
 
-    with _rare_collections(), SamplerProgress(shown=not arguments.quiet) as progress:
+    with _rare_collections(), Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         page = write_report(study, arguments.out, formats=arguments.formats, pdf=arguments.pdf)
     print(page)

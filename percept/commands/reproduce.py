@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from percept.commands.progress import Working
+
 EXAMPLE = "percept reproduce --out results"
 
 
@@ -21,7 +23,8 @@ def run(arguments: argparse.Namespace) -> int:
     from percept.reproduce import load_published, write_reproduction
 
     published = load_published(arguments.table, arguments.scene)
-    written = write_reproduction(published, arguments.out)
+    with Working("judging the claims", shown=not arguments.quiet):
+        written = write_reproduction(published, arguments.out)
     if arguments.json:
         print((written.folder / "claims.json").read_text(encoding="utf-8"))
         return 0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from percept.commands.progress import Working
+
 EXAMPLE = "percept simulate --like datasets/hbfd_table1.csv --seed 1 --out sessions.csv"
 
 
@@ -24,8 +26,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
-    table = simulate_like_csv(
-        arguments.like, seed=arguments.seed, subjects=arguments.subjects, options=options
-    )
-    print(write_sessions(table, arguments.out))
+    with Working("simulating", shown=True):
+        table = simulate_like_csv(
+            arguments.like, seed=arguments.seed, subjects=arguments.subjects, options=options
+        )
+        path = write_sessions(table, arguments.out)
+    print(path)
     return 0

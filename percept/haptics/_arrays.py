@@ -64,6 +64,24 @@ def nonnegative_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
     return array
 
 
+def complex_array(value: ArrayLike, name: str) -> ComplexArray:
+    """Return `value` as a read-only copy of complex doubles, infinite where a limit is.
+
+    Raises
+    ------
+    UsageError
+        For anything but numbers, and for NaN.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind not in "iufc":
+        raise UsageError(f"{name} must be complex numbers, not {array.dtype}.", value=value)
+    array = array.astype(np.complex128)
+    if np.isnan(array).any():
+        raise UsageError(f"{name} holds NaN.", hint="Drop the points that were not measured.")
+    array.flags.writeable = False
+    return array
+
+
 def ordered_limits(
     limits: tuple[ArrayLike, ArrayLike], name: str, unit: str
 ) -> tuple[FloatArray, FloatArray]:
@@ -107,10 +125,11 @@ def times(parameter: ArrayLike, factor: ArrayLike) -> FloatArray:
 
 
 def ratio(numerator: ArrayLike, denominator: ArrayLike, *, empty: ArrayLike) -> FloatArray:
-    """Divide, with x/0 = inf of x's sign and 0/0 = `empty`."""
+    """Divide, with x/0 = inf of x's sign, and `empty` for 0/0 and inf/inf; NaN stays NaN."""
     with np.errstate(divide="ignore", invalid="ignore"):
         quotient = np.divide(numerator, denominator)
-    return np.where(np.isnan(quotient), empty, quotient)
+    lost = np.isnan(quotient) & ~np.isnan(numerator) & ~np.isnan(denominator)
+    return np.where(lost, empty, quotient)
 
 
 def complex_from(real: ArrayLike, imaginary: ArrayLike) -> ComplexArray:

@@ -311,4 +311,5 @@ def stable_region(
         # Tustin's edge starts at the origin; under the true hold it ends beside the axis of b_c.
         stretch, damping = np.append(stretch, 0.0), np.append(damping, damping[-1])
     stiffness = stretch / period
+    stiffness.flags.writeable = damping.flags.writeable = False
     return StableRegion(stiffness=stiffness, damping=damping, device_damping=float(b))

@@ -187,6 +187,9 @@ def corner_crossings(
 
 def _positive_roots(a: float, b: float, c: float) -> FloatArray:
     """Return the positive roots of a·u² + b·u + c, increasing, in the form free of cancellation."""
+    # By powers of two, so that the discriminant stays in range and every digit as it is.
+    size = int(np.frexp(max(abs(a), abs(b), abs(c)))[1])
+    a, b, c = (float(np.ldexp(part, -size)) for part in (a, b, c))
     if a == 0:
         roots = [-c / b] if b else []
     else:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import ComplexArray, FloatArray, nonnegative_array, ratio
+from percept.haptics._arrays import ComplexArray, FloatArray, complex_array, nonnegative_array, ratio
 from percept.haptics._search import local_minima
 from percept.haptics._warp import checked_period
 from percept.haptics.impedance import coupling_admittance, device_impedance, tustin_damping
@@ -41,7 +41,7 @@ class TwoPort:
     Raises
     ------
     UsageError
-        Where the lengths differ or an ω is negative or not finite.
+        Where the lengths differ, an ω is negative or not finite, or a value is NaN.
     """
 
     omega: FloatArray
@@ -53,16 +53,17 @@ class TwoPort:
 
     def __post_init__(self) -> None:
         omega = nonnegative_array(self.omega, "TwoPort omega", "rad/s")
+        omega.flags.writeable = False
         object.__setattr__(self, "omega", omega)
         for name in ("p11", "p12", "p21", "p22"):
-            value = np.array(getattr(self, name), dtype=np.complex128)
+            value = complex_array(getattr(self, name), f"TwoPort {name}")
             if omega.ndim != 1 or value.shape != omega.shape or not omega.size:
                 raise UsageError(
                     f"TwoPort {name} and omega must be of one length.", value=(value.shape, omega.shape)
                 )
             object.__setattr__(self, name, value)
         if self.poles is not None:
-            object.__setattr__(self, "poles", np.array(self.poles, dtype=np.complex128).ravel())
+            object.__setattr__(self, "poles", complex_array(self.poles, "TwoPort poles").ravel())
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import ComplexArray, FloatArray, Scalars, nonnegative_array, stored
+from percept.haptics._arrays import (
+    LARGEST,
+    ComplexArray,
+    FloatArray,
+    Scalars,
+    complex_array,
+    nonnegative_array,
+    stored,
+)
 
 __all__ = ["AnyDevice", "Coupling", "Device", "Environment", "Mode", "TabulatedDevice"]
 
@@ -159,7 +167,7 @@ class TabulatedDevice:
 
     def __post_init__(self) -> None:
         omega = nonnegative_array(self.omega, "TabulatedDevice omega", "rad/s")
-        impedance = np.array(self.impedance, dtype=np.complex128)
+        impedance = complex_array(self.impedance, "TabulatedDevice impedance")
         if omega.ndim != 1 or omega.size < 2 or impedance.shape != omega.shape:
             raise UsageError(
                 "TabulatedDevice needs omega and impedance of equal length, two or more.",
@@ -172,14 +180,15 @@ class TabulatedDevice:
                 value=float(omega[row]),
                 hint="Sort the table, drop repeats.",
             )
-        if not np.isfinite(impedance).all():
+        bad = ~(np.abs(impedance) <= LARGEST)
+        if bad.any():
             raise UsageError(
-                "TabulatedDevice impedance must be finite.",
-                value=complex(impedance[~np.isfinite(impedance)][0]),
+                f"TabulatedDevice impedance must be finite and at most {LARGEST:g} N·s/m in magnitude.",
+                value=complex(impedance[bad][0]),
             )
-        for name, array in (("omega", omega), ("impedance", impedance)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        omega.flags.writeable = False
+        object.__setattr__(self, "omega", omega)
+        object.__setattr__(self, "impedance", impedance)
 
     def at(self, omega: ArrayLike) -> ComplexArray:
         """Return Z_d at ω (rad/s, conjugate for negative), linear between the rows of the table.

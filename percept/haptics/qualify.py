@@ -76,10 +76,11 @@ class EnvironmentBoundary:
         parts = (self.environment.stiffness, self.environment.damping, self.environment.mass)
         if any(np.ndim(part) for part in parts):
             raise UsageError(
-                "a EnvironmentBoundary is for one environment, without arrays.", value=self.environment
+                "an EnvironmentBoundary is for one environment, without arrays.", value=self.environment
             )
-        object.__setattr__(self, "lower", lower)
-        object.__setattr__(self, "upper", upper)
+        for name, limit in (("lower", lower), ("upper", upper)):
+            limit.flags.writeable = False
+            object.__setattr__(self, name, limit)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from percept.errors import UsageError
-from percept.haptics._arrays import ComplexArray, FloatArray, times
+from percept.haptics._arrays import ComplexArray, FloatArray, complex_array, times
 from percept.haptics._warp import warp
 
 __all__ = ["FrequencyResponse"]
@@ -38,20 +38,16 @@ class FrequencyResponse:
 
     def __post_init__(self) -> None:
         grid = warp(self.omega, self.period)
-        value = np.array(self.value, dtype=np.complex128)
-        if np.isnan(value).any():
-            raise UsageError(
-                "FrequencyResponse values hold NaN.", hint="Drop the points that were not measured."
-            )
+        value = complex_array(self.value, "FrequencyResponse value")
         try:
             np.broadcast_shapes(grid.omega.shape, value.shape)
         except ValueError:
             raise UsageError(
                 "FrequencyResponse omega and value do not broadcast.", value=(grid.omega.shape, value.shape)
             ) from None
-        for name, array in (("omega", grid.omega), ("value", value)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        grid.omega.flags.writeable = False
+        object.__setattr__(self, "omega", grid.omega)
+        object.__setattr__(self, "value", value)
         object.__setattr__(self, "period", grid.period)
 
     @property

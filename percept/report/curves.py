@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["close_views", "readings", "zoom_windows"]
 
-# Where the paper looks closely, and how closely where the scene does not say.
-_LOOK_AT = 10.0
+# How closely the paper looks.
 _LOOK_BY = 0.02
 _POINTS = 61
 
@@ -29,7 +28,8 @@ def zoom_windows(scene: Scene, environments: list[str]) -> dict[str, list[float]
     Parameters
     ----------
     scene : Scene
-        An environment that ``scene.report.zoom`` does not name gets 10 rad/s ± 2 %.
+        An environment that ``scene.report.zoom`` does not name gets 10 rad/s ± 2 %, or as much around the
+        middle of a range without 10 rad/s.
     environments : list of str
 
     Returns
@@ -37,7 +37,8 @@ def zoom_windows(scene: Scene, environments: list[str]) -> dict[str, list[float]
     dict
         Environment to ``[lower, upper]``, rad/s, inside the scene's range; absent where nothing is left.
     """
-    usual = (_LOOK_AT * (1 - _LOOK_BY), _LOOK_AT * (1 + _LOOK_BY))
+    middle = scene.frequency.read_at
+    usual = (middle * (1 - _LOOK_BY), middle * (1 + _LOOK_BY))
     windows = {}
     for environment in environments:
         low, high = scene.report.zoom.get(environment, usual)
@@ -84,7 +85,5 @@ def readings(study: Study) -> list[dict[str, Any]]:
     list of dict
         Boundary records with one ω each, not widened for joint limits.
     """
-    table = study.scene.frequency
-    inside = table.lower <= _LOOK_AT <= table.upper
-    omega = _LOOK_AT if inside else float(np.sqrt(table.lower * table.upper))
-    return [plain(record) for record in study.boundaries_at(np.array([omega]), joints=EACH_BY_ITSELF)]
+    omega = np.array([study.scene.frequency.read_at])
+    return [plain(record) for record in study.boundaries_at(omega, joints=EACH_BY_ITSELF)]

@@ -27,6 +27,7 @@ _ESCAPES = str.maketrans(
 _SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _UNITS = {"N/m": "N/m", "N·s/m": r"N\,s/m"}
 _SYMBOLS = {"k": "k", "b": "b"}
+_WIDENED = {"marginal": "", "bonferroni": ", widened so that stiffness and damping hold together"}
 
 
 def latex_tables(document: Mapping[str, Any]) -> dict[str, str]:
@@ -43,11 +44,15 @@ def latex_tables(document: Mapping[str, Any]) -> dict[str, str]:
         File name to LaTeX: a ``table`` with caption and label, for a preamble with ``booktabs``.
     """
     return {
-        f"intervals_{table['parameter']}{'' if table['joint'] == 'marginal' else '_' + table['joint']}.tex": (
-            _table(document, table)
-        )
+        f"intervals_{'_'.join(_name(table))}.tex": _table(document, table)
         for table in interval_tables(document)
     }
+
+
+def _name(table: Mapping[str, Any]) -> list[str]:
+    """Say what tells a table from the others."""
+    joint = table["joint"]
+    return [table["parameter"], *([] if joint == "marginal" else [joint])]
 
 
 def _table(document: Mapping[str, Any], table: Mapping[str, Any]) -> str:
@@ -58,8 +63,9 @@ def _table(document: Mapping[str, Any], table: Mapping[str, Any]) -> str:
     lines = [
         r"\begin{table}",
         r"\centering",
-        rf"\caption{{Adjusted ${symbol}$ in {unit}: limits by environment, kind and method.}}",
-        rf"\label{{tab:intervals-{table['parameter']}}}",
+        rf"\caption{{Adjusted ${symbol}$ in {unit}: limits by environment, kind and method"
+        rf"{_WIDENED[table['joint']]}.}}",
+        rf"\label{{tab:intervals-{'-'.join(_name(table))}}}",
         rf"\begin{{tabular}}{{llr{'rr' * len(columns)}}}",
         r"\toprule",
         rf"& & & {heads} \\",

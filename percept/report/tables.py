@@ -51,7 +51,7 @@ def csv_tables(document: Mapping[str, Any], *, digits: Digits | None = None) -> 
         tables[f"data_{parameter}.csv"] = _table(heads, matching(cells, parameter=parameter))
     band = document["band"] or {}
     if band.get("rows"):
-        heads = {name: name for name in ("environment", "method", "kind")}
+        heads = {name: name for name in ("environment", "method", "kind", "family")}
         heads |= {"impedance": "impedance (N·s/m)", "band": "band (N·s/m)", "relative": "relative"}
         tables["band.csv"] = _table(heads, band["rows"])
     for name, place in (("comparison", "comparison"), ("comparison_curves", "curve_comparison")):

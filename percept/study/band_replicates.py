@@ -52,7 +52,7 @@ def classical_replicates(
         known = {cell: moments for cell, moments in cells.items() if moments is not None}
         if len(known) < 2 * len(environments):
             continue
-        drawn = {cell: _redrawn(_on_scale(moments, family), rng) for cell, moments in known.items()}
+        drawn = {cell: _redrawn(moments.on_scale(family), rng) for cell, moments in known.items()}
         for kind in scene.inference.kinds:
             limits = {cell: _limits(known[cell], drawn[cell], kind, family, scene, cell[0]) for cell in known}
             bands = [_bands(omega, limits["k", e], limits["b", e]) for e in environments]
@@ -105,10 +105,6 @@ def posterior_replicates(fit: Fit, scene: Scene, omega: float) -> Replicates:
 def _bands(omega: float, stiffness: tuple[Array, Array], damping: tuple[Array, Array]) -> Array:
     lower, upper = environment_magnitude_range(omega, stiffness, damping)
     return upper - lower
-
-
-def _on_scale(moments: Moments, family: str) -> Moments:
-    return moments.lognormal() if family == "lognormal" and moments.scale == "linear" else moments
 
 
 def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -229,9 +229,7 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     models: list[Model] = []
     counts: list[int] = []
     for p, parameter in enumerate(parameters):
-        cells = [_moments(found[parameter, e]) for e in environments]
-        if family == "lognormal":
-            cells = [cell.lognormal() for cell in cells]
+        cells = [_moments(found[parameter, e]).on_scale(family) for e in environments]
         mean = np.array([float(cell.mean) for cell in cells])
         sd = np.array([float(cell.sd) for cell in cells])
         n = np.array([int(cell.n) for cell in cells])
@@ -261,9 +259,7 @@ def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> 
     family = scene.inference.family
     cells, origin, unit, counts, repeats = [], [], [], [], False
     for cell in cell_moments(sessions, parameters, family):
-        moments = _moments(cell)
-        if family == "lognormal" and moments.scale == "linear":
-            moments = moments.lognormal()
+        moments = _moments(cell).on_scale(family)
         cells.append((cell.parameter, cell.environment))
         origin.append(float(moments.mean))
         unit.append(float(moments.sd))

@@ -133,12 +133,8 @@ def sample_sds(sessions: Sessions, parameters: tuple[str, ...], family: str) -> 
     """
     found = {}
     for cell in cell_moments(sessions, parameters, family):
-        moments = cell.moments
-        if moments is None:
-            continue
-        if family == "lognormal" and moments.scale == "linear":
-            moments = moments.lognormal()
-        found[cell.parameter, cell.environment] = float(moments.sd)
+        if cell.moments is not None:
+            found[cell.parameter, cell.environment] = float(cell.moments.on_scale(family).sd)
     return found
 
 

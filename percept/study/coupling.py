@@ -48,9 +48,11 @@ class CouplingStudy:
         environment, method, kind, family, joint, shape, share_inside_uncoupled, share_inside_coupled (shares
         of the range of log omega), leaves_uncoupled, leaves_coupled (intervals of omega, rad/s),
         margin_uncoupled, margin_coupled (log of the ratio to the nearer limit, least over omega),
-        effective_stiffness (N/m) and effective_damping (N·s/m) at 10 rad/s; for envelopes also
+        effective_stiffness (N/m) and effective_damping (N·s/m) at `read_at`; for envelopes also
         plane_uncoupled, plane_coupled (shares of the range where stiffness and damping both lie inside the
         region) and plane_leaves_coupled.
+    read_at : float
+        Where single values are read, rad/s.
     passivity : DataFrame
         environment, needed_colgate, needed_paper (N·s/m), device_damping, passive: one-port passivity
         of rendering the reference directly.
@@ -74,6 +76,7 @@ class CouplingStudy:
     admittance: Array
     realism: pd.DataFrame
     passivity: pd.DataFrame
+    read_at: float
     probability: pd.DataFrame | None = None
 
 
@@ -82,6 +85,8 @@ def study_coupling(
     boundaries: tuple[Boundary, ...],
     regions: tuple[Region, ...],
     realisms: Iterable[tuple[str, bool, Realism]] = (),
+    *,
+    read_at: float,
 ) -> CouplingStudy:
     """Judge a coupling: Llewellyn's criterion, and membership in the boundaries.
 
@@ -95,6 +100,8 @@ def study_coupling(
         What the boundaries were drawn around.
     realisms : iterable of (str, bool, Realism)
         By environment and whether through the coupling.
+    read_at : float
+        Where effective stiffness and damping are read, rad/s.
 
     Returns
     -------
@@ -112,7 +119,9 @@ def study_coupling(
     rigid = isinstance(device, haptics.Device)
     need = haptics.required_damping(coupling, period, hold=hold) if rigid else None
     nyquist = np.pi / period
-    omega = np.geomspace(1.0, nyquist, 400) if rigid else np.asarray(device.omega)  # type: ignore[union-attr]
+    omega = np.geomspace(min(1.0, 1e-3 * nyquist), nyquist, 400)
+    if isinstance(device, haptics.TabulatedDevice):
+        omega = device.omega[device.omega <= nyquist]
     return CouplingStudy(
         stiffness=float(coupling.stiffness),
         damping=float(coupling.damping),
@@ -125,18 +134,23 @@ def study_coupling(
         omega=omega,
         bound=haptics.coupling_bound(omega, device, period, hold=hold),
         admittance=haptics.coupling_admittance(omega, coupling, period).real,
-        realism=_realism(bench, coupling, boundaries, regions),
+        realism=_realism(bench, coupling, boundaries, regions, read_at),
+        read_at=read_at,
         passivity=_passivity(device, period, bench.references),
         probability=_probability(realisms, stable=verdict.verdict == "stable"),
     )
 
 
 def _realism(
-    bench: Bench, coupling: Coupling, boundaries: tuple[Boundary, ...], regions: tuple[Region, ...]
+    bench: Bench,
+    coupling: Coupling,
+    boundaries: tuple[Boundary, ...],
+    regions: tuple[Region, ...],
+    read_at: float,
 ) -> pd.DataFrame:
     found = {(r.environment, r.method, r.kind, r.family, r.joint): r for r in regions}
     effective = {
-        name: haptics.effective_impedance(10.0, reference, coupling, bench.period)
+        name: haptics.effective_impedance(read_at, reference, coupling, bench.period)
         for name, reference in bench.references.items()
     }
     rows = []

@@ -141,11 +141,10 @@ def _against(
     for p, (parameter, beyond) in enumerate(found.beyond.items()):
         mean, user = (limits[parameter, kind] for kind in ("mean", "user"))
         log = mean["family"] == "lognormal"
-        moments = observed[parameter, found.environment]
-        if moments is None:
+        known = observed[parameter, found.environment]
+        if known is None:
             continue
-        if log and moments.scale == "linear":
-            moments = moments.lognormal()
+        moments = known.on_scale(mean["family"])
         centre, sd, n = float(moments.mean), float(moments.sd), int(moments.n)
         reference = float(mean["reference"])
         response = centre - np.log(reference) if log else (centre - reference) / reference

@@ -210,7 +210,7 @@ def _classical(first: Study, second: Study) -> list[dict[str, object]]:
         moments = [part.get(cell) for part in counts]
         if cell not in sds[1] or moments[0] is None or moments[1] is None:
             continue
-        on_scale = [m.lognormal() if log and m.scale == "linear" else m for m in moments if m is not None]
+        on_scale = [m.on_scale("lognormal" if log else "normal") for m in moments if m is not None]
         mean, sd, n = (
             np.array([float(np.asarray(getattr(m, f))) for m in on_scale]) for f in ("mean", "sd", "n")
         )

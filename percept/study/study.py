@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 __all__ = ["Study"]
 
 Array = NDArray[np.float64]
-_BAND_OMEGA = 10.0
 #: Frequencies of an even grid where the scene leaves their number open.
 DEFAULT_POINTS = 241
 _REALISM_POINTS = 80
@@ -327,7 +326,7 @@ class Study:
             return None
         from percept.study.both_methods import study_bands
 
-        return study_bands(self, _BAND_OMEGA)
+        return study_bands(self, self.scene.frequency.read_at)
 
     @cached_property
     def coupling(self) -> CouplingStudy | None:
@@ -342,6 +341,7 @@ class Study:
             self.boundaries,
             self.regions,
             ((e, coupled, found) for (e, coupled), found in self.realism.items()),
+            read_at=self.scene.frequency.read_at,
         )
 
     @cached_property

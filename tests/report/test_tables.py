@@ -75,10 +75,22 @@ def test_latex_shows_the_page_s_digits_and_escapes_names(classical):
     assert r"50\%\_\{a\}\textbackslash{}b\&c\#\$\textasciitilde{}\textasciicircum{}" in text
     body = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
     assert {line.count(" & ") for line in body} == {6}
-    assert latex_tables(document).keys() >= {"intervals_b.tex", "intervals_k_bonferroni.tex"}
+    together = latex_tables(document)["intervals_k_bonferroni.tex"]
+    assert r"\label{tab:intervals-k}" in text
+    assert r"\label{tab:intervals-k-bonferroni}" in together
+    assert "widened so that stiffness and damping hold together" in together
+    assert "widened" not in text
+    assert "intervals_b.tex" in latex_tables(document)
 
 
 def test_latex_writes_powers_of_ten(classical):
     document = copy.deepcopy(classical)
     document["intervals"][0]["lower"] = 1.5e-9
     assert r"$1.5000 \times 10^{-9}$" in latex_tables(document)["intervals_k.tex"]
+
+
+@pytest.mark.parametrize("name", ["intervals_k.csv", "intervals_b.csv", "band.csv", "boundaries.csv"])
+def test_labels_tell_every_row_from_the_others(classical, name):
+    labels = ("environment", "kind", "method", "family", "joint", "shape", "level", "omega (rad/s)")
+    rows = [tuple(row.get(label) for label in labels) for row in rows_of(csv_tables(classical)[name])]
+    assert len(set(rows)) == len(rows) > 1

@@ -158,7 +158,7 @@ def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
 def test_realism_shares_are_those_of_membership(fitted: Study) -> None:
     boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3", "VE5"))
     assert fitted.bench is not None
-    table = study_coupling(fitted.bench, boundaries, fitted.regions).realism
+    table = study_coupling(fitted.bench, boundaries, fitted.regions, read_at=10.0).realism
     assert len(table) == len(boundaries)
     for boundary, row in zip(boundaries, table.itertuples(), strict=True):
         assert boundary.coupled is not None
@@ -174,7 +174,7 @@ def test_realism_shares_are_those_of_membership(fitted: Study) -> None:
 def test_probability_of_stable_and_realistic(fitted: Study) -> None:
     assert fitted.bench is not None
     found = [(e, coupled, one) for (e, coupled), one in fitted.realism.items()]
-    table = study_coupling(fitted.bench, (), (), found).probability
+    table = study_coupling(fitted.bench, (), (), found, read_at=10.0).probability
     assert table is not None
     through = table[table["coupled"].astype(bool)].set_index("environment")
     assert (through["stable_and_realistic"] == 0).all()  # the scene's device is too little damped
@@ -199,10 +199,10 @@ def test_designed_couplings_keep_the_next_user_inside(fitted: Study) -> None:
     shown = bench.curve("VE2", omega, coupled=True)
     assert (shown >= lower * (1 - 1e-9)).all()
     assert (shown <= upper * (1 + 1e-9)).all()
-    assert study_coupling(bench, (), ()).verdict in ("stable", "marginal")
+    assert study_coupling(bench, (), (), read_at=10.0).verdict in ("stable", "marginal")
 
 
 def test_no_coupling_to_judge(fitted: Study) -> None:
     assert fitted.bench is not None
     with pytest.raises(UsageError, match="no coupling to judge"):
-        study_coupling(dataclasses.replace(fitted.bench, coupling=None), (), ())
+        study_coupling(dataclasses.replace(fitted.bench, coupling=None), (), (), read_at=10.0)

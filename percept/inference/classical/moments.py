@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from percept.inference.intervals import FloatOrArray
 
 __all__ = ["Moments", "mean_and_sd"]
 
+_Scale = Literal["linear", "log"]
 _BLOCK = 1 << 17  # values handled at once, so that the many temporaries stay in cache
 _LONGEST = 1 << 13  # the error bounds of the pairwise route are worked out up to this many subjects
 _FEW_ROWS = 8
@@ -51,7 +52,7 @@ class Moments:
     Raises
     ------
     UsageError
-        NaN, infinite, negative SD, n that is not whole, shapes that do not fit.
+        NaN, infinite, negative SD, n that is not whole, shapes that do not fit, an unknown scale.
     RefusalError
         Fewer than 2 subjects.
     """
@@ -59,7 +60,7 @@ class Moments:
     mean: FloatOrArray
     sd: FloatOrArray
     n: int | NDArray[np.int64]
-    scale: Literal["linear", "log"] = "linear"
+    scale: _Scale = "linear"
     repeats: bool | None = None
     weighted: bool = False
 
@@ -68,6 +69,8 @@ class Moments:
         sd = finite_values(self.sd, name="standard deviations")
         if (sd < 0.0).any():
             raise UsageError("A standard deviation cannot be negative.", value=float(sd.min()))
+        if self.scale not in get_args(_Scale):
+            raise UsageError('scale must be "linear" or "log".', value=self.scale)
         mean, sd, n = fitted("Means, standard deviations and counts", mean, sd, subject_counts(self.n))
         object.__setattr__(self, "mean", plain(mean))
         object.__setattr__(self, "sd", plain(sd))
@@ -223,7 +226,14 @@ class Moments:
         ------
         RefusalError
             A mean of zero or below.
+        UsageError
+            A weighted mean, whose `sd` is not that of users.
         """
+        if self.weighted:
+            raise UsageError(
+                "The SD behind a weighted mean is not that of users, which a lognormal's moments need.",
+                hint="Average the logarithms: Moments.from_weighted(values, weights, log=True).",
+            )
         mean, sd = np.asarray(self.mean), np.asarray(self.sd)
         if (mean <= 0.0).any():
             raise RefusalError(
@@ -235,6 +245,34 @@ class Moments:
         return Moments(
             np.log(mean) - variance / 2.0, np.sqrt(variance), self.n, scale="log", repeats=self.repeats
         )
+
+    def on_scale(self, family: str) -> Moments:
+        """Return these moments on the scale of a family: themselves, or `lognormal`.
+
+        Parameters
+        ----------
+        family : {"normal", "lognormal"}
+            Of the values, or of their logarithms.
+
+        Returns
+        -------
+        Moments
+
+        Raises
+        ------
+        UsageError
+            Moments of logarithms under the normal family; else as `lognormal`.
+        RefusalError
+            As `lognormal`.
+        """
+        if family == "lognormal":
+            return self if self.scale == "log" else self.lognormal()
+        if self.scale == "log":
+            raise UsageError(
+                "These are moments of logarithms; the normal family needs those of the values.",
+                hint='Use family="lognormal", or work the moments out with log=False.',
+            )
+        return self
 
 
 def mean_and_sd(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -47,18 +47,10 @@ def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) ->
     RefusalError
         Zero or negative values under the lognormal family; no scatter; fewer than 2 subjects.
     """
-    approximate = False
-    if not isinstance(x, Moments):
-        moments = Moments.from_values(x, log=family == "lognormal", axis=axis)
-    elif family == "normal" and x.scale == "log":
-        raise UsageError(
-            "These are moments of logarithms; the normal family needs those of the values.",
-            hint='Use family="lognormal", or work the moments out with log=False.',
-        )
-    elif family == "lognormal" and x.scale == "linear":
-        moments, approximate = x.lognormal(), True
+    if isinstance(x, Moments):
+        moments, approximate = x.on_scale(family), family == "lognormal" and x.scale == "linear"
     else:
-        moments = x
+        moments, approximate = Moments.from_values(x, log=family == "lognormal", axis=axis), False
     still = np.asarray(moments.sd) == 0.0
     if still.any():
         where = "" if still.ndim == 0 else f" (first at index {np.argwhere(still)[0].tolist()})"

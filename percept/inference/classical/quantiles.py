@@ -45,7 +45,11 @@ def t_within(t: ArrayLike, nu: ArrayLike) -> NDArray[np.float64]:
     ndarray
         Broadcast shape.
     """
-    return 1.0 - 2.0 * np.asarray(special.stdtr(_doubles(nu), -_doubles(t)))
+    nu = _doubles(nu)
+    with np.errstate(divide="ignore", over="ignore"):
+        # One less twice the tail would lose what a small t holds.
+        share = 1.0 / (1.0 + nu / _doubles(t) ** 2)
+    return np.asarray(special.betainc(0.5, 0.5 * nu, share))
 
 
 def normal_upper(tail: ArrayLike) -> NDArray[np.float64]:

@@ -101,7 +101,7 @@ class _Reach:
     _STEP = 2.0**-9
 
     def __init__(self, share: float) -> None:
-        self.zero = float(special.ndtri(0.5 * (1.0 + share)))
+        self.zero = -float(special.ndtri(0.5 * (1.0 - share)))
         self._share = share
         # From h0 + 9 on, Phi(h + d) is one in double precision and d = h - z_share.
         self._roots = np.arange(0.0, 3.0 + self._STEP, self._STEP)
@@ -211,12 +211,10 @@ def share_half_width(
         Pull of each draw on centre - h and on centre + h.
     """
     centre = mean.mean(axis=0)
-    least = special.ndtri(0.5 * (1.0 + share)) * spread
+    least = -special.ndtri(0.5 * (1.0 - share)) * spread
     low = least.min(axis=0)
     high = np.max(
-        special.ndtri(0.5 * (1.0 + share)) * spread
-        + np.abs(mean - centre)
-        - special.ndtri(1e-3 * (1 - confidence)) * sd,
+        least + np.abs(mean - centre) - special.ndtri(1e-3 * (1 - confidence)) * sd,
         axis=0,
     )
     if len(mean) > _MANY:

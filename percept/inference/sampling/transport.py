@@ -57,18 +57,20 @@ class Transport:
     def fit(cls, points: Array) -> Self:
         """Fit to a sample of shape (N, d), N well above d."""
         count, size = points.shape
-        ranks = np.argsort(np.argsort(points, axis=0), axis=0)
-        y = special.ndtri((ranks + 0.5) / count)
+        y = np.empty_like(points)
+        scores = special.ndtri((np.arange(count) + 0.5) / count)
+        np.put_along_axis(y, np.argsort(points, axis=0), scores[:, None], axis=0)
         drivers = _drivers(y)
         others = np.setdiff1d(np.arange(size), drivers)
         features = _features(y[:, drivers])
         mean, log_scale = np.zeros((2, size, features.shape[1]))
-        remainder = np.empty_like(y)
-        for k in range(len(drivers) + 1):
-            for i in drivers[k : k + 1] if k < len(drivers) else others:
-                own = features[:, : 2 * k + 1]
-                mean[i, : 2 * k + 1], log_scale[i, : 2 * k + 1], remainder[:, i] = _regress(own, y[:, i])
-        covariance = remainder[:, others].T @ remainder[:, others] / count
+        for k, i in enumerate(drivers):
+            known = 2 * k + 1
+            mean[i, :known], log_scale[i, :known] = (
+                found[0] for found in _regress(features[:, :known], y[:, [i]])[:2]
+            )
+        mean[others], log_scale[others], remainder = _regress(features, y[:, others])
+        covariance = remainder.T @ remainder / count
         return cls(drivers, others, mean, log_scale, np.linalg.cholesky(covariance), Spline.fit(points))
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
@@ -140,29 +142,47 @@ def _drivers(y: Array) -> NDArray[np.intp]:
 
 
 def _regress(features: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Mean and log spread of y (N,) on features (N, 2 k + 1), what is significant; and the remainder."""
+    """Regress the mean and log spread of columns y (N, C) on features (N, F), F odd.
+
+    Returns coefficients of the means and of the log spreads, (C, F), those that are significant, and the
+    remainders (N, C).
+    """
     count, size = features.shape
     linear = np.r_[0, 1:size:2]
     gram, right = features.T @ features, features.T @ y
     mean = np.linalg.solve(gram, right)
-    error = (y - features @ mean).std() * np.sqrt(np.diag(np.linalg.inv(gram)))
+    error = (y - features @ mean).std(axis=0) * np.sqrt(np.diag(np.linalg.inv(gram)))[:, None]
     keep = np.abs(mean) > _SIGNIFICANT * error
     keep[linear] = True
-    mean = np.zeros(size)
-    mean[keep] = np.linalg.solve(gram[np.ix_(keep, keep)], right[keep])
+    mean = _solve_kept(gram, right, keep)
     residual = y - features @ mean
-    log_scale = np.zeros(size)
-    log_scale[0] = np.log(residual.std())
+    log_scale = np.zeros_like(mean)
+    log_scale[0] = np.log(residual.std(axis=0))
     square = (residual * np.exp(-log_scale[0])) ** 2
-    score = features[:, linear].T @ (square - 1.0)
-    noise = np.sqrt(count * square.var() * (features[:, linear] ** 2).mean(axis=0))
-    keep = linear[(np.abs(score) > _SIGNIFICANT * noise) | (linear == 0)]
-    if len(keep) > 1:
-        used = features[:, keep]
-        information = 2.0 * used.T @ used
+    driving = np.ascontiguousarray(features[:, linear])
+    noise = np.sqrt(count * square.var(axis=0) * (driving**2).mean(axis=0)[:, None])
+    widens = np.abs(driving.T @ (square - 1.0)) > _SIGNIFICANT * noise
+    widens[0] = True
+    some = np.flatnonzero(widens.sum(axis=0) > 1)
+    if some.size:
+        kept, own, moving = widens[:, some], residual[:, some], np.zeros((len(linear), some.size))
+        moving[0] = log_scale[0, some]
+        information = 2.0 * gram[np.ix_(linear, linear)]
         for _ in range(5):
-            square = (residual * np.exp(-used @ log_scale[keep])) ** 2
+            square = (own * np.exp(-driving @ moving)) ** 2
             # Short steps: a sample in a few clumps sends the first of them far.
-            step = np.linalg.solve(information, used.T @ (square - 1.0))
-            log_scale[keep] += np.clip(step, -_SHORT, _SHORT)
-    return mean, log_scale, residual * np.exp(-features @ log_scale)
+            step = _solve_kept(information, driving.T @ (square - 1.0), kept)
+            moving += np.clip(step, -_SHORT, _SHORT)
+        log_scale[np.ix_(linear, some)] = moving
+        residual[:, some] = own * np.exp(-driving @ moving)
+    plain = np.setdiff1d(np.arange(y.shape[1]), some)
+    residual[:, plain] *= np.exp(-log_scale[0, plain])
+    return mean.T, log_scale.T, residual
+
+
+def _solve_kept(gram: Array, right: Array, keep: NDArray[np.bool_]) -> Array:
+    """Solve each column of right (F, C) for its kept unknowns (F, C); the others are zero."""
+    solved = np.zeros_like(right)
+    for column, kept in enumerate(keep.T):
+        solved[kept, column] = np.linalg.solve(gram[np.ix_(kept, kept)], right[kept, column])
+    return solved

@@ -1,0 +1,89 @@
+"""What a command shows on a terminal while it works: run on a real one."""
+
+import os
+import pty
+import re
+import subprocess
+import sys
+
+import pytest
+
+from percept.reproduce.published import dataset
+
+SESSIONS = str(dataset("hbfd_sessions.csv"))
+
+SAMPLING = """
+import time
+from percept.commands import progress
+from percept.inference.sampling.run import Progress
+progress._WAIT = 0.1
+with progress.Working("fitting", shown=True) as working:
+    time.sleep(0.4)
+    working(Progress(240, 480, 0.0123, 0.01))
+    time.sleep(0.4)
+    print("on standard output")
+"""
+COMMAND = """
+import sys
+from percept.commands import progress
+progress._WAIT = 0.0
+from percept.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def on_a_terminal(script, *words, columns=100):
+    """Run a script whose standard error is a terminal; what it printed, and what was shown."""
+    here, there = pty.openpty()
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": str(columns)}
+    done = subprocess.Popen(
+        [sys.executable, "-c", script, *words], stdout=subprocess.PIPE, stderr=there, env=environment
+    )
+    os.close(there)
+    shown = b""
+    while True:
+        try:
+            part = os.read(here, 4096)
+        except OSError:  # Linux says so once the other end is closed
+            break
+        if not part:
+            break
+        shown += part
+    os.close(here)
+    printed = done.communicate(timeout=60)[0].decode()
+    return done.returncode, printed, re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
+
+
+@pytest.mark.parametrize("columns", [40, 100])
+def test_shows_what_it_does_and_then_the_sampler(columns):
+    code, printed, shown = on_a_terminal(SAMPLING, columns=columns)
+    assert code == 0, shown
+    assert printed == "on standard output\n"
+    assert "fitting" in shown
+    assert "240/480 steps" in shown
+    if columns == 100:
+        assert "error 1.23% of half-width, asked 1.00%" in shown
+
+
+def test_a_fit_on_a_terminal(tmp_path):
+    words = ["fit", SESSIONS, "--tolerance", "0.1", "--seed", "1", "--no-cache", "--out", tmp_path]
+    code, printed, shown = on_a_terminal(COMMAND, *map(str, words))
+    assert code == 0, shown
+    assert (tmp_path / "posterior.nc").exists()
+    assert re.search(r"\d+/\d+ steps, error", shown)
+    assert "VE1" in printed
+
+
+def test_nothing_is_shown_where_not_wanted(tmp_path):
+    words = ["fit", SESSIONS, "--method", "classical", "--quiet", "--out", tmp_path]
+    code, _, shown = on_a_terminal(COMMAND, *map(str, words))
+    assert (code, shown) == (0, "")
+
+
+def test_a_reader_who_has_read_enough(tmp_path):
+    command = f"{sys.executable} -m percept fit {SESSIONS} --method classical --out {tmp_path} --quiet"
+    done = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {command} | head -1"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "environment" in done.stdout
