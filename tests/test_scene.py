@@ -41,6 +41,8 @@ from percept.sessions import ReadOptions
         ('[model]\npooling = "none"\n', 'model: pooling = "none" and prior = "reference" go together.'),
         ("[model.priors]\ntau = 1\n", "model.priors: no such prior as tau; there are alpha_sd, gamma_sd"),
         ("[model.priors]\ntau_scale = -3\n", "a prior scale must be positive. Leave it out of the scene"),
+        ("[inference]\nkinds = []\n", "inference.kinds = []: give at least one, or leave the key out."),
+        ('[inference]\nparameters = ["k", "k"]\n', "k stands there twice."),
         ("x =\n", "is not TOML: Invalid value (at line 1, column 4)."),
     ],
 )
@@ -104,3 +106,17 @@ def test_frequencies_up_to_nyquist_itself_are_allowed():
         scene.with_tables(frequency={"upper": 3141.6})
     # Without a device nothing is sampled.
     assert Scene.from_tables({"frequency": {"upper": 3141.6}}).frequency.upper == 3141.6
+
+
+def test_stiffness_comes_first_and_the_average_user():
+    scene = Scene.from_tables({"inference": {"parameters": ["b", "k"], "kinds": ["share", "mean"]}})
+    assert scene.inference.parameters == ("k", "b")
+    assert scene.inference.kinds == ("mean", "share")
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "at"), [(0.1, 100.0, 10.0), (10.0, 20.0, 10.0), (1.0, 4.0, 2.0), (20.0, 80.0, 40.0)]
+)
+def test_single_values_are_read_where_the_curves_are(lower, upper, at):
+    scene = Scene.from_tables({"frequency": {"lower": lower, "upper": upper}})
+    assert scene.frequency.read_at == pytest.approx(at, rel=1e-15)

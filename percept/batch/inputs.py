@@ -99,7 +99,7 @@ class StudySource:
         folder = Path(self.path)
         own = folder / SCENE_NAME
         scene = Scene.load(own) if own.is_file() else self.scene
-        names, _ = expand([self.path])
+        names = expand([self.path]).files
         root = os.path.commonpath([Path(name).parent for name in names])
         try:
             files = tuple(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,9 +36,9 @@ def real_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
     Raises
     ------
     UsageError
-        For anything but finite real numbers of magnitude up to 1e100.
+        For anything but finite real numbers of magnitude up to 1e100, unmasked, in rows of one length.
     """
-    array = np.asarray(value)
+    array = _numbers(value, name)
     if array.dtype.kind not in "iuf":
         raise UsageError(f"{name} must be real numbers in {unit}, not {array.dtype}.", value=value)
     array = array.astype(np.float64)
@@ -50,6 +50,16 @@ def real_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
             hint="Look for a missing value (NaN) or a wrong unit.",
         )
     return array
+
+
+def _numbers(value: ArrayLike, name: str) -> NDArray[Any]:
+    """Return `value` as an array of whatever it holds."""
+    if np.ma.is_masked(value):
+        raise UsageError(f"{name} has masked elements.", hint="Drop the points that were not measured.")
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise UsageError(f"{name} has rows of unequal length.") from None
 
 
 def nonnegative_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
@@ -72,7 +82,7 @@ def complex_array(value: ArrayLike, name: str) -> ComplexArray:
     UsageError
         For anything but numbers, and for NaN.
     """
-    array = np.asarray(value)
+    array = _numbers(value, name)
     if array.dtype.kind not in "iufc":
         raise UsageError(f"{name} must be complex numbers, not {array.dtype}.", value=value)
     array = array.astype(np.complex128)

@@ -57,10 +57,11 @@ def read_sessions(
     """
     options = (options or ReadOptions()).with_columns(columns)
     study = _Study(options)
-    files, ignored = expand(paths)
-    if ignored:
-        study.notices.append(Notice(f"{len(ignored)} files of other kinds in the folders are not read"))
-    for file in files:
+    found = expand(paths)
+    study.notices += [Notice("a folder of results is not read", file=folder) for folder in found.results]
+    if found.ignored:
+        study.notices.append(Notice(f"{len(found.ignored)} files of other kinds in the folders are not read"))
+    for file in found.files:
         with study.collecting():
             if study.add_large(file):
                 continue

@@ -94,7 +94,7 @@ def reduce_sessions(
     if family not in ("lognormal", "normal"):
         raise UsageError('family is "lognormal" or "normal".', value=family)
     state = _State(family, options)
-    for file in expand(paths)[0]:
+    for file in expand(paths).files:
         state = _with_stream(state, file) or _with_whole(state, file)
     return state.reduced()
 

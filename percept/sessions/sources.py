@@ -14,11 +14,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 from percept.errors import UsageError
 
-__all__ = ["LIMIT", "Input", "expand", "is_workbook", "load", "names_from_file"]
+__all__ = ["LIMIT", "Expanded", "Input", "expand", "is_workbook", "load", "names_from_file"]
 
+#: What tells a folder of results from one of sessions.
+_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "leave_one_out.sha256", "batch.parquet")
 _SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".gz", ".zip", ".parquet", ".xlsx")
 # An archive that claims or gives more than this is refused: unpacked files of any size can be read in chunks.
 LIMIT = 1 << 30
@@ -37,7 +40,25 @@ class Input:
         return hashlib.sha256(self.data).hexdigest()
 
 
-def expand(paths: Sequence[str | Path]) -> tuple[list[str], list[str]]:
+class Expanded(NamedTuple):
+    """What paths stand for.
+
+    Attributes
+    ----------
+    files : list of str
+        In the order given; those of one folder or pattern sorted by name. A file named twice is taken once.
+    ignored : list of str
+        Files of folders whose suffix is not that of a table.
+    results : list of str
+        Folders below the given ones that percept has filled, whose tables are left out.
+    """
+
+    files: list[str]
+    ignored: list[str]
+    results: list[str]
+
+
+def expand(paths: Sequence[str | Path]) -> Expanded:
     """Expand folders and globs to files.
 
     Parameters
@@ -47,10 +68,7 @@ def expand(paths: Sequence[str | Path]) -> tuple[list[str], list[str]]:
 
     Returns
     -------
-    files : list of str
-        In the order given; those of one folder or pattern sorted by name. A file named twice is taken once.
-    ignored : list of str
-        Files of folders whose suffix is not that of a table.
+    Expanded
 
     Raises
     ------
@@ -61,13 +79,20 @@ def expand(paths: Sequence[str | Path]) -> tuple[list[str], list[str]]:
         raise UsageError("no file was given.", hint="Name at least one session file or folder.")
     files: dict[str, str] = {}
     ignored: list[str] = []
+    results: list[str] = []
     for given in paths:
         text = str(given)
         path = Path(text)
         if text == "-":
             found = ["-"]
         elif path.is_dir():
-            inside = sorted(p for p in path.rglob("*") if p.is_file() and not _hidden(p, path))
+            filled = {p.parent for name in _RESULTS for p in path.rglob(name)} - {path}
+            results += sorted(map(str, filled))
+            inside = sorted(
+                p
+                for p in path.rglob("*")
+                if p.is_file() and not _hidden(p, path) and filled.isdisjoint(p.parents)
+            )
             found = [str(p) for p in inside if p.suffix.lower() in _SUFFIXES]
             ignored += [str(p) for p in inside if p.suffix.lower() not in _SUFFIXES]
             if not found:
@@ -86,7 +111,7 @@ def expand(paths: Sequence[str | Path]) -> tuple[list[str], list[str]]:
             raise UsageError("there is no such file.", file=text, hint="Check the path.")
         for name in found:
             files.setdefault(name if name == "-" else str(Path(name).resolve()), name)
-    return list(files.values()), ignored
+    return Expanded(list(files.values()), ignored, results)
 
 
 def _hidden(path: Path, folder: Path) -> bool:

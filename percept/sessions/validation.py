@@ -164,7 +164,7 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
         The file is no table.
     """
     options = options or ReadOptions()
-    entry = next(load(expand([path])[0][0]))
+    entry = next(load(expand([path]).files[0]))
     grid = read_grid_of(entry, options, [])
     try:
         rules = resolve(grid.header, options.columns, file=entry.name).rules

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
 from percept.boundary.draws import DrawBands, DrawCurves
 from percept.boundary.grid import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.records import Boundary, Shape
+from percept.errors import UsageError
 from percept.haptics import AnyDevice, Coupling, Environment
 from percept.study.regions import Draws, Region
 
-__all__ = ["Bench", "Range", "environment_boundaries", "region_curves"]
+__all__ = ["JOINTS", "Bench", "Range", "environment_boundaries", "region_curves"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+#: How k and b can be taken together: each by itself, both widened, one region, curves through draws.
+JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
 # The proxies that a band through draws is followed by lie this many SDs out: about its usual reach.
 _PROXY = 3.0
 # Rows of a measured device that a grid starts from, at most twice as many.
@@ -94,6 +97,16 @@ class Range:
     upper: float
     omega: Array | None = None
     tolerance: float = TOLERANCE
+
+    @classmethod
+    def of(cls, omega: ArrayLike) -> Self:
+        """Take a grid (M,) as it is, rad/s; UsageError unless it is positive and increases."""
+        grid = np.asarray(omega, dtype=np.float64)
+        if grid.ndim != 1 or not grid.size:
+            raise UsageError("omega must be a list of frequencies in rad/s.", value=omega)
+        if not (np.all(grid > 0) and np.all(np.diff(grid) > 0)):
+            raise UsageError("omega must be positive and increase, in rad/s.", value=omega)
+        return cls(float(grid[0]), float(grid[-1]), grid)
 
 
 def environment_boundaries(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
 from percept.errors import RefusalError
@@ -17,6 +17,7 @@ from percept.inference.hierarchy.priors import MEANINGS
 from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
+from percept.study.chosen import chosen
 from percept.study.responses import references
 from percept.study.units import NAMES
 
@@ -226,39 +227,49 @@ class Study:
 
     def boundaries_at(
         self,
-        omega: Array,
-        environments: tuple[str, ...] | None = None,
+        omega: ArrayLike,
+        environments: Collection[str] | None = None,
         *,
-        kinds: tuple[str, ...] | None = None,
-        joints: tuple[str, ...] | None = None,
+        kinds: Collection[str] | None = None,
+        joints: Collection[str] | None = None,
     ) -> tuple[Boundary, ...]:
         """Boundaries at frequencies of one's own.
 
         Parameters
         ----------
-        omega : ndarray, shape (M,)
-            rad/s, up to Nyquist.
-        environments : tuple of str, optional
+        omega : array_like, shape (M,)
+            rad/s, positive, increasing, up to Nyquist.
+        environments : collection of str, optional
             Which environments; all by default.
-        kinds, joints : tuple of str, optional
+        kinds, joints : collection of str, optional
             Of which kinds, and with which treatment of k and b together ("joint" for curves through draws);
             all by default.
 
         Returns
         -------
         tuple of Boundary
-        """
-        from percept.study.boundaries import Range
 
-        chosen = self.environments if environments is None else environments
-        return self._boundaries(Range(float(omega[0]), float(omega[-1]), omega), chosen, kinds, joints)
+        Raises
+        ------
+        UsageError
+            Frequencies that are none, not positive or do not increase; an environment, kind or treatment that
+            the study does not have.
+        """
+        from percept.study.boundaries import JOINTS, Range
+
+        return self._boundaries(
+            Range.of(omega),
+            chosen("environment", environments, self.environments) or self.environments,
+            chosen("kind", kinds, self.scene.inference.kinds),
+            chosen("joint treatment", joints, JOINTS),
+        )
 
     def _boundaries(
         self,
         frequencies: Range,
-        environments: tuple[str, ...],
-        kinds: tuple[str, ...] | None = None,
-        joints: tuple[str, ...] | None = None,
+        environments: Collection[str],
+        kinds: Collection[str] | None = None,
+        joints: Collection[str] | None = None,
     ) -> tuple[Boundary, ...]:
         if self.bench is None:
             return ()

@@ -39,6 +39,14 @@ def test_crossed_corner_curves_hold_nothing() -> None:
     assert found.leaves == (pytest.approx((1.0, 100.0)),)
 
 
+def test_an_impedance_that_vanishes_is_outside() -> None:
+    omega, ones = np.array([1.0, 2.0, 4.0]), np.ones(3)
+    member = magnitude_membership(omega, 0.4 * ones, 2.0 * ones, np.array([1.0, 0.0, 1.0]))
+    assert 0.0 < member.inside < 0.01
+    assert member.margin < -700.0
+    assert member.margin_omega == 2.0
+
+
 def test_a_lower_limit_of_zero_cannot_be_left() -> None:
     found = magnitude_membership(OMEGA, np.zeros(3), np.full(3, 2.0), np.full(3, 1e-9))
     assert (found.inside, found.leaves) == (1.0, ())

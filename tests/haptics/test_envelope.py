@@ -100,6 +100,16 @@ def test_crossings_are_all_there_are():
         np.testing.assert_allclose(seen, expected, atol=2 * (omega[1] - omega[0]))
 
 
+def test_crossings_do_not_mind_the_unit_of_force():
+    # Products of four numbers are beyond the range of a double in the second.
+    k, b = TABLE_1[2]
+    (near,), (far,) = (
+        corner_crossings(Device(s, 5.0 * s), [s * v for v in k], [s * v for v in b], T)
+        for s in (1.0, 2.0**266)
+    )
+    assert near == far
+
+
 def test_no_crossing_without_mass_or_width():
     assert corner_crossings(Device(0.0, 5.0), *TABLE_1[0], T).size == 0
     assert corner_crossings(Device(1.0, 5.0), (5.0, 5.0), (1.0, 1.0), T).size == 0

@@ -176,6 +176,9 @@ def test_tustin_without_damping_is_unstable():
         ),
         (lambda: TwoPort([1.0], [1.0, 2.0], [1.0], [1.0], [1.0]), "p11 and omega must be of one length"),
         (lambda: TwoPort([-1.0], [1.0], [1.0], [1.0], [1.0]), "TwoPort omega must not be negative"),
+        (lambda: TwoPort([1.0], [np.nan], [1.0], [1.0], [1.0]), "TwoPort p11 holds NaN"),
+        (lambda: TwoPort([1.0], [1.0], [1.0], [1.0], ["a"]), "TwoPort p22 must be complex numbers"),
+        (lambda: TwoPort([1.0], [1.0], [1.0], [1.0], [1.0], poles=[np.nan]), "TwoPort poles holds NaN"),
         (
             lambda: absolute_stability(TabulatedDevice([4000.0, 5000.0], [1.0, 1.0]), COUPLING, T),
             "begins above the Nyquist frequency.*not Hz",

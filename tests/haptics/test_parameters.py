@@ -53,7 +53,11 @@ def test_records_refuse(make, message):
         ([1.0], [1.0], "two or more"),
         ([1.0, 2.0], [1.0], "equal length"),
         ([1.0, 1.0], [1.0, 2.0], r"value 1\.0: TabulatedDevice omega must increase"),
-        ([1.0, 2.0], [1.0, np.nan], "impedance must be finite"),
+        ([1.0, 2.0], [1.0, np.nan], "impedance holds NaN"),
+        ([1.0, 2.0], [1.0, np.inf], "impedance must be finite"),
+        ([1.0, 2.0], ["a", "b"], "impedance must be complex numbers"),
+        ([1.0, 2.0], [[1.0, 2.0], [3.0]], "impedance has rows of unequal length"),
+        ([1.0, 2.0], np.ma.masked_array([1.0, 2.0], mask=[0, 1]), "impedance has masked elements"),
         ([-1.0, 2.0], [1.0, 2.0], "TabulatedDevice omega must not be negative"),
     ],
 )
@@ -103,7 +107,7 @@ def test_frequency_response_derives_and_refuses():
     np.testing.assert_allclose(response.phase, [-np.arctan2(4, 3), 0.0])
     np.testing.assert_allclose(response.damping, [3.0, 1.0])
     np.testing.assert_allclose(response.stiffness, [4 * 2000 * np.tan(0.0005), 0.0])
-    with pytest.raises(UsageError, match="values hold NaN"):
+    with pytest.raises(UsageError, match="value holds NaN"):
         FrequencyResponse(omega, [np.nan, 1.0], 1e-3)
     with pytest.raises(UsageError, match="do not broadcast"):
         FrequencyResponse(omega, [1.0, 2.0, 3.0], 1e-3)

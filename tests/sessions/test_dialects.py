@@ -78,6 +78,21 @@ def test_folders_and_patterns_name_what_they_leave_out(tmp_path):
     assert folder.table.equals(twice.table)
 
 
+def test_results_in_a_folder_of_sessions_are_left_out(tmp_path):
+    _, options = written(tmp_path, "folder")
+    alone = read_sessions(tmp_path, options=options)
+    for name, listing in (("report", "report.sha256"), ("old/fit", "fit.sha256")):
+        (tmp_path / name / "tables").mkdir(parents=True)
+        (tmp_path / name / "tables" / "band.csv").write_text("environment,band\nVE1,2\n")
+        (tmp_path / name / listing).write_text("")
+    again = read_sessions(tmp_path, options=options)
+    assert again.table.equals(alone.table)
+    named = [notice.file for notice in again.notices if notice.text == "a folder of results is not read"]
+    assert named == [str(tmp_path / "old" / "fit"), str(tmp_path / "report")]
+    with pytest.raises(UsageError, match=r"band\.csv: the name does not fit the pattern"):
+        read_sessions(tmp_path / "report", options=options)
+
+
 def test_excel_and_parquet(tmp_path):
     # openpyxl writes fifteen digits, so numbers of six decimals come back whole.
     trials = example(6)

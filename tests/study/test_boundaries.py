@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
@@ -206,3 +207,32 @@ def test_no_coupling_to_judge(fitted: Study) -> None:
     assert fitted.bench is not None
     with pytest.raises(UsageError, match="no coupling to judge"):
         study_coupling(dataclasses.replace(fitted.bench, coupling=None), (), (), read_at=10.0)
+
+
+def test_own_frequencies_are_taken_as_they_come(fitted):
+    omega = [1.0, 5.0, 25.0]
+    once = fitted.boundaries_at(np.array(omega), ("VE3",), kinds=("mean",), joints=("marginal",))
+    assert len(once) > 1
+    for same in (omega, pd.Series(omega, index=[7, 3, 5])):
+        again = fitted.boundaries_at(same, "VE3", kinds=["mean"], joints=["marginal"])
+        for one, other in zip(once, again, strict=True):
+            np.testing.assert_array_equal(one.lower, other.lower)
+            np.testing.assert_array_equal(one.omega, other.omega)
+
+
+@pytest.mark.parametrize(
+    ("omega", "chosen", "message"),
+    [
+        (5.0, {}, "omega must be a list of frequencies in rad/s"),
+        ([], {}, "omega must be a list of frequencies in rad/s"),
+        ([[1.0, 2.0]], {}, "omega must be a list of frequencies in rad/s"),
+        ([0.0, 1.0], {}, "omega must be positive and increase, in rad/s"),
+        ([2.0, 1.0], {}, "omega must be positive and increase, in rad/s"),
+        ([1.0], {"environments": "VE9"}, r"VE9: the study has no such environment; there are VE1, VE2"),
+        ([1.0], {"kinds": ("foo",)}, r"foo: the study has no such kind; there are mean, user, share"),
+        ([1.0], {"joints": ("both",)}, r"both: the study has no such joint treatment; there are marginal"),
+    ],
+)
+def test_own_frequencies_and_choices_are_checked(fitted, omega, chosen, message):
+    with pytest.raises(UsageError, match=message):
+        fitted.boundaries_at(omega, **chosen)

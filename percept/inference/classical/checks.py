@@ -34,8 +34,12 @@ def finite_values(
     Raises
     ------
     UsageError
-        Ragged, empty, not numeric, NaN or infinite; the message says where.
+        Ragged, empty, not numeric, masked, NaN or infinite; the message says where.
     """
+    if np.ma.is_masked(values):
+        raise UsageError(
+            f"Some of the {name} are masked.", hint="Pass what is not masked: values.compressed()."
+        )
     try:
         found: NDArray[Any] = np.asarray(values)
     except ValueError:
@@ -150,7 +154,7 @@ def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
     Raises
     ------
     UsageError
-        Not whole, or not numbers.
+        Not whole, beyond integers of 64 bits, or not numbers.
     RefusalError
         Fewer than 2.
     """
@@ -159,6 +163,8 @@ def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
         raise UsageError(
             "A number of subjects must be whole.", value=float(found[found != np.rint(found)].flat[0])
         )
+    if (found > np.iinfo(np.int64).max / 2).any():
+        raise UsageError("No study has so many subjects.", value=float(found.max()))
     if (found < 2).any():
         raise RefusalError(
             f"At least 2 subjects are needed; there is {int(found.min())}.", hint="Add subjects."

@@ -17,7 +17,7 @@ from percept.inference import (
     tolerance_factor,
     tolerance_interval,
 )
-from percept.inference.classical.quantiles import t_upper
+from percept.inference.classical.quantiles import t_upper, t_within
 
 KINDS = (t_interval, prediction_interval, tolerance_interval)
 X = np.random.default_rng(10).lognormal(2.0, 0.3, 10)
@@ -71,6 +71,16 @@ def test_the_expected_share_against_quadrature():
     mean, v = 2.0 * grid[:, None], 20.0 * (grid + 1.0)
     exact = float(2.0 * 20.0 * (weight[:, None] * weight * held(mean, v)).sum())
     assert t_interval(Moments(0.0, 1.0, n), level=level).expected_share == pytest.approx(exact, rel=1e-4)
+
+
+@pytest.mark.parametrize("nu", [1, 4, 29, 10**6, 10**9])
+@pytest.mark.parametrize("t", [1e-12, 1e-3, 0.7, 3.0, 40.0])
+def test_t_within_keeps_its_digits_near_zero(t, nu):
+    with mp.workdps(40):
+        share = mp.mpf(t) ** 2 / (nu + mp.mpf(t) ** 2)
+        exact = mp.betainc(0.5, mp.mpf(nu) / 2, 0, share, regularized=True)
+    assert float(t_within(t, nu)) == pytest.approx(float(exact), rel=2e-14)
+    assert (t_within(0.0, nu), t_within(np.inf, nu)) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("make", KINDS)
@@ -194,6 +204,8 @@ def test_what_is_wrong_is_said(make, x, options, error, message):
 def test_a_weighted_mean_says_nothing_on_single_users(make):
     with pytest.raises(UsageError, match="nothing on single users"):
         make(Moments.from_weighted([1.0, 2.0, 4.0], [1.0, 2.0, 3.0]))
+    with pytest.raises(UsageError, match="is not that of users"):
+        make(Moments.from_weighted([1.0, 2.0, 4.0], [1.0, 2.0, 3.0]), family="lognormal")
 
 
 def test_a_share_needs_its_confidence():

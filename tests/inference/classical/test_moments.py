@@ -116,6 +116,22 @@ def test_the_weighted_mean_covers_where_variances_go_with_the_weights():
         (lambda: Moments.from_weighted([1.0, 2.0], [1.0]), UsageError, "One weight per subject"),
         (lambda: Moments.from_weighted([1.0, 2.0], [1.0, 0.0]), UsageError, "Weights must be positive"),
         (lambda: Moments(-1.0, 1.0, 5).lognormal(), RefusalError, "positive mean"),
+        (
+            lambda: Moments.from_weighted([1.0, 2.0], [1.0, 2.0]).lognormal(),
+            UsageError,
+            r"is not that of users.*log=True",
+        ),
+        (
+            lambda: Moments(1.0, 1.0, 5, scale="Log"),
+            UsageError,
+            r"value 'Log': scale must be .linear. or .log.",
+        ),
+        (lambda: Moments(1.0, 1.0, 1e300), UsageError, "No study has so many subjects"),
+        (
+            lambda: Moments.from_values(np.ma.masked_array([1.0, 2.0, 9e9], mask=[0, 0, 1])),
+            UsageError,
+            "values are masked",
+        ),
         (lambda: OneMinus(0.0), UsageError, "strictly between 0 and 1"),
     ],
 )

@@ -1,0 +1,46 @@
+"""Names an analyst chooses among those a study has."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import overload
+
+from percept.errors import UsageError
+
+__all__ = ["chosen"]
+
+
+@overload
+def chosen(what: str, asked: None, there: Sequence[str]) -> None: ...
+@overload
+def chosen(what: str, asked: str | Collection[str], there: Sequence[str]) -> tuple[str, ...]: ...
+
+
+def chosen(what: str, asked: str | Collection[str] | None, there: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the names asked for, if all are there.
+
+    Parameters
+    ----------
+    what : str
+        What they name, in the singular, for the message.
+    asked : str or collection of str, or None
+        One name or several; None stays None.
+    there : sequence of str
+        Names there are.
+
+    Returns
+    -------
+    tuple of str, or None
+
+    Raises
+    ------
+    UsageError
+        A name that is not there.
+    """
+    if asked is None:
+        return None
+    names = (asked,) if isinstance(asked, str) else tuple(asked)
+    for name in names:
+        if name not in there:
+            raise UsageError(f"the study has no such {what}; there are {', '.join(there)}.", value=name)
+    return names
