@@ -140,7 +140,9 @@ class ModelTable(_Table):
     """The hierarchical model: pooling, priors and simpler variants.
 
     `scale` gives a parameter whose references include zero a unit to divide by (normal family);
-    `resolution` is the step of the adjustment, for cells without scatter; both in N/m and N·s/m.
+    `resolution` is the step of the adjustment, whose variance step²/12 makes up for scatter in cells that
+    show none or whose stiffness and damping move in proportion, and is added nowhere else. Both in N/m and
+    N·s/m.
     """
 
     pooling: Literal["partial", "none"] = "partial"
@@ -166,6 +168,8 @@ class ModelTable(_Table):
     def _pooling_and_prior(self) -> Self:
         if (self.pooling == "none") != (self.prior == "reference"):
             raise ValueError('pooling = "none" and prior = "reference" go together')
+        if self.pooling == "none" and self.resolution:
+            raise ValueError('resolution goes with pooling = "partial"')
         return self
 
 

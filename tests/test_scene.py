@@ -39,6 +39,10 @@ from percept.sessions import ReadOptions
             "Set upper of [frequency] below that",
         ),
         ('[model]\npooling = "none"\n', 'model: pooling = "none" and prior = "reference" go together.'),
+        (
+            '[model]\npooling = "none"\nprior = "reference"\nresolution = { k = 1.0 }\n',
+            'model: resolution goes with pooling = "partial".',
+        ),
         ("[model.priors]\ntau = 1\n", "model.priors: no such prior as tau; there are alpha_sd, gamma_sd"),
         ("[model.priors]\ntau_scale = -3\n", "a prior scale must be positive. Leave it out of the scene"),
         ("[inference]\nkinds = []\n", "inference.kinds = []: give at least one, or leave the key out."),

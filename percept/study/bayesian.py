@@ -27,7 +27,7 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import Cell, cell_moments
 from percept.study.responses import ResponseScale, Trials, decades, references, trials
-from percept.study.scatter import refuse_degenerate
+from percept.study.scatter import lacking_scatter
 from percept.study.units import NAMES
 
 __all__ = ["Fit", "Prepared", "RunStore", "fit", "prepare"]
@@ -204,19 +204,23 @@ def _options(scene: Scene) -> Options:
 
 
 def _resolution(statistics: Statistics, scene: Scene, data: Trials) -> Resolution:
-    """Step²/12 on the response scale where the scene declares a step; refuse scatter that is none."""
-    refuse_degenerate(statistics, scene)
-    steps = scene.model.resolution
-    if not steps:
+    """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those.
+
+    Rounding is part of the scatter that is seen: there the variance would count twice.
+    """
+    steps = dict(scene.model.resolution)
+    lacking = lacking_scatter(statistics, steps)
+    if not (lacking.between.any() or lacking.trial.any()):
         return Resolution()
-    unit = (
-        data.reference
-        if scene.inference.family == "lognormal"
-        else data.scale.unit.reshape(data.reference.shape)
-    )
+    if scene.inference.family == "lognormal":
+        unit = data.reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
+    else:
+        unit = data.scale.unit.reshape(data.reference.shape)
     size = np.array([steps.get(p, 0.0) for p in statistics.parameters])  # type: ignore[call-overload]
     variance = (size[:, None] / unit) ** 2 / 12.0
-    return Resolution(between=variance, trial=variance)
+    return Resolution(
+        between=np.where(lacking.between, variance, 0.0), trial=np.where(lacking.trial, variance, 0.0)
+    )
 
 
 def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:

@@ -49,8 +49,8 @@ class PairComparison:
         under lognormal, a difference in N/m or N·s/m under normal); probability_above (that B's is the
         larger, None for the classical method); and the same of the SD between users, as a ratio:
         spread_lower, spread_value, spread_upper. The Bayesian ones are quantiles over pairs of draws, with a
-        Monte Carlo error of one or two hundredths of the half-width. Empty where A and B are the same
-        sessions.
+        Monte Carlo error about the tolerance for differences and up to a tenth of the half-width for ratios
+        of spreads, which no stopping rule looks at. Empty where A and B are the same sessions.
     curves : DataFrame
         As `compare_curves`, for boundaries of the two that are alike.
     notes : tuple of str

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Collection
+from typing import NoReturn
+
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.statistics import Statistics
-from percept.scene import Scene
 from percept.study.units import NAMES, UNITS
 
-__all__ = ["refuse_degenerate"]
+__all__ = ["Lacking", "lacking_scatter"]
 
 Array = NDArray[np.float64]
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
@@ -18,8 +21,23 @@ Array = NDArray[np.float64]
 _PROPORTION = 1e-3
 
 
-def refuse_degenerate(statistics: Statistics, scene: Scene) -> None:
-    """Refuse cells without scatter, and pairs that move in proportion, unless the scene gives steps.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Lacking:
+    """Cells whose scatter the step of the adjustment has to make up for.
+
+    Attributes
+    ----------
+    between, trial : ndarray of bool, shape (P, J)
+        Where there is no scatter between subjects, and none between a subject's trials, or where both
+        parameters move in proportion.
+    """
+
+    between: NDArray[np.bool_]
+    trial: NDArray[np.bool_]
+
+
+def lacking_scatter(statistics: Statistics, steps: Collection[str]) -> Lacking:
+    """Find cells without scatter, and pairs that move in proportion; refuse those without a step.
 
     Near a correlation of one the density of pairs in proportion grows as (1 - rho²)^(-(f - 1)/2) for every
     environment's f degrees of freedom; from four such half powers on no prior of rho holds it. A remainder
@@ -29,66 +47,71 @@ def refuse_degenerate(statistics: Statistics, scene: Scene) -> None:
     ----------
     statistics : Statistics
         The study.
-    scene : Scene
-        `model.resolution` holds the steps of the adjustments.
+    steps : collection of str
+        Parameters of whose adjustments the step is known.
+
+    Returns
+    -------
+    Lacking
+        For parameters with a step.
 
     Raises
     ------
     RefusalError
         Naming parameter, environments and the remedy.
     """
-    steps = scene.model.resolution
-    for p, parameter in enumerate(statistics.parameters):
-        if parameter in steps:
-            continue
-        _refuse_still(
-            statistics,
-            parameter,
-            (statistics.sd[p] == 0) & (statistics.df[p] > 0),
-            "all subjects adjusted alike",
-        )
-        within = (statistics.trial_rows[p] ** 2).sum(axis=0)
-        _refuse_still(
-            statistics, parameter, (within == 0) & (statistics.trial_df > 0), "no subject's trials differ"
-        )
-    if len(statistics.parameters) < 2 or steps:
-        return
-    centred = [
-        cell - np.nanmean(cell, axis=1, keepdims=True) for cell in statistics.cell_means.transpose(2, 1, 0)
-    ]
-    between = [part[:, np.isfinite(part).all(axis=0)] for part in centred]
-    _refuse_proportion(between, statistics.df.min(axis=0), "the subjects' means")
-    _refuse_proportion(
-        list(statistics.trial_rows.transpose(2, 0, 1)), statistics.trial_df, "a subject's trials"
-    )
+    between = (statistics.sd == 0) & (statistics.df > 0)
+    trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
+    known = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
+    for what, still in (("all subjects adjusted alike", between), ("no subject's trials differ", trial)):
+        _refuse_still(statistics, still & ~known, what)
+    if len(statistics.parameters) == 2:
+        centred = [
+            cell - np.nanmean(cell, axis=1, keepdims=True)
+            for cell in statistics.cell_means.transpose(2, 1, 0)
+        ]
+        means = [part[:, np.isfinite(part).all(axis=0)] for part in centred]
+        trials = list(statistics.trial_rows.transpose(2, 0, 1))
+        for what, scatter, df, lacking in (
+            ("the subjects' means", means, statistics.df.min(axis=0), between),
+            ("a subject's trials", trials, statistics.trial_df, trial),
+        ):
+            if _in_proportion(scatter, df):
+                if not known.any():
+                    _refuse_proportion(what)
+                lacking |= df > 0
+    return Lacking(between & known, trial & known)
 
 
-def _refuse_still(statistics: Statistics, parameter: str, still: NDArray[np.bool_], what: str) -> None:
-    if not still.any():
-        return
-    names = ", ".join(statistics.environments[j] for j in np.flatnonzero(still))
-    raise RefusalError(
-        f"{what} in {NAMES[parameter]} of {names}: zero scatter has no proper posterior.",
-        column=f"{parameter}_adj",
-        hint=f"Give the step of the adjustment in {UNITS[parameter]}: [model] resolution.{parameter}.",
-    )
+def _refuse_still(statistics: Statistics, still: NDArray[np.bool_], what: str) -> None:
+    for parameter, cells in zip(statistics.parameters, still, strict=True):
+        if cells.any():
+            names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
+            raise RefusalError(
+                f"{what} in {NAMES[parameter]} of {names}: zero scatter has no proper posterior.",
+                column=f"{parameter}_adj",
+                hint=f"Give the adjustment's step in {UNITS[parameter]}: [model] resolution.{parameter}.",
+            )
 
 
-def _refuse_proportion(scatter: list[Array], df: Array, what: str) -> None:
-    """Refuse when in every environment the two rows of the scatter (2, n) are multiples of one another."""
+def _in_proportion(scatter: list[Array], df: Array) -> bool:
+    """Say whether in every environment the two rows of the scatter (2, n) are multiples of one another."""
     signs, powers = set(), 0.0
     for (first, second), freedom in zip(scatter, df, strict=True):
         if freedom < 1:
             continue
         cross, square, size = first @ second, first @ first, np.linalg.norm(second)
         if square == 0 or size == 0 or np.linalg.norm(second - cross / square * first) > _PROPORTION * size:
-            return
+            return False
         signs.add(np.sign(cross))
         powers += freedom - 1.0
-    if len(signs) == 1 and powers >= 4.0:
-        raise RefusalError(
-            f"stiffness and damping of {what} move in proportion, to within {_PROPORTION:.1%}, in every "
-            "environment: a correlation of one has no proper posterior.",
-            column="b_adj",
-            hint="Analyse one of them, [inference] parameters, or give the steps: [model] resolution.",
-        )
+    return len(signs) == 1 and powers >= 4.0
+
+
+def _refuse_proportion(what: str) -> NoReturn:
+    raise RefusalError(
+        f"stiffness and damping of {what} move in proportion, to within {_PROPORTION:.1%}, in every "
+        "environment: a correlation of one has no proper posterior.",
+        column="b_adj",
+        hint="Analyse one of them, [inference] parameters, or give the steps: [model] resolution.",
+    )

@@ -8,8 +8,7 @@ import pytest
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.statistics import from_trials
-from percept.scene import Scene
-from percept.study.scatter import refuse_degenerate
+from percept.study.scatter import lacking_scatter
 
 ENVIRONMENTS = ("A", "B", "C")
 
@@ -44,14 +43,19 @@ def test_proportion_is_refused(level, sign, rest):
     response = cell + trial if level == "trials" else cell
     what = "a subject's trials" if level == "trials" else "the subjects' means"
     with pytest.raises(RefusalError, match=rf"stiffness and damping of {what} move in proportion"):
-        refuse_degenerate(statistics(response, subject, environment), Scene())
-    steps = Scene.model_validate({"model": {"resolution": {"k": 0.5, "b": 0.01}}})
-    refuse_degenerate(statistics(response, subject, environment), steps)
+        lacking_scatter(statistics(response, subject, environment), ())
+    lacking = lacking_scatter(statistics(response, subject, environment), ("k", "b"))
+    assert lacking.trial.all() == (level == "trials")
+    assert lacking.between.all() == (level == "means")
+    # One step is enough to end a proportion.
+    lacking = lacking_scatter(statistics(response, subject, environment), ("b",))
+    assert not lacking.trial[0].any()
+    assert not lacking.between[0].any()
 
 
 def refused(response, subject, environment):
     try:
-        refuse_degenerate(statistics(response, subject, environment), Scene())
+        lacking_scatter(statistics(response, subject, environment), ())
     except RefusalError:
         return True
     return False
@@ -94,8 +98,19 @@ def test_no_scatter_is_refused_with_the_step_to_give():
     cell[environment == 2, 0] = 0.25
     message = "all subjects adjusted alike in stiffness of C: zero scatter has no proper posterior."
     with pytest.raises(RefusalError, match=re.escape(message)) as caught:
-        refuse_degenerate(statistics(cell, subject, environment), Scene())
+        lacking_scatter(statistics(cell, subject, environment), ("b",))
     assert "resolution.k" in caught.value.hint
+
+
+def test_a_step_makes_up_for_scatter_only_where_there_is_none():
+    cell, trial, subject, environment = study(np.random.default_rng(7))
+    assert not lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b")).between.any()
+    # Between subjects: their means alike in one cell. Between trials: every subject's alike in another.
+    cell[environment == 2, 0] = trial[environment == 2, 0] = 0.0
+    trial[environment == 1, 1] = 0.0
+    lacking = lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b"))
+    np.testing.assert_array_equal(lacking.between, [[False, False, True], [False, False, False]])
+    np.testing.assert_array_equal(lacking.trial, [[False, False, True], [False, True, False]])
 
 
 def test_classical_alone_refuses_one_subject_too(tmp_path):
@@ -112,7 +127,7 @@ def test_classical_alone_refuses_one_subject_too(tmp_path):
         }
     )
     table.to_csv(tmp_path / "one.csv", index=False)
-    scene = Scene().with_inference(method="classical")
+    scene = percept.Scene().with_inference(method="classical")
     study = percept.Study(percept.read_sessions(tmp_path / "one.csv"), scene)
     with pytest.raises(RefusalError, match=r"at least two subjects .* only one, 'S01'"):
         _ = study.intervals

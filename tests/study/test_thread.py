@@ -175,8 +175,13 @@ def test_no_scatter_is_refused_and_resolution_answers():
     with pytest.raises(RefusalError, match="all subjects adjusted alike in stiffness of VE2") as caught:
         _ = Study(sessions, hbfd_scene()).fit
     assert "resolution.k" in str(caught.value)
-    scene = Scene.from_tables({"model": {"resolution": {"k": 10.0}}, "inference": {"tolerance": 0.1}})
+    steps = {"k": 10.0, "b": 0.1}
+    scene = Scene.from_tables({"model": {"resolution": steps}, "inference": {"tolerance": 0.1}})
     study = Study(sessions, scene)
+    # Only where nothing scatters, about what was adjusted: rounding is part of any other cell's scatter.
+    resolution = study.fit.prepared.model.density.resolution
+    np.testing.assert_allclose(resolution.between, [[0.0, 0.01**2 / 12], [0.0, 0.0]], rtol=1e-14)
+    assert not resolution.trial.any()
     assert study.fit.run.gate.passed
     cell = study.intervals.query("environment == 'VE2' and parameter == 'k' and method == 'bayesian'")
     assert np.isfinite(cell[["lower", "upper"]].to_numpy()).all()

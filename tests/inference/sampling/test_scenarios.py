@@ -187,8 +187,8 @@ def test_identical_subjects_are_refused_on_the_command_line_and_answered_with_a_
 
 
 def test_identical_subjects_with_a_step_by_quadrature():
-    """Every value at y, variance sigma² + step²/12: one integral over log sigma is left."""
-    n, y, added = 8, np.log(1.1), 0.01**2 / 12
+    """Every value at y, variance sigma² + (step/1100)²/12: one integral over log sigma is left."""
+    n, y, added = 8, np.log(1.1), (10.0 / 1100.0) ** 2 / 12
     fit = answered(study_of(identical(n), model={"resolution": {"k": 10.0}}, tolerance=0.01))
     u = np.linspace(-10.0, 10.0, 20_001)
     sigma = 0.2 * np.exp(u)
