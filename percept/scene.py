@@ -189,6 +189,14 @@ class ReportTable(_Table):
 
     zoom: dict[str, tuple[Positive, Positive]] = Field(default_factory=dict)
 
+    @field_validator("zoom")
+    @classmethod
+    def _windows_have_width(cls, zoom: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+        for name, (lower, upper) in zoom.items():
+            if not lower < upper:
+                raise ValueError(f"the window of {name} must begin below its end")
+        return zoom
+
 
 class Scene(_Table):
     """An analysis: every table is optional, and what depends on a missing one is skipped.

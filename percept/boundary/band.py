@@ -25,6 +25,8 @@ __all__ = [
 Array = NDArray[np.float64]
 # Without an environment an offset counts as gone below this share of what it was.
 _GONE = 0.1
+# Log of the factor a law may be off by and still be said to predict anything.
+_OF_NO_USE = math.log(10.0)
 # Laws within this factor in leave-one-out error are called equal.
 _ALIKE = 1.25
 
@@ -277,6 +279,8 @@ def _sentence(
         else "With one environment left out, another law predicts better"
     )
     error = f"{rank} (typically off by a factor {math.exp(errors[law]):.3g})."
+    if not smallest < _OF_NO_USE:
+        error = "With one environment left out, no law predicts the band to within a factor of ten."
     if law == "weber":
         return f"The band is {parameters['w'].value:.3g} times the impedance. {error}"
     if law == "offset":

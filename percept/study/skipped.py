@@ -31,9 +31,12 @@ def skipped(study: Study) -> Iterator[Reason]:
     """
     yield from _inference(study)
     yield from _haptics(study)
-    for name in study.scene.report.zoom:
+    table = study.scene.frequency
+    for name, (lower, upper) in study.scene.report.zoom.items():
         if name not in study.environments:
             yield f"zoom window of {name}", "no environment has this name"
+        elif not max(lower, table.lower) < min(upper, table.upper):
+            yield f"zoom window of {name}", f"it lies outside {table.lower:g} to {table.upper:g} rad/s"
     if len(study.environments) == 1:
         yield "trend over environments and band law", "there is one environment"
     if study.sessions.form == "summary":

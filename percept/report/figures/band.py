@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, Axes
+from percept.report.figures.canvas import COLOURS, Axes, row_labels
 
 __all__ = ["Widths", "draw_band"]
 
 FloatArray = NDArray[np.float64]
+_NAME_WIDTH = 26.0  # mm
 _MARK = {"classical": "o", "bayesian": "D"}
 _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)))
 
@@ -69,7 +70,8 @@ def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None
             label = f"{one.label}: {name}"
             ax.plot(impedance, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
     first = series[0]
-    for name, x, y in zip(first.environments, first.impedance, first.band, strict=True):
+    names, _ = row_labels(first.environments, most=_NAME_WIDTH)
+    for name, x, y in zip(names, first.impedance, first.band, strict=True):
         ax.annotate(name, (x, y), xytext=(4, -8), textcoords="offset points", fontsize=6.5)
     ax.set_xscale("log")
     ax.set_yscale("log")

@@ -119,7 +119,8 @@ def draw_ratio(
     if seen.size and seen.max() > 8:
         # A boundary may reach zero, which has no place on a log axis.
         ax.set_yscale("log", nonpositive="clip")
-        ax.set_ylim(max(seen.min(), seen.max() * 1e-4) / 1.3, seen.max() * 1.3)
+        # The reference, at 1, and four decades to either side: few subjects let limits run away.
+        ax.set_ylim(max(min(seen.min(), 1.0), 1e-4) / 1.3, min(max(seen.max(), 1.0), 1e4) * 1.3)
         ax.yaxis.minorticks_off()
     else:
         ax.locator_params(axis="y", nbins=6)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio
-from percept.report.figures.canvas import Drawing, Figure, legend_below, panels
+from percept.report.figures.canvas import Drawing, Figure, legend_below, panels, row_labels
 from percept.report.select import (
     KINDS,
     METHOD_NAMES,
@@ -28,6 +28,8 @@ __all__ = ["boundary_drawings"]
 
 FloatArray = NDArray[np.float64]
 _KIND_NAMES = {"mean": "average user", "user": "next user", "share": "share of users"}
+_WHOM = {"mean": "the average user", "user": "the next user", "share": "a share of all users"}
+_TITLE_WIDTH = 62.0  # mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +66,8 @@ def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             Drawing(
                 f"boundary_{index}_range",
                 f"{environment}: boundary of |Z_h| over the whole range",
-                f"Limits that feel like {environment} to the average user, the reference{coupling}; on this "
-                "scale the curves can hardly be told apart.",
+                f"Limits that feel like {environment} to {_whom(rows)}, and the reference{coupling}."
+                + (" On this scale the curves can hardly be told apart." if _close(whole) else ""),
                 (85.0, 74.0),
                 partial(_draw_curves, whole, environment, True),
             )
@@ -87,13 +89,29 @@ def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             Drawing(
                 f"boundary_{index}_ratio",
                 f"{environment}: limits divided by the reference's |Z_h|",
-                "Both methods in one family and one shape for each kind. Dashed, at 1: the reference"
+                "One family and one shape for each kind. Dashed, at 1: the reference"
                 + ("; dotted: the reference through the coupling." if coupling else "."),
                 (175.0, 64.0),
-                partial(_draw_ratios, whole, environment, by_kind),
+                partial(_draw_ratios, whole, by_kind),
             )
         )
     return found
+
+
+def _whom(rows: list[Any]) -> str:
+    """Say whom the curves of the whole range are for."""
+    (kind, *_) = [kind for kind in KINDS if matching(rows, kind=kind)]
+    return _WHOM[kind]
+
+
+def _close(curves: _Curves) -> bool:
+    """Say whether every limit lies within a fifth of the reference."""
+    apart = [
+        np.abs(np.log(np.maximum(curve, np.finfo(float).tiny) / one.reference)).max()
+        for one in curves.limits
+        for curve in (one.lower, one.upper)
+    ]
+    return max(apart, default=0.0) < np.log(1.2)
 
 
 def _curves(rows: list[Any]) -> _Curves:
@@ -143,16 +161,14 @@ def _limits(row: Mapping[str, Any]) -> Limits:
 def _draw_curves(curves: _Curves, title: str, log: bool, figure: Figure) -> None:
     (ax,) = panels(figure, right=5, bottom=28)
     draw_magnitude(ax, curves.omega, curves.limits, curves.reference, curves.coupled, log=log)
-    ax.set_title(title, loc="left")
+    ax.set_title(row_labels([title], most=_TITLE_WIDTH)[0][0], loc="left")
     legend_below(ax, columns=1)
 
 
-def _draw_ratios(
-    curves: _Curves, environment: str, by_kind: Mapping[str, list[Limits]], figure: Figure
-) -> None:
+def _draw_ratios(curves: _Curves, by_kind: Mapping[str, list[Limits]], figure: Figure) -> None:
     axes = panels(figure, columns=len(by_kind), bottom=20)
     for ax, (kind, limits) in zip(axes, by_kind.items(), strict=True):
         draw_ratio(ax, curves.omega, limits, curves.reference, curves.coupled)
-        ax.set_title(f"{environment}, {kind}: {_KIND_NAMES[kind]}", loc="left")
+        ax.set_title(f"{kind}: {_KIND_NAMES[kind]}", loc="left")
     axes[0].set_ylabel("|Zₕ| / reference")
     legend_below(axes[0], columns=2)

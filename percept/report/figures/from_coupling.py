@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from percept.report.figures.canvas import Drawing, Figure, grid, legend_below, panels
+from percept.report.figures.canvas import Drawing, Figure, grid, legend_below, panels, row_labels
 from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
 from percept.report.select import METHOD_NAMES, METHODS, array
@@ -17,6 +17,7 @@ __all__ = ["coupling_drawings"]
 
 _LABEL = "this coupling"
 _COLUMNS = 3
+_TITLE_WIDTH = 38.0  # mm
 
 
 def coupling_drawings(document: Mapping[str, Any]) -> list[Drawing]:
@@ -80,7 +81,8 @@ def _draw_design(
 ) -> None:
     environments = chosen["environments"]
     axes = grid(figure, len(environments), columns=_COLUMNS, bottom=17)
-    for ax, one in zip(axes, environments, strict=True):
+    titles, _ = row_labels([one["name"] or "all together" for one in environments], most=_TITLE_WIDTH)
+    for ax, one, title in zip(axes, environments, titles, strict=True):
         draw_design(
             ax,
             array(chosen["damping"]),
@@ -88,7 +90,7 @@ def _draw_design(
             stable=(array(edge["stiffness"]), array(edge["damping"])) if edge else None,
             coupling=(used["stiffness"], used["damping"]) if used else None,
         )
-        ax.set_title("all together" if one["name"] is None else one["name"], loc="left")
+        ax.set_title(title, loc="left")
     for ax in axes[::_COLUMNS]:
         ax.set_ylabel("coupling damping (N·s/m)")
     richest = max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0]))

@@ -15,7 +15,7 @@ _SHAPES = {
     "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
     "16 and 17); the two curves can cross",
     "envelope": "the exact smallest and largest |Z_h| that any k and b within their limits can give",
-    "pointwise": "quantiles of the posterior draws of |Z_h|, at each ω for itself",
+    "pointwise": "quantiles of draws of |Z_h|, at each ω for itself",
     "simultaneous": "a band whose level holds for the whole curve at once",
 }
 

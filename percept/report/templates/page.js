@@ -336,8 +336,10 @@
 
   function brief(value) {
     if (!Number.isFinite(value)) return "∞";
+    const size = Math.abs(value);
     const text = Number(value.toPrecision(4)).toString();
-    return (/e/.test(text) ? value.toExponential(2) : text).replace("-", "−");
+    const far = size >= 1e6 || (size > 0 && size < 1e-4);
+    return (far ? value.toExponential(2).replace(/\.?0+e/, "e") : text).replaceAll("-", "−");
   }
 
   function ticks(low, high, log) {
