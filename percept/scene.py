@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
     PrivateAttr,
+    StrictBool,
     ValidationError,
     field_validator,
     model_validator,
@@ -34,9 +36,18 @@ __all__ = [
     "Scene",
 ]
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Probability = Annotated[float, Field(gt=0, lt=1)]
+
+def _probability(value: float) -> float:
+    if not 0.0 < value < 1.0:
+        hint = f"; {value:g} percent is written {value / 100:g}" if 1.0 < value < 100.0 else ""
+        raise ValueError(f"must lie between 0 and 1{hint}")
+    return value
+
+
+# Strict: a quoted number, or true for 1, is a slip.
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+Probability = Annotated[float, Field(strict=True), AfterValidator(_probability)]
 Kind = Literal["mean", "user", "share"]
 # Nyquist itself, rounded, is still allowed.
 _NYQUIST_ANGLE = math.pi + 4 * math.ulp(math.pi)
@@ -88,12 +99,12 @@ class FrequencyTable(_Table):
 
     lower: Positive = 0.1
     upper: Positive = 100.0
-    points: Annotated[int, Field(ge=2, le=100_000)] | None = None
+    points: Annotated[int, Field(ge=2, le=100_000, strict=True)] | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not self.lower < self.upper:
-            raise ValueError("lower must be below upper")
+            raise ValueError(f"lower, {self.lower:g}, must be below upper, {self.upper:g}")
         return self
 
     @property
@@ -114,9 +125,9 @@ class InferenceTable(_Table):
     kinds: tuple[Kind, ...] = ("mean", "user", "share")
     parameters: tuple[Literal["k", "b"], ...] | None = None
     tolerance: Probability = 0.01
-    seed: Annotated[int, Field(ge=0)] = 1
-    walkers: Annotated[int, Field(ge=64)] | None = None
-    most_steps: Annotated[int, Field(ge=200)] = 20_000
+    seed: Annotated[int, Field(ge=0, strict=True)] = 1
+    walkers: Annotated[int, Field(ge=64, strict=True)] | None = None
+    most_steps: Annotated[int, Field(ge=200, strict=True)] = 20_000
 
     @field_validator("kinds", "parameters")
     @classmethod
@@ -148,9 +159,9 @@ class ModelTable(_Table):
     pooling: Literal["partial", "none"] = "partial"
     prior: Literal["default", "reference"] = "default"
     priors: dict[str, float] = Field(default_factory=dict)
-    subject_effect: bool = True
-    weber: bool = False
-    common_spread: bool = False
+    subject_effect: StrictBool = True
+    weber: StrictBool = False
+    common_spread: StrictBool = False
     scale: dict[Literal["k", "b"], Positive] = Field(default_factory=dict)
     resolution: dict[Literal["k", "b"], Positive] = Field(default_factory=dict)
 
@@ -180,8 +191,8 @@ class ChecksTable(_Table):
     fits smaller models too and compares them.
     """
 
-    refit: bool = False
-    compare: bool = False
+    refit: StrictBool = False
+    compare: StrictBool = False
 
 
 class ReportTable(_Table):

@@ -24,15 +24,24 @@ from percept.sessions import ReadOptions
         ),
         ("[device]\nmass = 1\n", "device.period: is missing."),
         (
+            "[device]\nmass = true\ndamping = 2\nperiod = 1e-3\n",
+            "device.mass = True: input should be",
+        ),
+        ('[checks]\nrefit = "yes"\n', "checks.refit = 'yes': input should be a valid boolean."),
+        ("[report.zoom]\nVE1 = [9, 9]\n", "report.zoom: the window of VE1 must begin below its end."),
+        (
             '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',
             "device: give either mass and damping, or response.",
         ),
-        ("[inference]\nlevel = 99\n", "inference.level = 99: input should be less than 1."),
+        (
+            "[inference]\nlevel = 99\n",
+            "inference.level = 99: must lie between 0 and 1; 99 percent is written 0.99.",
+        ),
         (
             '[inference]\nfamily = "log"\n',
             "inference.family = 'log': input should be 'lognormal' or 'normal'.",
         ),
-        ("[frequency]\nlower = 5\nupper = 1\n", "frequency: lower must be below upper."),
+        ("[frequency]\nlower = 5\nupper = 1\n", "frequency: lower, 5, must be below upper, 1."),
         (
             "[device]\nmass = 1\ndamping = 2\nperiod = 0.05\n",
             "frequency.upper = 100.0: lies above the Nyquist frequency, 62.8319 rad/s at a period of 0.05 s. "

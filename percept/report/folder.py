@@ -40,8 +40,10 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written.
+        Where `out_dir` is empty or a file, or cannot be written.
     """
+    if not str(out_dir):
+        raise UsageError("the name of the folder to write is empty.", hint="Name one, or leave it out.")
     out = Path(out_dir)
     if out.exists() and not out.is_dir():
         raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))

@@ -143,9 +143,10 @@ def _require(
     missing = [c for c in ("subject", "environment") if c not in present and c not in named]
     if wide and "environment" in missing:
         missing.remove("environment")
-    if not present & {"k_adj", "b_adj"}:
+    adjusted = present & {"k_adj", "b_adj"}
+    if not adjusted:
         missing.append("k_adj (or b_adj)")
-    for p in ("k", "b"):
+    for p in ("k", "b") if adjusted else ():
         has = any(f"{p}_ref" in references for references in options.environments.values())
         if f"{p}_adj" in present and f"{p}_ref" not in present and not has:
             missing.append(f"{p}_ref")

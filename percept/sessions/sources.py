@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -73,7 +74,7 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
     Raises
     ------
     UsageError
-        No path, a path that does not exist, or a folder or pattern without a table.
+        No path, what is no path, a path that does not exist, or a folder or pattern without a table.
     """
     if not paths:
         raise UsageError("no file was given.", hint="Name at least one session file or folder.")
@@ -81,6 +82,11 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
     ignored: list[str] = []
     results: list[str] = []
     for given in paths:
+        if not isinstance(given, str | PathLike):
+            raise UsageError(
+                f"a path is text, not {type(given).__name__}.",
+                hint="A DataFrame goes to Sessions.from_frame.",
+            )
         text = str(given)
         path = Path(text)
         if text == "-":

@@ -39,7 +39,9 @@ def parquet_grid(data: bytes, *, file: str) -> Grid:
     try:
         table = pq.read_table(io.BytesIO(data))
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise UsageError(f"a broken Parquet file: {error}.", file=file, hint="Write it again.") from None
+        raise UsageError(
+            f"a broken Parquet file: {str(error).rstrip('.')}.", file=file, hint="Write it again."
+        ) from None
     return _grid(list(table.column_names), [_texts(column.to_pylist()) for column in table.columns], file)
 
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from percept.errors import RefusalError
 from percept.inference.intervals import Interval
 from percept.study.classical import FAMILIES, cell_interval, cell_moments
 from percept.study.responses import refuse_lone_subject
-from percept.study.units import UNITS
+from percept.study.units import NAMES, UNITS
 
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
@@ -41,13 +42,19 @@ def interval_table(study: Study) -> pd.DataFrame:
     Raises
     ------
     RefusalError
-        Fewer than two subjects; and as the fit.
+        Fewer than two subjects; nothing that has scatter; and as the fit.
     """
     rows = []
     if study.scene.inference.method != "bayesian":
         rows += list(_classical(study))
     if study.fit is not None and study.fit.run.gate.passed:
         rows += list(_bayesian(study, study.fit))
+    if not rows and study.scene.inference.method == "classical":
+        cell = next(iter(cell_moments(study.sessions, study.parameters, FAMILIES[0])))
+        raise RefusalError(
+            f"there is no interval of anything: {NAMES[cell.parameter]} in {cell.environment}, say, where "
+            f"{cell.why}."
+        )
     return pd.DataFrame(rows, columns=list(_COLUMNS))
 
 

@@ -92,7 +92,11 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
     """
     if column not in sessions.table:
         known = ", ".join(str(name) for name in sessions.table.columns)
-        raise UsageError(f"there is no such column; the columns are {known}.", column=column)
+        raise UsageError(
+            f"there is no such column; the columns are {known}.",
+            column=column,
+            hint=f'A column that is no part of the format is kept by [sessions] groups = ["{column}"].',
+        )
     parts = {
         str(value): dataclasses.replace(sessions, table=rows)
         for value, rows in sessions.table.groupby(column, sort=False)

@@ -120,12 +120,20 @@ def predict(
     Raises
     ------
     UsageError
-        A reference that is missing or not positive.
+        A reference that is missing, not positive, or of a parameter that is not analysed.
     RefusalError
         Without a passed fit, with one environment, without pooling, or where a tested reference is zero.
     """
     scene = study.scene
     given = {"k": stiffness, "b": damping}
+    for parameter, value in given.items():
+        if value is not None and parameter not in study.parameters:
+            raise UsageError(
+                f"the study does not analyse {NAMES[parameter]}.",
+                key=parameter,
+                value=value,
+                hint="Leave it out.",
+            )
     reference = np.array([_positive(p, given[p]) for p in study.parameters])
     fit = _fit(study)
     # Those the fit is of: an environment where some parameter was never adjusted is not among them.
@@ -201,6 +209,7 @@ def _positive(parameter: str, value: float | None) -> float:
     if not (np.isfinite(value) and value > 0):
         raise UsageError(
             f"the {NAMES[parameter]} of the new environment must be a positive number of {UNITS[parameter]}.",
+            key=parameter,
             value=value,
         )
     return float(value)

@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import percept
 from percept.errors import RefusalError
 from percept.inference.hierarchy.statistics import from_trials
+from percept.sessions import Sessions
 from percept.study.scatter import lacking_scatter
 
 ENVIRONMENTS = ("A", "B", "C")
@@ -114,7 +116,6 @@ def test_a_step_makes_up_for_scatter_only_where_there_is_none():
 
 
 def test_classical_alone_refuses_one_subject_too(tmp_path):
-    import percept
 
     table = pd.DataFrame(
         {
@@ -130,4 +131,16 @@ def test_classical_alone_refuses_one_subject_too(tmp_path):
     scene = percept.Scene().with_inference(method="classical")
     study = percept.Study(percept.read_sessions(tmp_path / "one.csv"), scene)
     with pytest.raises(RefusalError, match=r"at least two subjects .* only one, 'S01'"):
+        _ = study.intervals
+
+
+def test_classical_alone_refuses_where_nothing_scatters():
+    table = pd.DataFrame({"subject": ["S01", "S02", "S03"], "environment": "A", "k_ref": 10.0, "k_adj": 11.0})
+    study = percept.Study(
+        Sessions.from_frame(table),
+        percept.Scene().with_inference(method="classical"),
+    )
+    with pytest.raises(
+        RefusalError, match="no interval of anything: stiffness in A, say, where all"
+    ):
         _ = study.intervals
