@@ -181,7 +181,8 @@ def _split(text: str, delimiter: str, file: str, first_row: int) -> Grid:
             return _rectangle(records, Dialect(delimiter, quoting), file)
         except _Misfit as misfit:
             failure = failure if failure and failure.width >= misfit.width else misfit
-    raise failure or _Misfit(0, UsageError("the text cannot be split.", file=file))
+    assert failure is not None  # no split is tried that neither works nor says why
+    raise failure
 
 
 def _quotings(text: str) -> tuple[Quoting, ...]:

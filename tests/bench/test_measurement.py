@@ -65,3 +65,8 @@ def test_parts_are_written_as_they_are_measured(tmp_path: Path, capsys: pytest.C
     assert not moments["simulated"]
     assert "NumAcc4" in {row["name"] for row in moments["rows"]}
     assert (out / "moments.md").read_text().count("\n| ") == 1 + len(moments["rows"])
+
+
+def test_parts_that_write_a_page_of_their_own_go_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "moments", "peers"]) == 2
+    assert "value 'peers': not a part that goes with others; those are " in capsys.readouterr().err

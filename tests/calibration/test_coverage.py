@@ -150,6 +150,12 @@ def test_fitted_values_need_a_fit() -> None:
         fitted_values(Study(read_sessions("datasets/hbfd_sessions.csv"), scene))
 
 
+def test_fitted_values_need_both_parameters() -> None:
+    scene = Scene.load("datasets/hbfd.toml").with_inference(parameters=("k",), tolerance=0.3)
+    with pytest.raises(RefusalError, match="stiffness and damping together; one of them is missing"):
+        fitted_values(Study(read_sessions("datasets/hbfd_sessions.csv"), scene))
+
+
 def test_wrong_plans() -> None:
     with pytest.raises(UsageError, match="at least two environments"):
         CoveragePlan(references=((1.0, 1.0),))

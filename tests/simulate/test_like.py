@@ -168,3 +168,9 @@ def test_options_out_of_range(options: dict[str, object], message: str) -> None:
 def test_correlations_need_a_full_grid(change, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(UsageError, match=message):
         realised_correlations(change(simulate_like_csv(TABLE1, seed=1)))
+
+
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(UsageError, match="taken: cannot be written: Is a directory"):
+        write_sessions(simulate_like_csv(TABLE1, seed=1), tmp_path / "taken")

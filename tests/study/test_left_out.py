@@ -68,10 +68,6 @@ def test_observed_mean_and_users_by_hand(found: LeftOut) -> None:
     users = stats.norm(np.log(geometric), log_sd)
     share = users.cdf(np.log(row["user_upper"])) - users.cdf(np.log(row["user_lower"]))
     assert row["users_inside"] == pytest.approx(share)
-    # The mean of ten users scatters about that of all: its place is nearer the middle than the limits say.
-    tail = 0.05 if geometric < row["lower"] else 0.95 if geometric > row["upper"] else None
-    assert tail is None or (row["place"] < 0.2 if tail == 0.05 else row["place"] > 0.8)
-    assert 0.0 < row["place"] < 1.0
 
 
 def test_place_is_that_of_a_mean_of_as_many_users(found: LeftOut, others: Study) -> None:

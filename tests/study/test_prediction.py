@@ -180,6 +180,9 @@ def test_refused(fitted: Study) -> None:
         predict(fitted, stiffness=100.0)
     with pytest.raises(UsageError, match="stiffness of the new environment must be a positive number"):
         predict(fitted, stiffness=-100.0, damping=1.0)
+    one_parameter = Study(fitted.sessions, fitted.scene.with_inference(parameters=("k",)))
+    with pytest.raises(UsageError, match=r"b = 1\.0: the study does not analyse damping\. Leave it out"):
+        predict(one_parameter, stiffness=100.0, damping=1.0)
     classical = Study(fitted.sessions, fitted.scene.with_inference(method="classical"))
     with pytest.raises(RefusalError, match="classical method has no model"):
         predict(classical, stiffness=100.0, damping=1.0)

@@ -140,7 +140,5 @@ def test_classical_alone_refuses_where_nothing_scatters():
         Sessions.from_frame(table),
         percept.Scene().with_inference(method="classical"),
     )
-    with pytest.raises(
-        RefusalError, match="no interval of anything: stiffness in A, say, where all"
-    ):
+    with pytest.raises(RefusalError, match="no interval of anything: stiffness in A, say, where all"):
         _ = study.intervals

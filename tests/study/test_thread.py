@@ -198,6 +198,17 @@ def test_one_parameter_alone():
     assert ("boundaries and band", "only stiffness was adjusted") in study.skipped
 
 
+def test_what_no_session_has_is_refused():
+    table = frame().drop(columns=["b_ref", "b_adj"])
+    scene = Scene.from_tables({"inference": {"parameters": ["k", "b"]}})
+    with pytest.raises(RefusalError, match="the scene asks for damping, which no session has"):
+        _ = Study(Sessions.from_frame(table), scene).parameters
+    sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
+    nothing = dataclasses.replace(sessions, table=sessions.table.assign(k_adj=np.nan, b_adj=np.nan))
+    with pytest.raises(RefusalError, match="no adjusted value is left in the data"):
+        _ = Study(nothing, Scene()).parameters
+
+
 def test_posterior_keeps_named_dimensions(fitted):
     posterior = fitted.posterior["posterior"]
     assert posterior["population_mean"].dims == ("chain", "draw", "parameter", "environment")

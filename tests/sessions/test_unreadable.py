@@ -1,0 +1,121 @@
+"""Files that cannot be read say so by name, with what to do."""
+
+import io
+import zipfile
+
+import pandas as pd
+import pytest
+
+from percept.errors import UsageError
+from percept.sessions import ReadOptions, read_sessions
+from percept.sessions import stream as stream_module
+from percept.sessions.reduce import reduce_sessions
+
+HEAD = b"subject,environment,k_ref,k_adj\n"
+ROWS = HEAD + b"S01,A,10,11\nS02,A,10,12\n"
+
+
+def zipped(name, data):
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr(name, data)
+    return packed.getvalue()
+
+
+def encrypted():
+    """An archive whose member says that it is: the flag in its own and in the central header."""
+    data = bytearray(zipped("a.csv", ROWS))
+    for mark, at in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        data[data.index(mark) + at] |= 1
+    return bytes(data)
+
+
+def damaged():
+    data = bytearray(zipped("a.csv", ROWS))
+    data[data.index(b"S01")] ^= 1
+    return bytes(data)
+
+
+def workbook(rows):
+    pytest.importorskip("openpyxl")
+    file = io.BytesIO()
+    pd.DataFrame(rows).to_excel(file, index=False, header=False)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        ("t.csv", b",,,\n,,,\n", "t.csv: the file has no header."),
+        ("t.zip", zipped("note.md", b"x"), "t.zip: the archive holds no table (.csv, .tsv"),
+        ("t.zip", encrypted(), "t.zip!a.csv: the archive is encrypted. Unpack it first."),
+        ("t.zip", damaged(), "t.zip!a.csv"),
+        ("t.parquet", b"PAR1 and no more", "t.parquet: a broken Parquet file:"),
+        ("t.xlsx", zipped("xl/workbook.xml", b"<no/>"), "t.xlsx: a broken workbook:"),
+    ],
+    ids=["header", "no table", "encrypted", "damaged", "parquet", "workbook"],
+)
+def test_what_cannot_be_read_is_named(tmp_path, name, data, said):
+    if name.endswith("parquet"):
+        pytest.importorskip("pyarrow")
+    if name.endswith("xlsx"):
+        pytest.importorskip("openpyxl")
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(UsageError) as caught:
+        read_sessions(tmp_path / name)
+    assert said in str(caught.value)
+    assert ".." not in str(caught.value).replace(str(tmp_path), "")
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [([], "the sheet is empty. Name another with"), ([["subject", "k_adj"]], "there are no data below the")],
+)
+def test_sheets_without_data_are_named(tmp_path, rows, said):
+    (tmp_path / "t.xlsx").write_bytes(workbook(rows))
+    with pytest.raises(UsageError) as caught:
+        read_sessions(tmp_path / "t.xlsx")
+    assert said in str(caught.value)
+
+
+def test_a_path_is_text():
+    with pytest.raises(UsageError, match=r"a path is text, not DataFrame.*Sessions\.from_frame"):
+        read_sessions(pd.DataFrame({"subject": ["S01"]}))
+
+
+def test_a_file_that_may_not_be_read(tmp_path):
+    file = tmp_path / "t.csv"
+    file.write_bytes(ROWS)
+    file.chmod(0)
+    try:
+        file.read_bytes()
+    except OSError:
+        with pytest.raises(UsageError, match=r"t\.csv: cannot be read: Permission denied"):
+            read_sessions(file)
+    else:
+        pytest.skip("this user may read everything")
+
+
+def test_a_line_without_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(stream_module, "_BLOCK", 64)
+    monkeypatch.setattr(stream_module, "LARGE", 0)
+    file = tmp_path / "t.csv"
+    file.write_bytes(ROWS + b"S03,A,10," + b"1" * 500 + b"\n")
+    with pytest.raises(UsageError, match=r"t\.csv: a line of more than 64 bytes\. This is no session table"):
+        reduce_sessions(file)
+
+
+def test_units_of_a_summary(tmp_path):
+    (tmp_path / "t.csv").write_text(
+        "environment,parameter,reference,n,mean,sd\nA,k,10,8,11,1\nB,k,20,8,21,2\n"
+    )
+    options = ReadOptions.from_mapping({"columns": {"mean": {"name": "mean", "unit": "N/mm"}}})
+    with pytest.raises(UsageError, match=r"units of a summary are N/m and N·s/m\. Convert the table"):
+        read_sessions(tmp_path / "t.csv", options=options)
+
+
+def test_one_missing_column_is_said_once(tmp_path):
+    (tmp_path / "t.csv").write_text("k_ref,b_ref\n10,1\n")
+    with pytest.raises(UsageError) as caught:
+        read_sessions(tmp_path / "t.csv")
+    assert "no column for subject and environment and k_adj (or b_adj);" in str(caught.value)
