@@ -146,7 +146,7 @@ def calibrate(
     return judge_places(plan, [placed[index] for index in sorted(placed)])
 
 
-def judge_places(plan: SbcPlan, placed: list[Placed], *, error: float = ERROR) -> Calibration:
+def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
     """Judge all quantities of a design together.
 
     Parameters
@@ -155,8 +155,6 @@ def judge_places(plan: SbcPlan, placed: list[Placed], *, error: float = ERROR) -
         What was fitted.
     placed : list of Placed
         The studies.
-    error : float
-        Probability, at most, of any quantity leaving its band if all is right; quantities share it equally.
 
     Returns
     -------
@@ -165,7 +163,7 @@ def judge_places(plan: SbcPlan, placed: list[Placed], *, error: float = ERROR) -
     passed = [one.values for one in placed if not one.reason]
     reasons = tuple(dict.fromkeys(one.reason for one in placed if one.reason))
     names = list(passed[0]) if passed else []
-    band = ecdf_band(len(passed), plan.bins, error / max(len(names), 1))
+    band = ecdf_band(len(passed), plan.bins, ERROR / max(len(names), 1))
     quantities = []
     for name in names:
         values = np.array([found[name] for found in passed])
@@ -177,7 +175,7 @@ def judge_places(plan: SbcPlan, placed: list[Placed], *, error: float = ERROR) -
         fits=len(placed),
         failed=len(placed) - len(passed),
         reasons=reasons,
-        error=error,
+        error=ERROR,
         tail=band.tail,
         lower=tuple(band.lower.tolist()),
         upper=tuple(band.upper.tolist()),

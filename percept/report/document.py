@@ -14,6 +14,7 @@ from percept.report.design import design_of
 from percept.report.findings import findings
 from percept.report.plain import plain
 from percept.report.select import distinct
+from percept.study.units import UNITS
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -23,7 +24,6 @@ __all__ = ["SCHEMA", "build_document", "provenance"]
 SCHEMA = "percept-report/1"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
-UNITS = {"k": "N/m", "b": "N·s/m"}
 # In the order they are written.
 _PARTS = (
     "schema", "provenance", "data", "intervals", "boundaries", "zoom", "close", "readings", "coupling",
@@ -93,7 +93,7 @@ def build_document(
         "curve_comparison": plain(study.curve_comparison) if curves else [],
         "diagnostics": plain(study.diagnostics),
         "checks": checks_of(study),
-        "skipped": [{"what": str(what), "why": str(why)} for what, why in map(_pair, study.skipped)],
+        "skipped": [{"what": what, "why": why} for what, why in study.skipped],
     }
     document["summary"] = findings(document)
     return document
@@ -180,7 +180,3 @@ def _cells(sessions: Any) -> list[dict[str, Any]]:
                 }
             )
     return cells
-
-
-def _pair(entry: Any) -> tuple[Any, Any]:
-    return (entry.what, entry.why) if hasattr(entry, "what") else (entry[0], entry[1])

@@ -10,10 +10,10 @@ from typing import Any
 from percept.report.plain import Digits
 from percept.report.select import distinct, matching
 from percept.sessions.write import neutralised
+from percept.study.units import UNITS
 
 __all__ = ["csv_tables"]
 
-_UNITS = {"k": "N/m", "b": "N·s/m"}
 _INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
 
 
@@ -37,7 +37,7 @@ def csv_tables(document: Mapping[str, Any], *, digits: Digits | None = None) -> 
     tables = {}
     for parameter in distinct(document["intervals"], "parameter"):
         rows = matching(document["intervals"], parameter=parameter)
-        unit = _UNITS[parameter]
+        unit = UNITS[parameter]
         limits = {name: f"{name} ({unit})" for name in ("lower", "upper", "estimate", "reference")}
         heads = {name: name for name in _INTERVAL} | limits | {"n": "n", "covers": "covers"}
         tables[f"intervals_{parameter}.csv"] = _table(heads, rows)
@@ -45,7 +45,7 @@ def csv_tables(document: Mapping[str, Any], *, digits: Digits | None = None) -> 
         tables["boundaries.csv"] = _boundaries(document["boundaries"], Digits() if digits is None else digits)
     cells = document["data"]["cells"]
     for parameter in distinct(cells, "parameter"):
-        unit = _UNITS[parameter]
+        unit = UNITS[parameter]
         heads = {"environment": "environment", "n": "n"}
         heads |= {name: f"{name} ({unit})" for name in ("reference", "mean", "sd")}
         tables[f"data_{parameter}.csv"] = _table(heads, matching(cells, parameter=parameter))

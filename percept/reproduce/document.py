@@ -19,6 +19,7 @@ from percept.reproduce.adaptive import Adapted, TradeOff
 from percept.reproduce.claims import Claim
 from percept.reproduce.claims.limits import limits_printed
 from percept.reproduce.published import Published
+from percept.study.units import UNITS
 
 __all__ = ["SCHEMA", "build_document", "claims_csv", "table_csv"]
 
@@ -40,7 +41,6 @@ _UNJUDGED = (
     ),
 )
 
-_UNITS = {"k": "N/m", "b": "N·s/m"}
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
 
 
@@ -106,7 +106,7 @@ def _table(published: Published) -> list[dict[str, Any]]:
             {
                 "environment": name,
                 "parameter": parameter,
-                "unit": _UNITS[parameter],
+                "unit": UNITS[parameter],
                 "reference": str(limits.reference[i][p]),
                 "lower_printed": str(limits.lower[i][p]),
                 "upper_printed": str(limits.upper[i][p]),

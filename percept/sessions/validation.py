@@ -15,6 +15,7 @@ from percept.sessions.problems import ReadError
 from percept.sessions.read import read_grid_of, read_sessions
 from percept.sessions.records import Exclusion, Notice, Sessions, Source
 from percept.sessions.sources import expand, load
+from percept.sessions.units import UNITS
 
 __all__ = ["Validation", "format_validation", "printable", "propose_columns", "validate"]
 
@@ -173,7 +174,7 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
         rules, doubt = {}, f"# {_comment(str(error))}\n"
     lines = ["[columns]"]
     for canonical in CANONICAL:
-        unit = {"k": "N/m", "b": "N·s/m"}.get(canonical[0]) if canonical[1] == "_" else None
+        unit = UNITS.get(canonical[0]) if canonical[1] == "_" else None
         name = rules[canonical].name if canonical in rules else ""
         entry_text = f"{{ name = {_toml(name)}, unit = {_toml(unit)} }}" if unit else _toml(name)
         mark = "" if canonical in rules else "# "

@@ -13,6 +13,7 @@ from percept.sessions import Sessions
 from percept.study.bayesian import Fit
 from percept.study.classical import FAMILIES, cell_interval, cell_moments
 from percept.study.posterior import thinned_points
+from percept.study.streams import Stream, generator
 
 __all__ = ["Replicates", "classical_replicates", "posterior_replicates"]
 
@@ -45,7 +46,7 @@ def classical_replicates(
     Replicates
         Stiffness and damping vary independently; families without an interval in some cell are left out.
     """
-    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(107,)))
+    rng = generator(scene.inference.seed, Stream.CLASSICAL_BANDS)
     found: Replicates = {}
     for family in FAMILIES:
         cells = {(c.parameter, c.environment): c.moments for c in cell_moments(sessions, ("k", "b"), family)}
@@ -84,7 +85,7 @@ def posterior_replicates(fit: Fit, scene: Scene, omega: float) -> Replicates:
     model, scale = fit.prepared.model, fit.prepared.scale
     points = thinned_points(fit)[0]
     points = points[:: max(1, len(points) // _DRAWS)]
-    rng = np.random.default_rng(np.random.SeedSequence(asked.seed, spawn_key=(108,)))
+    rng = generator(asked.seed, Stream.POSTERIOR_BANDS)
     means, _ = model.draw(points, rng)
     laws = model.laws(points)
     found: Replicates = {}

@@ -14,6 +14,7 @@ from percept.sessions import Sessions
 from percept.study.classical import FAMILIES
 from percept.study.posterior import thinned_points
 from percept.study.regions import Draws, displayable, subject_pairs
+from percept.study.streams import Stream, generator
 
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
@@ -43,7 +44,7 @@ def posterior_draws(fit: Fit, scene: Scene) -> Iterator[Draws]:
     """
     points, _ = thinned_points(fit)
     repeats = max(1, round(_POSTERIOR / len(points)))
-    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(102,)))
+    rng = generator(scene.inference.seed, Stream.POSTERIOR_CURVES)
     drawn = fit.prepared.model.draw(np.repeat(points, repeats, axis=0), rng)
     column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
     for kind, responses in zip(("mean", "user"), drawn, strict=True):
@@ -76,7 +77,7 @@ def classical_draws(sessions: Sessions, scene: Scene) -> Iterator[Draws]:
     Draws
         Of kinds "mean" and "user", where asked for; of the environments with three subjects and scatter.
     """
-    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(103,)))
+    rng = generator(scene.inference.seed, Stream.CLASSICAL_CURVES)
     for family in FAMILIES:
         values = subject_pairs(sessions, family)  # type: ignore[arg-type]
         for kind in ("mean", "user"):

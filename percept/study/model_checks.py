@@ -19,6 +19,7 @@ from percept.study.bands import weber_trend
 from percept.study.bayesian import Fit
 from percept.study.posterior import data_tree, full_groups, subject_density, thinned_points
 from percept.study.sensitivity import power_scaling
+from percept.study.streams import Stream, generator
 from percept.study.subject_checks import SubjectChecks, check_statistics, check_subjects
 from percept.study.units import UNITS
 
@@ -119,7 +120,7 @@ def prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Data
         environment, parameter, kind ("mean": average user; "user": next user), q0.5, q5, q25, q50, q75, q95,
         q99.5 (N/m or N·s/m, by percentage), unit.
     """
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(131,)))
+    rng = generator(seed, Stream.PRIOR)
     _, means, users = draw_prior(subjects.density, _PRIOR_DRAWS, rng)
     scale = fit.prepared.scale
     rows: list[dict[str, Any]] = []

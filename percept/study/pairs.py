@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from percept.boundary.gap import curve_gap
 from percept.errors import RefusalError, UsageError
+from percept.inference.classical.quantiles import t_upper
 from percept.inference.hierarchy.laws import Laws
 from percept.inference.sampling.mixture import mixture_quantile
 from percept.sessions import Sessions
 from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS
 from percept.study.classical import cell_moments
 from percept.study.comparison import sample_sds
+from percept.study.streams import Stream, generator
 
 if TYPE_CHECKING:
     from percept.study.study import Study
@@ -114,16 +116,14 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
     return parts
 
 
-def compare_studies(first: Study, second: Study, *, seed: int = 1) -> PairComparison:
+def compare_studies(first: Study, second: Study) -> PairComparison:
     """Compare two studies over the environments and parameters that both have.
 
     Parameters
     ----------
     first, second : Study
         A and B: of different subjects, or of the same sessions under two scenes; in one family and at one
-        level.
-    seed : int
-        Of the pairing of posterior draws.
+        level. Posterior draws are paired by the seed of A's scene.
 
     Returns
     -------
@@ -158,7 +158,9 @@ def compare_studies(first: Study, second: Study, *, seed: int = 1) -> PairCompar
     intervals["width_ratio"] = widths[1] / widths[0]
     differences = []
     if not same:
-        differences = _classical(first, second) + _bayesian(first, second, np.random.default_rng(seed))
+        differences = _classical(first, second) + _bayesian(
+            first, second, generator(first.scene.inference.seed, Stream.PAIRS)
+        )
     return PairComparison(intervals, pd.DataFrame(differences), _curves(first, second), notes)
 
 
@@ -221,10 +223,11 @@ def _classical(first: Study, second: Study) -> list[dict[str, object]]:
         share = sd**2 / n
         freedom = share.sum() ** 2 / (share**2 / (n - 1)).sum()
         centre = mean[1] - mean[0]
-        reach = float(stats.t.isf(tail, freedom)) * np.sqrt(share.sum())
+        reach = float(t_upper(tail, freedom)) * np.sqrt(share.sum())
         ends = np.array([centre - reach, centre, centre + reach])
         spread = sd[1] / sd[0]
-        quantiles = [float(stats.f.isf(t, n[1] - 1, n[0] - 1)) for t in (tail, 1.0 - tail)]
+        # The upper one as the reciprocal of a lower one, which keeps the digits of a small tail.
+        quantiles = [1.0 / special.fdtri(n[0] - 1, n[1] - 1, tail), special.fdtri(n[1] - 1, n[0] - 1, tail)]
         rows.append(
             _row(cell, "classical", family, np.exp(ends) if log else ends)
             | {
@@ -276,7 +279,7 @@ def _bayesian(first: Study, second: Study, rng: np.random.Generator) -> list[dic
         rows.append(
             _row(cell, "bayesian", family, np.exp(ends) if log else ends)
             | {
-                "probability_above": float(stats.norm.cdf(mean / sd).mean()),
+                "probability_above": float(special.ndtr(mean / sd).mean()),
                 "spread_lower": float(ratio[0]),
                 "spread_value": float(ratio[1]),
                 "spread_upper": float(ratio[2]),

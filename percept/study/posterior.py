@@ -10,6 +10,7 @@ import numpy as np
 from percept.inference.checks.prior import draw_prior, log_prior
 from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.hierarchy.pooled import Pooled
+from percept.study.streams import Stream, generator
 
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
@@ -120,7 +121,7 @@ def full_groups(fit: Fit, *, seed: int) -> Groups:
     groups["posterior"]["population_sd"] = spread.reshape(-1, per_chain, *grid)
     dims["population_sd"] = _CELL
     beta = means.reshape(-1, *grid)
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(113,)))
+    rng = generator(seed, Stream.PREDICTIVE)
     likelihood, priors = [], []
     for cut in batches(len(points), subjects):
         scales = density.layout.scales(np.ascontiguousarray(points[cut].T))
@@ -148,7 +149,7 @@ def full_groups(fit: Fit, *, seed: int) -> Groups:
 
 def _draws(fit: Fit, points: Array, seed: int) -> tuple[Array, Array]:
     """Draw locations and one new user each, on the response scale."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(101,)))
+    rng = generator(seed, Stream.LOCATIONS)
     return fit.prepared.model.draw(points, rng)
 
 

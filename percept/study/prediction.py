@@ -22,6 +22,7 @@ from percept.study.new_environment import NewEnvironment, new_environment
 from percept.study.posterior import thinned_points
 from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
 from percept.study.responses import ResponseScale
+from percept.study.streams import Stream, generator
 from percept.study.units import NAMES, UNITS
 
 if TYPE_CHECKING:
@@ -183,7 +184,7 @@ def expected_users(fit: Fit, x: Array, scene: Scene) -> NewEnvironment:
         As `new_environment`.
     """
     points, _ = thinned_points(fit)
-    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(105,)))
+    rng = generator(scene.inference.seed, Stream.NEW_ENVIRONMENT)
     repeats = max(4, round(_DRAWS / len(points)))
     return new_environment(fit.prepared.model, points, x, repeats=repeats, rng=rng)
 
@@ -290,7 +291,7 @@ def _boundaries(
     if known is None:
         return ()
     asked = study.scene.inference
-    rng = np.random.default_rng(np.random.SeedSequence(asked.seed, spawn_key=(106,)))
+    rng = generator(asked.seed, Stream.NEW_BOUNDARIES)
     drawn = dict(zip(("mean", "user"), expected.draw(rng), strict=True))
     draws = [
         Draws(

@@ -14,6 +14,7 @@ from percept.boundary.realism import Displayed, Populations, Realism, realism
 from percept.scene import Scene
 from percept.study.boundaries import Bench
 from percept.study.posterior import thinned_points
+from percept.study.streams import Stream, generator
 
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
@@ -40,7 +41,7 @@ def populations(fit: Fit, scene: Scene) -> dict[str, Populations]:
     """
     model, scale = fit.prepared.model, fit.prepared.scale
     points, _ = thinned_points(fit)
-    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(104,)))
+    rng = generator(scene.inference.seed, Stream.REALISM)
     means, _ = model.draw(points, rng)
     reach = -special.ndtri(0.5 * (1.0 - scene.inference.level)) * model.laws(points).spread
     lower, upper = scale.native(means - reach), scale.native(means + reach)

@@ -22,6 +22,7 @@ from percept.inference.hierarchy.scales import Options, Scales
 from percept.scene import Scene
 from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
+from percept.study.streams import Stream, generator
 
 __all__ = ["PriorPull", "prior_pull"]
 
@@ -69,7 +70,7 @@ def prior_pull(fit: Fit, scene: Scene) -> PriorPull | None:
         return None
     log_weight, packed = _reweighted(model.density, thinned_points(fit)[0])
     weight = special.softmax(log_weight)
-    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(109,)))
+    rng = generator(scene.inference.seed, Stream.PRIOR_PULL)
     laws = Laws.unpack(packed[_systematic(weight, rng)])
     asked = scene.inference
     estimands = IntervalEstimands(

@@ -23,6 +23,7 @@ from percept.inference.sampling.records import Progress, Settings
 from percept.scene import Scene
 from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
+from percept.study.streams import Stream, generator
 from percept.study.units import NAMES, UNITS
 
 __all__ = ["SubjectChecks", "check_statistics", "check_subjects"]
@@ -235,7 +236,7 @@ def check_statistics(fit: Fit, subjects: SubjectDensity, scene: Scene) -> pd.Dat
     """
     points, _ = thinned_points(fit)
     chosen = points[:: max(1, len(points) // _REPLICATES)]
-    rng = np.random.default_rng(np.random.SeedSequence(scene.inference.seed, spawn_key=(127,)))
+    rng = generator(scene.inference.seed, Stream.CHECKED_STATISTICS)
     drawn = replicate(subjects, chosen, rng)
     statistics = subjects.density.statistics
     observed = statistics_of(statistics.cell_means)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from percept.sessions.units import UNITS
+
 __all__ = ["NAMES", "UNITS"]
 
 NAMES = {"k": "stiffness", "b": "damping"}
-UNITS = {"k": "N/m", "b": "N·s/m"}

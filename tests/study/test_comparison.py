@@ -107,9 +107,10 @@ def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
         if row["method"] == "bayesian":
             first, second = (log_spreads(study.fit, (parameter, environment)) for study in (fitted, other))
             for side, tail in (("lower", 0.005), ("upper", 0.995)):
-                # Over all pairs of draws; 8192 pairs taken at random would scatter by 0.0008.
+                # Over all pairs of draws. Sixteen times 8192 pairs scatter by 0.0002, once 8192 by 0.0008,
+                # the farthest of twenty limits by some 0.002.
                 below = np.searchsorted(second, first + np.log(row[f"spread_{side}"])).mean() / len(second)
-                assert abs(below - tail) < 6e-4
+                assert abs(below - tail) < 9e-4
 
 
 def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:

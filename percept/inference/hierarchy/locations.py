@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Vector
 from percept.inference.hierarchy.covariance import SharedCovariance
-from percept.inference.hierarchy.pooling import Pooled
+from percept.inference.hierarchy.pooled_means import PooledMeans
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Layout, Scales
 from percept.inference.hierarchy.statistics import Statistics
@@ -41,7 +41,7 @@ class Whitened:
         What each latent adds to the pooled means, per parameter.
     locations : list of tuple of ndarray, each broadcastable to (J, W)
         What each latent adds to alpha + gamma x (+ delta, where that is a latent), per parameter.
-    pooled : Pooled or None
+    pooled : PooledMeans or None
         The pooled means, where the environments' own biases were summed out.
     """
 
@@ -50,7 +50,7 @@ class Whitened:
     log_determinant: Array
     columns: list[Vector]
     locations: list[Vector]
-    pooled: Pooled | None
+    pooled: PooledMeans | None
 
 
 class LocationProblem:
@@ -133,7 +133,7 @@ class LocationProblem:
 
     def _keeping_effects(self, scales: Scales, cells: list[Block], *, merge: bool) -> Whitened:
         width = scales.log_prior.size
-        pooled = Pooled(self._patterns, self._noise(cells), self._environments)
+        pooled = PooledMeans(self._patterns, self._noise(cells), self._environments)
         spread = pooled.spread
         if scales.tau is not None:
             spread = spread.plus_diagonal(tuple(tau * tau for tau in scales.tau))

@@ -12,12 +12,13 @@ __all__ = ["find_mode"]
 Array = NDArray[np.float64]
 Density = Callable[[Array], Array]
 
+_STEPS = 30  # of Newton, at most
 _STEP = 1e-2  # finite differences of a log density whose coordinates have unit scale
 #: Of more coordinates the curvature is taken along each alone: pairs would be too many.
 _MOST_PAIRED = 128
 
 
-def find_mode(density: Density, start: Array, *, iterations: int = 30) -> tuple[Array, Array]:
+def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
     """Climb to a mode and measure the curvature there.
 
     Newton steps on central differences, with the Hessian's eigenvalues kept negative and the step
@@ -29,8 +30,6 @@ def find_mode(density: Density, start: Array, *, iterations: int = 30) -> tuple[
         Log density of points (N, d), returning (N,).
     start : ndarray, shape (d,)
         Where to begin.
-    iterations : int
-        Most Newton steps.
 
     Returns
     -------
@@ -41,7 +40,7 @@ def find_mode(density: Density, start: Array, *, iterations: int = 30) -> tuple[
     """
     point, lengths = start, 0.5 ** np.arange(12)
     value = float(density(point[None])[0])
-    for _ in range(iterations):
+    for _ in range(_STEPS):
         gradient, hessian = _derivatives(density, point)
         covariance = _limited_inverse(hessian)
         step = covariance @ gradient

@@ -14,6 +14,7 @@ from percept.report.figures.canvas import COLOURS, MM, Drawing, Figure
 __all__ = ["FORMATS", "Picture"]
 
 FORMATS = ("svg", "pdf", "png")
+_DPI = 300  # of a PNG
 
 _STYLE: Any = {
     "font.family": "sans-serif",
@@ -99,15 +100,13 @@ class Picture:
             drawing.draw(self._figure)
             plain_powers(self._figure)
 
-    def file(self, form: str, *, dpi: int = 300) -> bytes:
+    def file(self, form: str) -> bytes:
         """Return the content of a file: fonts embedded in a PDF, text as text in an SVG, white ground.
 
         Parameters
         ----------
         form : {"svg", "pdf", "png"}
             The format.
-        dpi : int
-            Dots per inch of a PNG.
 
         Returns
         -------
@@ -122,7 +121,7 @@ class Picture:
         if form not in FORMATS:
             raise UsageError(f"figures come as {', '.join(FORMATS)}.", value=form)
         if form != "svg":
-            return self._saved(form, dpi=dpi, facecolor="white")
+            return self._saved(form, dpi=_DPI, facecolor="white")
         width, height = self._points
         text = (
             '<?xml version="1.0" encoding="utf-8"?>\n'

@@ -6,7 +6,7 @@ import pytest
 from percept.inference.hierarchy.blocks import Block, Pair, Scalar, block
 from percept.inference.hierarchy.covariance import SharedCovariance
 from percept.inference.hierarchy.least_squares import factor
-from percept.inference.hierarchy.pooling import Pooled
+from percept.inference.hierarchy.pooled_means import PooledMeans
 from percept.inference.hierarchy.statistics import Pattern
 
 WIDTH = 3
@@ -76,7 +76,7 @@ def test_pooled_means_equal_generalised_least_squares(parameters):
         for p in present
     ]
     noises = [random_block(rng, (len(p), WIDTH), parameters) for p in present]
-    pooled = Pooled(patterns, noises, environments)
+    pooled = PooledMeans(patterns, noises, environments)
     squares = sum(
         np.reshape(component, (-1, WIDTH)) ** 2 for piece in pooled.deviations for component in piece
     ).sum(axis=0)
@@ -118,7 +118,7 @@ def test_pooled_means_equal_generalised_least_squares(parameters):
             Pattern(p.environments, p.trials, p.members, p.mean + (e[:, None] if g == 1 else 0.0), p.rows)
             for g, p in enumerate(patterns)
         ]
-        after = Pooled(shifted, noises, environments)
+        after = PooledMeans(shifted, noises, environments)
         for old, new, change in zip(pooled.deviations, after.deviations, changes, strict=True):
             for a, b, c in zip(old, new, change, strict=True):
                 np.testing.assert_allclose(b[w] - a[w], c[w], rtol=1e-9, atol=1e-12)
@@ -128,7 +128,9 @@ def test_single_source_keeps_its_mean_and_noise():
     rng = np.random.default_rng(5)
     mean = rng.normal(size=(2, 3))
     noise = random_block(rng, (3, WIDTH), 2)
-    only = Pooled([Pattern(np.arange(3), np.ones(3), np.arange(4), mean, np.zeros((2, 0, 3)))], [noise], 3)
+    only = PooledMeans(
+        [Pattern(np.arange(3), np.ones(3), np.arange(4), mean, np.zeros((2, 0, 3)))], [noise], 3
+    )
     np.testing.assert_array_equal(np.stack(only.mean)[..., 0], mean)
     assert only.spread is noise
     assert only.deviations == []

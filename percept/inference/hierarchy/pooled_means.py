@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.blocks import Block, Precision, Vector, join, weighted_mean
 from percept.inference.hierarchy.statistics import Pattern
 
-__all__ = ["Pooled"]
+__all__ = ["PooledMeans"]
 
 Array = NDArray[np.float64]
 
 
-class Pooled:
+class PooledMeans:
     """Means of all patterns pooled within environments, for W sets of scales.
 
     Parameters
