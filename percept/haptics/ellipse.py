@@ -61,8 +61,8 @@ def magnitude_envelope_ellipse(
     Raises
     ------
     UsageError
-        A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table,
-        T not positive, a value that is not finite.
+        A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table, T
+        not positive, a value that is not finite, an unknown hold.
     """
     region = plane_ellipse(omega, device, centre, shape, radius, period, mass=mass, hold=hold)
     p, q = region.centre

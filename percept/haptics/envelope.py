@@ -54,8 +54,8 @@ def corner_curves(
     Raises
     ------
     UsageError
-        A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, or a
-        value that is not finite.
+        A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, a
+        value that is not finite, an unknown hold.
     """
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
@@ -101,8 +101,8 @@ def magnitude_envelope(
     Raises
     ------
     UsageError
-        A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, or a
-        value that is not finite.
+        A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, a
+        value that is not finite, an unknown hold.
     """
     (p_low, p_high), (q_low, q_high) = plane_box(
         omega, device, stiffness, damping, period, mass=mass, hold=hold

@@ -136,7 +136,8 @@ def two_port(
     Raises
     ------
     UsageError
-        ω negative, above Nyquist or outside a device's table, T not positive, arrays as parameters.
+        ω negative, above Nyquist or outside a device's table, T not positive, arrays as parameters, an
+        unknown hold or discretization.
     """
     check_single(device, coupling)
     omega = np.atleast_1d(nonnegative_array(omega, "omega", "rad/s"))
@@ -213,7 +214,8 @@ def absolute_stability(
     Raises
     ------
     UsageError
-        T not positive, arrays as parameters, a table that begins above Nyquist.
+        T not positive, arrays as parameters, a table that begins above Nyquist, an unknown hold or
+        discretization.
     """
     period = checked_period(period)
     check_single(device, coupling)

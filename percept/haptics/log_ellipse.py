@@ -72,7 +72,7 @@ def magnitude_envelope_log_ellipse(
     ------
     UsageError
         A shape that is not a covariance, a negative radius, an ellipse beyond 1e±100, ω above Nyquist or
-        outside a device's table, T not positive, a value that is not finite.
+        outside a device's table, T not positive, a value that is not finite, an unknown hold.
     """
     log_k, log_b = checked_centre(centre)
     factor = checked_factor(shape, radius)

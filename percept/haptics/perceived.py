@@ -61,7 +61,8 @@ def perceived_impedance(
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite.
+        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an unknown
+        hold or discretization.
     """
     grid = warp(omega, period)
     if coupling is None:
@@ -136,7 +137,8 @@ def perceived_magnitude(
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite.
+        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an unknown
+        hold.
     """
     grid = warp(omega, period)
     k, b = real_array(stiffness, "stiffness", "N/m"), real_array(damping, "damping", "N·s/m")

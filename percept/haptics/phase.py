@@ -54,7 +54,7 @@ def phase_envelope(
     ------
     UsageError
         A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, a
-        value that is not finite.
+        value that is not finite, an unknown hold.
     """
     (p_low, p_high), (q_low, q_high) = plane_box(
         omega, device, stiffness, damping, period, mass=mass, hold=hold
@@ -125,8 +125,8 @@ def phase_envelope_ellipse(
     Raises
     ------
     UsageError
-        A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table,
-        T not positive, a value that is not finite.
+        A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table, T
+        not positive, a value that is not finite, an unknown hold.
     """
     region = plane_ellipse(omega, device, centre, shape, radius, period, mass=mass, hold=hold)
     # Angles do not change with scale, and squares then stay in range.

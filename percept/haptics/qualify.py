@@ -191,7 +191,7 @@ def qualifying_region(
     ------
     UsageError
         No boundary, a boundary of another length than ω, ω not strictly between 0 and Nyquist or outside a
-        device's table, a device with arrays as parameters, T not positive.
+        device's table, a device with arrays as parameters, T not positive, an unknown hold or discretization.
     """
     judge = _judge(omega, device, boundaries, period, discretization, hold)
     return _region(judge, judge.seen(damping))

@@ -177,7 +177,8 @@ def stability_margin(
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite.
+        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an unknown
+        hold or discretization.
     """
     required = required_damping_at(omega, coupling, period, discretization=discretization, hold=hold)
     available, _ = device_parts(warp(omega, period), device)
@@ -210,7 +211,8 @@ def coupling_bound(
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite.
+        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an unknown
+        hold.
     """
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)

@@ -1,8 +1,11 @@
 """Records refuse what no device, environment or coupling can be, and say so."""
 
+import inspect
+
 import numpy as np
 import pytest
 
+from percept import haptics
 from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
@@ -111,3 +114,16 @@ def test_frequency_response_derives_and_refuses():
         FrequencyResponse(omega, [np.nan, 1.0], 1e-3)
     with pytest.raises(UsageError, match="do not broadcast"):
         FrequencyResponse(omega, [1.0, 2.0, 3.0], 1e-3)
+
+
+@pytest.mark.parametrize("choice", ["hold", "discretization"])
+def test_who_takes_a_choice_says_that_an_unknown_one_is_refused(choice):
+    takes = [
+        function
+        for function in (getattr(haptics, name) for name in haptics.__all__)
+        if inspect.isfunction(function) and choice in inspect.signature(function).parameters
+    ]
+    assert len(takes) >= 8
+    for function in takes:
+        raises = function.__doc__.partition("Raises")[2]
+        assert choice in raises or "As `" in raises, function.__name__
