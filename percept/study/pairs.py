@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -151,6 +151,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             hint="Give the sessions of other people, or another scene.",
         )
     notes = (_SAME,) if same else _in_common(first.sessions, second.sessions)
+    notes += tuple(_left_out(first, second))
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
     pair = [study.intervals[[*keys, "lower", "upper"]] for study in (first, second)]
     intervals = pair[0].merge(pair[1], on=keys, suffixes=("_a", "_b"))
@@ -162,6 +163,15 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             first, second, generator(first.scene.inference.seed, Stream.PAIRS)
         )
     return PairComparison(intervals, pd.DataFrame(differences), _curves(first, second), notes)
+
+
+def _left_out(first: Study, second: Study) -> Iterator[str]:
+    """Say what only one of the two has."""
+    for what in ("environments", "parameters"):
+        names = [[str(name) for name in getattr(study, what)] for study in (first, second)]
+        for label, own, other in (("A", *names), ("B", *reversed(names))):
+            if alone := [name for name in own if name not in other]:
+                yield f"Only {label} has {', '.join(alone)}: left out."
 
 
 def _same_sessions(first: Sessions, second: Sessions) -> bool:

@@ -113,6 +113,19 @@ def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
                 assert abs(below - tail) < 9e-4
 
 
+def test_what_only_one_study_has_is_named(fitted: Study) -> None:
+    table = fitted.sessions.table
+    some = table[table["environment"].isin(["VE3", "VE5"])].drop(columns=["b_ref", "b_adj"])
+    sessions = Sessions.from_frame(some.assign(subject="other " + some["subject"].astype(str)))
+    classical = fitted.scene.model_copy(update={"device": None}).with_inference(method="classical")
+    found = compare_studies(Study(fitted.sessions, classical), Study(sessions, classical))
+    assert found.notes == ("Only A has VE1, VE2, VE4: left out.", "Only A has b: left out.")
+    assert compare_studies(Study(sessions, classical), Study(fitted.sessions, classical)).notes == (
+        "Only B has VE1, VE2, VE4: left out.",
+        "Only B has b: left out.",
+    )
+
+
 def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:
     """Logs of a cell's SD between users over all kept draws, in order."""
     laws = Laws.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
