@@ -79,7 +79,7 @@ def compare_intervals(
     both["spread_ratio"] = _posterior_sd(fit, cells) / sd
     both["certainty_ratio"] = widths["bayesian"] / widths["classical"] / both["spread_ratio"]
     both["shift_sds"] = (centres["bayesian"] - centres["classical"]) / sd
-    _add_prior(both, fit, scene, ends, widths["bayesian"], cells)
+    _add_prior(both, fit, scene, widths["bayesian"], cells)
     _add_scale(both, marginal, classical)
     for method, width in widths.items():
         both[f"to_mean_{method}"] = _over_mean(both, width)
@@ -155,7 +155,6 @@ def _add_prior(
     both: pd.DataFrame,
     fit: Fit,
     scene: Scene,
-    ends: dict[object, Array],
     width: Array,
     cells: list[tuple[str, str]],
 ) -> None:
@@ -165,9 +164,15 @@ def _add_prior(
     column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
     log, scale = scene.inference.family == "lognormal", fit.prepared.scale
     for s, side in enumerate(("lower", "upper")):
-        relaxed = {kind: _scaled(scale.native(limits[s]), log) for kind, limits in found.limits.items()}
-        values = [relaxed[kind][column[cell]] for kind, cell in zip(both["kind"], cells, strict=True)]
-        both[f"prior_{side}"] = (ends[f"{side}_bayesian"] - np.array(values)) / (0.5 * width)
+        own, wider = (
+            {kind: _scaled(scale.native(ends[s]), log) for kind, ends in limits.items()}
+            for limits in (found.own, found.limits)
+        )
+        pulls = [
+            own[kind][column[cell]] - wider[kind][column[cell]]
+            for kind, cell in zip(both["kind"], cells, strict=True)
+        ]
+        both[f"prior_{side}"] = np.array(pulls) / (0.5 * width)
     both["prior_effective"] = found.effective
 
 

@@ -33,17 +33,19 @@ _CHUNK = 512
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PriorPull:
-    """Limits under priors a quarter wider.
+    """Limits under priors a quarter wider, beside those of the same draws under the priors themselves.
 
     Attributes
     ----------
-    limits : dict of str to (ndarray, ndarray)
-        By kind: lower and upper limits (C,) on the response scale.
+    limits, own : dict of str to (ndarray, ndarray)
+        By kind: lower and upper limits (C,) on the response scale, under wider priors and under the priors
+        themselves. Both scatter alike, so that their difference hardly does.
     effective : float
         Effective number of draws left after reweighting; few, and the limits are rough.
     """
 
     limits: dict[str, tuple[Array, Array]]
+    own: dict[str, tuple[Array, Array]]
     effective: float
 
 
@@ -68,16 +70,20 @@ def prior_pull(fit: Fit, scene: Scene) -> PriorPull | None:
     model = fit.prepared.model
     if not isinstance(model, Pooled):
         return None
-    log_weight, packed = _reweighted(model.density, thinned_points(fit)[0])
+    points = thinned_points(fit)[0]
+    log_weight, packed = _reweighted(model.density, points)
     weight = special.softmax(log_weight)
     rng = generator(scene.inference.seed, Stream.PRIOR_PULL)
-    laws = Laws.unpack(packed[_systematic(weight, rng)])
+    wider = Laws.unpack(packed[_systematic(weight, rng)])
     asked = scene.inference
     estimands = IntervalEstimands(
         model, kinds=asked.kinds, level=asked.level, share=asked.held_share, confidence=asked.confidence
     )
-    limits = {kind: estimands.limits(kind, laws)[:2] for kind in asked.kinds}
-    return PriorPull({str(kind): found for kind, found in limits.items()}, float(1.0 / np.sum(weight**2)))
+    limits, own = (
+        {str(kind): estimands.limits(kind, laws)[:2] for kind in asked.kinds}
+        for laws in (wider, model.laws(points))
+    )
+    return PriorPull(limits, own, float(1.0 / np.sum(weight**2)))
 
 
 def _reweighted(old: CollapsedDensity, points: Array) -> tuple[Array, Array]:

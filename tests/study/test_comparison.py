@@ -77,6 +77,9 @@ def test_prior_pull_where_the_priors_matter() -> None:
         error = np.hypot(0.01, 0.01 * np.sqrt(1500.0 / found.effective))
         off = np.abs([found.limits[kind][0] - lower, found.limits[kind][1] - upper]) / (0.5 * (upper - lower))
         assert off.max() < 4 * np.hypot(error, 0.01)
+        kept = study.fit.run.estimates.value.reshape(3, 2, -1)[i]
+        off = np.abs(np.array(found.own[kind]) - kept) / (0.5 * (kept[1] - kept[0]))
+        assert off.max() < 4 * np.hypot(0.01, 0.01)
 
 
 def test_curves_are_compared_in_pairs(fitted: Study) -> None:
