@@ -197,6 +197,12 @@ class _Study:
         if not len(table):
             left = ", ".join(f"{n} {why}" for why, n in counts.items())
             raise UsageError("no row holds an adjustment.", file=self.sources[0].name, hint=f"Rows: {left}.")
+        present = set(table["environment"].astype(str)) if "environment" in table else set()
+        self.notices += [
+            Notice("[environments] names it, and no row does", column=name)
+            for name in self.options.environments
+            if name not in present
+        ]
         merged = _summary if forms == {"summary"} else _trials
         return merged(self, table, counts)
 

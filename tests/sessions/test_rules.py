@@ -575,3 +575,11 @@ def test_paths_that_lead_nowhere(tmp_path):
             read_sessions(path)
     with pytest.raises(UsageError, match="no file was given"):
         read_sessions()
+
+
+def test_an_environment_that_no_row_names_is_noticed(tmp_path):
+    (tmp_path / "t.csv").write_text("subject,environment,k_adj\nS01,A,11\nS02,A,12\n")
+    options = ReadOptions.from_mapping({"environments": {"A": {"k_ref": 10.0}, "B": {"k_ref": 20.0}}})
+    notices = [str(notice) for notice in read_sessions(tmp_path / "t.csv", options=options).notices]
+    assert "B: [environments] names it, and no row does" in notices
+    assert not any(notice.startswith("A:") for notice in notices)
