@@ -95,7 +95,7 @@ def _reweighted(old: CollapsedDensity, points: Array) -> tuple[Array, Array]:
         scales = old.layout.scales(np.ascontiguousarray(points[start : start + _CHUNK].T))
         change = wide.log_likelihood(scales) - old.log_likelihood(scales)
         log_weight.append(change + _prior_change(scales, old.priors, priors, trend=old.layout.trend))
-        packed.append(_laws(wide, scales).pack())
+        packed.append(Conditional(wide, scales).laws.pack())
     return np.concatenate(log_weight), np.concatenate(packed)
 
 
@@ -116,13 +116,6 @@ def _with_priors(density: CollapsedDensity, priors: Priors) -> CollapsedDensity:
         subject_effect=layout.subject_effect, weber=layout.weber, common_spread=layout.common_spread
     )
     return CollapsedDensity(density.statistics, priors, options, density.resolution)
-
-
-def _laws(density: CollapsedDensity, scales: Scales) -> Laws:
-    law = Conditional(density, scales)
-    sd = np.sqrt(np.concatenate(law.covariance.diagonal()))
-    spread = np.sqrt(np.concatenate(law.population.diagonal()))
-    return Laws(np.concatenate(law.mean).T, sd.T, spread.T)
 
 
 def _prior_change(scales: Scales, old: Priors, new: Priors, *, trend: bool) -> Array:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Pair, Scalar, Vector
 from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.laws import Laws
 from percept.inference.hierarchy.least_squares import factor
 from percept.inference.hierarchy.locations import stack_columns
 from percept.inference.hierarchy.scales import Scales
@@ -70,6 +71,13 @@ class Conditional:
         self.population = scales.between
         if scales.shared is not None:
             self.population = _broadcast(scales.shared, shape) + scales.between
+
+    @property
+    def laws(self) -> Laws:
+        """Laws of beta and of the population, cells parameter by parameter."""
+        sd = np.sqrt(np.concatenate(self.covariance.diagonal()))
+        spread = np.sqrt(np.concatenate(self.population.diagonal()))
+        return Laws(np.concatenate(self.mean).T, sd.T, spread.T)
 
     def joint_columns(self) -> Array:
         """Columns whose outer products sum to the covariance of beta over all cells: shape (R, P, J, W)."""

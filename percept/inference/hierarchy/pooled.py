@@ -53,10 +53,7 @@ class Pooled:
         return [points[i : i + most] for i in range(0, len(points), most)]
 
     def _laws(self, points: Array) -> Array:
-        law = Conditional(self.density, self._scales(points))
-        sd = np.sqrt(np.concatenate(law.covariance.diagonal()))
-        spread = np.sqrt(np.concatenate(law.population.diagonal()))
-        return Laws(np.concatenate(law.mean).T, sd.T, spread.T).pack()
+        return Conditional(self.density, self._scales(points)).laws.pack()
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
