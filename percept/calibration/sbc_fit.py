@@ -127,7 +127,7 @@ def _model(plan: SbcPlan, statistics: Statistics, priors: Priors) -> Pooled:
 def _places(
     plan: SbcPlan, model: Pooled, run: Run, truth: TrueValues, user: Array, rng: np.random.Generator
 ) -> dict[str, float]:
-    points = _independent(run)
+    points = np.concatenate(run.independent())
     if plan.fault == "snooker":
         points = _by_snooker(model, run, rng)
     laws = model.laws(points)
@@ -144,14 +144,6 @@ def _places(
     spread = np.hypot(laws.sd, laws.spread)
     found |= _named("user", special.ndtr((user.ravel() - laws.mean) / spread).mean(axis=0), model)
     return found
-
-
-def _independent(run: Run) -> Array:
-    """Draws thinned to the effective size, of all ensembles, (N, d)."""
-    index = run.thinned()
-    flat = run.points.reshape(len(run.points), -1, run.points.shape[-1])
-    chosen = flat[np.arange(len(flat))[:, None], index]
-    return chosen.reshape(-1, chosen.shape[-1])
 
 
 def _by_snooker(model: Pooled, run: Run, rng: np.random.Generator) -> Array:

@@ -52,11 +52,8 @@ class Groups:
 
 def thinned_points(fit: Fit) -> tuple[np.ndarray[Any, Any], int]:
     """Kept coordinates thinned to the effective size, (E N, d), with N per ensemble."""
-    run = fit.run
-    index = run.thinned()
-    flat = run.points.reshape(run.points.shape[0], -1, run.points.shape[-1])
-    chosen = flat[np.arange(len(flat))[:, None], index]
-    return chosen.reshape(-1, chosen.shape[-1]), index.shape[1]
+    chosen = fit.run.independent()
+    return chosen.reshape(-1, chosen.shape[-1]), chosen.shape[1]
 
 
 def subject_density(fit: Fit) -> SubjectDensity | None:

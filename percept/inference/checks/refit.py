@@ -112,8 +112,7 @@ def sample_without(
     run = sample(target, watched, settings, progress=progress)
     if not run.gate.passed:
         return None
-    flat = run.points.reshape(len(run.points), -1, run.points.shape[-1])
-    points = np.concatenate([kept[at] for kept, at in zip(flat, run.thinned(), strict=True)])
+    points = np.concatenate(run.independent())
     log_density = target.left_out(points)
     largest = log_density.max()
     relative = np.exp(log_density - largest)

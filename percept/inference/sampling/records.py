@@ -150,3 +150,8 @@ class Run:
         positions = np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
         index = (positions[:, None] * walkers + np.arange(walkers)).ravel()
         return np.broadcast_to(index, (ensembles, index.size))
+
+    def independent(self) -> Array:
+        """Return kept positions thinned to the effective size, (E, N, d)."""
+        flat = self.points.reshape(len(self.points), -1, self.points.shape[-1])
+        return flat[np.arange(len(flat))[:, None], self.thinned()]

@@ -171,8 +171,8 @@ def test_thinned_draws_are_nearly_independent():
     ensembles, length, walkers, _ = run.points.shape
     gap = max(1, round(run.gate.autocorrelation_time / run.stride))
     assert index.shape == (ensembles, (length // gap) * walkers)
-    flat = run.points.reshape(ensembles, -1, 4)
-    chosen = flat[np.arange(ensembles)[:, None], index].reshape(ensembles, -1, walkers, 4)
+    chosen = run.independent().reshape(ensembles, -1, walkers, 4)
+    np.testing.assert_array_equal(chosen[:, 0], run.points[:, gap - 1])
     x = chosen[..., 0]
     products = x[:, 1:] * x[:, :-1]
     assert abs(products.mean() / x.var()) < 4.0 / np.sqrt(products.size)
