@@ -228,9 +228,17 @@ def test_own_frequencies_are_taken_as_they_come(fitted):
         ([[1.0, 2.0]], {}, "omega must be a list of frequencies in rad/s"),
         ([0.0, 1.0], {}, "omega must be positive and increase, in rad/s"),
         ([2.0, 1.0], {}, "omega must be positive and increase, in rad/s"),
-        ([1.0], {"environments": "VE9"}, r"value .VE9.: the study has no such environment; there are VE1, VE2"),
+        (
+            [1.0],
+            {"environments": "VE9"},
+            r"value .VE9.: the study has no such environment; there are VE1, VE2",
+        ),
         ([1.0], {"kinds": ("foo",)}, r"value .foo.: the study has no such kind; there are mean, user, share"),
-        ([1.0], {"joints": ("both",)}, r"value .both.: the study has no such joint treatment; there are marginal"),
+        (
+            [1.0],
+            {"joints": ("both",)},
+            r"value .both.: the study has no such joint treatment; there are marginal",
+        ),
     ],
 )
 def test_own_frequencies_and_choices_are_checked(fitted, omega, chosen, message):
