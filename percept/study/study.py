@@ -259,7 +259,9 @@ class Study:
 
         return self._boundaries(
             Range.of(omega),
-            chosen("environment", environments, self.environments) or self.environments,
+            chosen(
+                "environment", self.environments if environments is None else environments, self.environments
+            ),
             chosen("kind", kinds, self.scene.inference.kinds),
             chosen("joint treatment", joints, JOINTS),
         )

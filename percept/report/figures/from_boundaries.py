@@ -66,7 +66,7 @@ def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             Drawing(
                 f"boundary_{index}_range",
                 f"{environment}: boundary of |Z_h| over the whole range",
-                f"Limits that feel like {environment} to {_whom(rows)}, and the reference{coupling}."
+                f"Limits that feel like {environment} to {_whom(rows)}, with the reference{coupling}."
                 + (" On this scale the curves can hardly be told apart." if _close(whole) else ""),
                 (85.0, 74.0),
                 partial(_draw_curves, whole, environment, True),
