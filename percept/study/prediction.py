@@ -14,11 +14,11 @@ from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
 from percept.inference.intervals import Interval
 from percept.scene import Scene
 from percept.study.bayesian import Fit
 from percept.study.boundaries import Bench, Range, environment_boundaries
-from percept.study.new_environment import NewEnvironment, new_environment
 from percept.study.posterior import thinned_points
 from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
 from percept.study.responses import ResponseScale

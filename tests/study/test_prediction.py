@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept.inference.hierarchy.new_environment import new_environment
 from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.hierarchy.product import Product
 from percept.sessions import Sessions
-from percept.study.new_environment import new_environment
 from percept.study.posterior import thinned_points
 from percept.study.prediction import predict
 
