@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import select
 import sys
 from collections.abc import Collection, Sequence
 
@@ -91,7 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done; 1 the analysis refuses; 2 wrong usage or unreadable input; 130 interrupted.
+        0 done; 1 the analysis refuses; 2 wrong usage or unreadable input; 130 interrupted; 141 nobody
+        reads the output any more.
     """
     words = sys.argv[1:] if arguments is None else arguments
     # The first word that names a command is the command: no option before it takes a value.
@@ -110,13 +112,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("percept: interrupted.", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        # Whoever read the output has read enough; nothing is left to flush at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except OSError as error:
+        if isinstance(error, BrokenPipeError) and _output_is_closed():
+            return 141
         if parsed.debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
         print(f"percept: {place}{error.strerror or error}.", file=sys.stderr)
         return 2
+
+
+def _output_is_closed() -> bool:
+    """Say whether nobody reads standard output any more; what is left of it then goes nowhere."""
+    output = sys.stdout.fileno()
+    waiting = select.poll()
+    waiting.register(output, 0)
+    closed = any(event & select.POLLERR for _, event in waiting.poll(0))
+    if closed:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), output)
+    return closed

@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import overload
 
 from percept.errors import UsageError
 
 __all__ = ["chosen"]
 
 
-@overload
-def chosen(what: str, asked: None, there: Sequence[str]) -> None: ...
-@overload
-def chosen(what: str, asked: str | Collection[str], there: Sequence[str]) -> tuple[str, ...]: ...
-
-
-def chosen(what: str, asked: str | Collection[str] | None, there: Sequence[str]) -> tuple[str, ...] | None:
+def chosen(what: str, asked: str | Collection[str] | None, there: Sequence[str]) -> tuple[str, ...]:
     """Return the names asked for, if all are there.
 
     Parameters
@@ -24,13 +17,13 @@ def chosen(what: str, asked: str | Collection[str] | None, there: Sequence[str])
     what : str
         What they name, in the singular, for the message.
     asked : str or collection of str, or None
-        One name or several; None stays None.
+        One name or several; None for all.
     there : sequence of str
         Names there are.
 
     Returns
     -------
-    tuple of str, or None
+    tuple of str
 
     Raises
     ------
@@ -38,7 +31,7 @@ def chosen(what: str, asked: str | Collection[str] | None, there: Sequence[str])
         A name that is not there.
     """
     if asked is None:
-        return None
+        return tuple(there)
     names = (asked,) if isinstance(asked, str) else tuple(asked)
     for name in names:
         if name not in there:

@@ -259,9 +259,7 @@ class Study:
 
         return self._boundaries(
             Range.of(omega),
-            chosen(
-                "environment", self.environments if environments is None else environments, self.environments
-            ),
+            chosen("environment", environments, self.environments),
             chosen("kind", kinds, self.scene.inference.kinds),
             chosen("joint treatment", joints, JOINTS),
         )

@@ -185,3 +185,13 @@ def test_a_device_that_cannot_be_read_is_said_before_anything_is_sampled(tmp_pat
     assert main(words) == 2
     assert f"{tmp_path / 'zd.csv'}: cannot be read" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_report_in_the_folder_of_the_sessions_is_no_session(tmp_path, capsys):
+    (tmp_path / "sessions.csv").write_bytes(Path(SESSIONS).read_bytes())
+    words = ["report", str(tmp_path), "--method", "classical", "--out", str(tmp_path / "report")]
+    assert main(words) == 0
+    assert any((tmp_path / "report" / "tables").glob("*.csv"))
+    capsys.readouterr()
+    assert main(words) == 0
+    assert "report: a folder of results is not read" in capsys.readouterr().err

@@ -81,9 +81,12 @@ def test_nothing_is_shown_where_not_wanted(tmp_path):
 
 
 def test_a_reader_who_has_read_enough(tmp_path):
-    command = f"{sys.executable} -m percept fit {SESSIONS} --method classical --out {tmp_path} --quiet"
+    reading, writing = os.pipe()
+    os.close(reading)
+    words = [sys.executable, "-m", "percept", "fit", SESSIONS, "--method", "classical", "--quiet"]
     done = subprocess.run(
-        ["bash", "-c", f"set -o pipefail; {command} | head -1"], capture_output=True, text=True, check=False
+        [*words, "--out", str(tmp_path)], stdout=writing, stderr=subprocess.PIPE, text=True, check=False
     )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "environment" in done.stdout
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+    assert (tmp_path / "fit.json").exists()
