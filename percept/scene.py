@@ -228,6 +228,12 @@ class Scene(_Table):
     environments: dict[str, Any] = Field(default_factory=dict)
     _folder: Path = PrivateAttr(default=Path())
 
+    def __init__(self, /, **tables: Any) -> None:
+        try:
+            super().__init__(**tables)
+        except ValidationError as error:
+            raise _told(type(self), error) from error
+
     @model_validator(mode="after")
     def _below_nyquist(self) -> Self:
         if self.device is None or self.frequency.upper * self.device.period <= _NYQUIST_ANGLE:
@@ -295,24 +301,10 @@ class Scene(_Table):
             A key or value is wrong; with its place.
         """
         try:
-            return cls.model_validate(tables)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            cause = first.get("ctx", {}).get("error")
-            if not first["loc"] and isinstance(cause, UsageError):
-                cause.file = file
-                raise cause from error
-            message, value = first["msg"].removeprefix("Value error, "), first["input"]
-            if first["type"] == "missing":
-                message, value = "is missing", None
-            elif first["type"] == "extra_forbidden":
-                message = f"there is no such key; there are {', '.join(_keys_at(cls, first['loc']))}"
-            raise UsageError(
-                f"{message[:1].lower()}{message[1:]}".removesuffix(".") + ".",
-                file=file,
-                key=".".join(str(part) for part in first["loc"]) or None,
-                value=None if isinstance(value, dict) else value,
-            ) from error
+            return cls(**tables)
+        except UsageError as error:
+            error.file = file
+            raise
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain nested tables, without those that are empty or None."""
@@ -343,3 +335,21 @@ def _tables_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for part in get_args(annotation):
         yield from _tables_in(part)
+
+
+def _told(scene: type[BaseModel], error: ValidationError) -> UsageError:
+    """Say the first thing that is wrong, and where."""
+    first = error.errors(include_url=False)[0]
+    cause = first.get("ctx", {}).get("error")
+    if not first["loc"] and isinstance(cause, UsageError):
+        return cause
+    message, value = first["msg"].removeprefix("Value error, "), first["input"]
+    if first["type"] == "missing":
+        message, value = "is missing", None
+    elif first["type"] == "extra_forbidden":
+        message = f"there is no such key; there are {', '.join(_keys_at(scene, first['loc']))}"
+    return UsageError(
+        f"{message[:1].lower()}{message[1:]}".removesuffix(".") + ".",
+        key=".".join(str(part) for part in first["loc"]) or None,
+        value=None if isinstance(value, dict) else value,
+    )

@@ -33,13 +33,19 @@ def test_make_targets_exist():
     assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
 
 
-@pytest.mark.parametrize("source", [text for kind, text in BLOCKS if kind == "python"])
+PYTHON = [text for kind, text in BLOCKS if kind == "python"]
+STATED = re.compile(r"^(\w+\(.*)\s+# ([\d.]+)( k)?", re.MULTILINE)
+
+
+def test_what_the_comments_state_is_found():
+    assert sum(len(STATED.findall(source)) for source in PYTHON) == 3
+
+
+@pytest.mark.parametrize("source", PYTHON)
 def test_python_blocks_run_and_their_comments_hold(source, in_a_copy):
     names = {}
     exec(compile(source, "README.md", "exec"), names)
-    stated = re.findall(r"^(\w+\(.*)\s+# ([\d.]+)( k)?", source, re.MULTILINE)
-    assert len(stated) == 3
-    for expression, number, kilo in stated:
+    for expression, number, kilo in STATED.findall(source):
         value = float(eval(expression, names)) / (1000 if kilo else 1)
         digits = len(number.replace(".", ""))
         assert f"{value:.{digits}g}" == number

@@ -133,3 +133,13 @@ def test_stiffness_comes_first_and_the_average_user():
 def test_single_values_are_read_where_the_curves_are(lower, upper, at):
     scene = Scene.from_tables({"frequency": {"lower": lower, "upper": upper}})
     assert scene.frequency.read_at == pytest.approx(at, rel=1e-15)
+
+
+def test_keyword_arguments_are_refused_as_tables_are():
+    with pytest.raises(UsageError, match=r"inference\.tolerence = 0\.1: there is no such key; there are level"):
+        Scene(inference={"tolerence": 0.1})
+    with pytest.raises(UsageError, match="self: there is no such key; there are device, coupling"):
+        Scene.from_tables({"self": {}})
+    with pytest.raises(UsageError, match=r"frequency\.upper = 4000\.0: lies above the Nyquist frequency"):
+        Scene(device={"mass": 0.1, "damping": 0.1, "period": 1e-3}, frequency={"upper": 4000.0})
+    assert Scene(inference={"tolerance": 0.1}) == Scene.from_tables({"inference": {"tolerance": 0.1}})

@@ -78,7 +78,8 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     UsageError
-        If a row does not say that it is simulated, or the file cannot be written.
+        If a row does not say that it is simulated, the file is there and was not simulated, or it cannot be
+        written.
     RefusalError
         If a value is not a finite number.
     """
@@ -91,6 +92,10 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
         )
     if not target.parent.is_dir():
         raise UsageError("the folder to write to does not exist.", file=str(target), hint="Make it first.")
+    if target.is_file() and not _simulated(target):
+        raise UsageError(
+            "is there already, and was not simulated.", file=str(target), hint="Choose another name."
+        )
     text = table.copy()
     for name in text.columns[[dtype.kind == "f" for dtype in text.dtypes]]:
         values = table[name].to_numpy()
@@ -102,3 +107,12 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(target)) from error
     return target
+
+
+def _simulated(file: Path) -> bool:
+    """Whether a file says in its first row that it was simulated."""
+    try:
+        first = pd.read_csv(file, usecols=["source"], nrows=1)
+    except (OSError, ValueError):
+        return False
+    return bool((first["source"] == SOURCE).all()) and len(first) > 0

@@ -30,7 +30,7 @@ from percept.study.responses import ResponseScale, Trials, decades, references, 
 from percept.study.scatter import lacking_scatter
 from percept.study.units import NAMES
 
-__all__ = ["Fit", "Prepared", "RunStore", "fit", "prepare"]
+__all__ = ["Fit", "Prepared", "RunStore", "fit", "pooled", "prepare"]
 
 Array = NDArray[np.float64]
 #: Beyond so many, proposals are hardly ever accepted and judging a run takes as long as making it.
@@ -52,7 +52,7 @@ class Prepared:
     repeats : bool
         Whether any cell holds more than one trial.
     trials : Trials or None
-        The trials; None for published limits.
+        The trials; None for published limits and for trials reduced to cells.
     """
 
     model: Model
@@ -126,10 +126,44 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
         environments=data.environments,
         subjects=data.subjects,
     )
-    resolution = _resolution(statistics, scene, data)
+    return pooled(statistics, scene, data.reference, data.scale, data)
+
+
+def pooled(
+    statistics: Statistics,
+    scene: Scene,
+    reference: Array,
+    scale: ResponseScale,
+    data: Trials | None = None,
+) -> Prepared:
+    """Build the hierarchical model of subjects' trials from their statistics.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Of the study.
+    scene : Scene
+        Family, priors and options.
+    reference : ndarray, shape (P, J)
+        References, N/m or N·s/m.
+    scale : ResponseScale
+        The way from responses to N/m and N·s/m.
+    data : Trials, optional
+        The trials behind the statistics.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    RefusalError
+        No scatter between subjects or between trials in some cell and no resolution.
+    """
+    resolution = _resolution(statistics, scene, reference, scale)
     density = CollapsedDensity(statistics, Priors(**scene.model.priors), _options(scene), resolution)
     counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
-    return Prepared(Pooled(density), data.scale, counts, statistics.repeats, data)
+    return Prepared(Pooled(density), scale, counts, statistics.repeats, data)
 
 
 def fit(
@@ -203,7 +237,7 @@ def _options(scene: Scene) -> Options:
     return Options(subject_effect=model.subject_effect, weber=model.weber, common_spread=model.common_spread)
 
 
-def _resolution(statistics: Statistics, scene: Scene, data: Trials) -> Resolution:
+def _resolution(statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale) -> Resolution:
     """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those.
 
     Rounding is part of the scatter that is seen: there the variance would count twice.
@@ -213,9 +247,9 @@ def _resolution(statistics: Statistics, scene: Scene, data: Trials) -> Resolutio
     if not (lacking.between.any() or lacking.trial.any()):
         return Resolution()
     if scene.inference.family == "lognormal":
-        unit = data.reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
+        unit = reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
     else:
-        unit = data.scale.unit.reshape(data.reference.shape)
+        unit = scale.unit.reshape(reference.shape)
     size = np.array([steps.get(p, 0.0) for p in statistics.parameters])  # type: ignore[call-overload]
     variance = (size[:, None] / unit) ** 2 / 12.0
     return Resolution(

@@ -4,9 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
+from percept.scene import Scene
+from percept.study.units import NAMES
 
-__all__ = ["chosen"]
+__all__ = ["analysed", "chosen"]
+
+
+def analysed(present: tuple[str, ...], scene: Scene) -> tuple[str, ...]:
+    """Return the parameters a scene names, or all that were adjusted.
+
+    Parameters
+    ----------
+    present : tuple of str
+        Parameters that were adjusted.
+    scene : Scene
+        What to analyse.
+
+    Returns
+    -------
+    tuple of str
+
+    Raises
+    ------
+    RefusalError
+        None was adjusted, or not one the scene names.
+    """
+    asked = scene.inference.parameters
+    if not present:
+        raise RefusalError("no adjusted value is left in the data.")
+    missing = sorted(set(asked or ()) - set(present))
+    if missing:
+        raise RefusalError(
+            f"the scene asks for {NAMES[missing[0]]}, which no session has.", column=f"{missing[0]}_adj"
+        )
+    return tuple(asked) if asked else present
 
 
 def chosen(what: str, asked: str | Collection[str] | None, there: Sequence[str]) -> tuple[str, ...]:

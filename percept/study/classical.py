@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,10 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.units import UNITS
 
-__all__ = ["FAMILIES", "Cell", "cell_interval", "cell_moments"]
+__all__ = ["FAMILIES", "TOO_FEW", "Cell", "cell_interval", "cell_moments"]
+
+#: Why a cell has no interval.
+TOO_FEW = "it has fewer than two subjects"
 
 #: Classical rows are always given in both families, the paper's first.
 FAMILIES = ("normal", "lognormal")
@@ -42,6 +46,15 @@ class Cell:
     moments: Moments | None
     why: str = ""
 
+    @classmethod
+    def of(cls, parameter: str, environment: str, found: Moments | str) -> Self:
+        """Make a cell of its moments, or of why there are none; without scatter there is no interval."""
+        if isinstance(found, str):
+            return cls(parameter, environment, None, found)
+        if np.all(found.sd == 0):
+            return cls(parameter, environment, None, "all subjects adjusted alike")
+        return cls(parameter, environment, found)
+
 
 def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: str) -> Iterator[Cell]:
     """Yield every cell of a study.
@@ -64,13 +77,7 @@ def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: str) -
     tables = list(sessions.table.groupby("environment", sort=False))
     for parameter in parameters:
         for environment, table in tables:
-            moments = _moments(sessions, table, parameter, family)
-            if isinstance(moments, str):
-                yield Cell(parameter, str(environment), None, moments)
-            elif np.all(moments.sd == 0):
-                yield Cell(parameter, str(environment), None, "all subjects adjusted alike")
-            else:
-                yield Cell(parameter, str(environment), moments)
+            yield Cell.of(parameter, str(environment), _moments(sessions, table, parameter, family))
 
 
 def _moments(sessions: Sessions, table: pd.DataFrame, parameter: str, family: str) -> Moments | str:
@@ -90,7 +97,7 @@ def _moments(sessions: Sessions, table: pd.DataFrame, parameter: str, family: st
     adjusted = table[f"{parameter}_adj"].to_numpy(dtype=float)[known]
     subjects = table["subject"].to_numpy()[known]
     if len(set(subjects.tolist())) < 2:
-        return "it has fewer than two subjects"
+        return TOO_FEW
     if family == "lognormal" and np.any(adjusted <= 0):
         return "a value is zero or negative"
     return subject_means(adjusted, subjects, family=family).moments()  # type: ignore[arg-type]

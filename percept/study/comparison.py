@@ -13,7 +13,7 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.bayesian import Fit
 from percept.study.classical import cell_moments
-from percept.study.relaxed import PriorPull, prior_pull
+from percept.study.prior_pull import PriorPull, prior_pull
 
 __all__ = ["compare_curves", "compare_intervals", "sample_sds"]
 

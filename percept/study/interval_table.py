@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from percept.errors import RefusalError
 from percept.inference.intervals import Interval
-from percept.study.classical import FAMILIES, cell_interval, cell_moments
+from percept.scene import Scene
+from percept.study.classical import FAMILIES, Cell, cell_interval, cell_moments
 from percept.study.responses import refuse_lone_subject
 from percept.study.units import NAMES, UNITS
 
@@ -17,12 +18,13 @@ if TYPE_CHECKING:
     from percept.study.bayesian import Fit
     from percept.study.study import Study
 
-__all__ = ["interval_table"]
+__all__ = ["COLUMNS", "References", "bayesian_rows", "classical_rows", "interval_table"]
 
-_COLUMNS = (
+References = Mapping[tuple[str, str], float]
+COLUMNS = [
     "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
     "lower", "upper", "estimate", "n", "unit", "reference", "covers",
-)  # fmt: skip
+]  # fmt: skip
 
 
 def interval_table(study: Study) -> pd.DataFrame:
@@ -44,36 +46,77 @@ def interval_table(study: Study) -> pd.DataFrame:
     RefusalError
         Fewer than two subjects; nothing that has scatter; and as the fit.
     """
-    rows = []
-    if study.scene.inference.method != "bayesian":
-        rows += list(_classical(study))
+    asked, form = study.scene.inference, study.sessions.form
+    rows: list[dict[str, Any]] = []
+    if asked.method != "bayesian":
+        if form != "summary":
+            refuse_lone_subject(study.sessions.table["subject"].unique().tolist())
+        cells = {f: list(cell_moments(study.sessions, study.parameters, f)) for f in FAMILIES}
+        rows += classical_rows(cells, study.scene, study.reference)
     if study.fit is not None and study.fit.run.gate.passed:
-        rows += list(_bayesian(study, study.fit))
-    if not rows and study.scene.inference.method == "classical":
-        cell = next(iter(cell_moments(study.sessions, study.parameters, FAMILIES[0])))
+        approximate = form == "summary" and asked.family == "lognormal"
+        rows += bayesian_rows(study.fit, study.scene, study.reference, approximate=approximate)
+    if not rows and asked.method == "classical":
+        cell = cells[FAMILIES[0]][0]
         raise RefusalError(
             f"there is no interval of anything: {NAMES[cell.parameter]} in {cell.environment}, say, where "
             f"{cell.why}."
         )
-    return pd.DataFrame(rows, columns=list(_COLUMNS))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _classical(study: Study) -> Iterator[dict[str, Any]]:
-    if study.sessions.form != "summary":
-        refuse_lone_subject(study.sessions.table["subject"].unique().tolist())
-    joints = ("marginal", "bonferroni") if len(study.parameters) == 2 else ("marginal",)
-    for family in FAMILIES:
-        for cell in cell_moments(study.sessions, study.parameters, family):
+def classical_rows(
+    cells: Mapping[str, Sequence[Cell]], scene: Scene, reference: References
+) -> Iterator[dict[str, Any]]:
+    """Yield a row for every classical interval the scene asks for.
+
+    Parameters
+    ----------
+    cells : mapping of str to sequence of Cell
+        Cells of the study by family.
+    scene : Scene
+        Kinds and levels.
+    reference : mapping of (str, str) to float
+        Reference by parameter and environment, N/m or N·s/m.
+
+    Yields
+    ------
+    dict
+        By `COLUMNS`.
+    """
+    for family, found in cells.items():
+        two = len({cell.parameter for cell in found}) == 2
+        for cell in found:
             if cell.moments is None:
                 continue
-            for kind in study.scene.inference.kinds:
-                for joint in joints:
-                    interval = cell_interval(cell.moments, kind, family, study.scene, cell.parameter, joint)
-                    yield _row(study, interval, cell.parameter, cell.environment)
+            for kind in scene.inference.kinds:
+                for joint in ("marginal", "bonferroni") if two else ("marginal",):
+                    interval = cell_interval(cell.moments, kind, family, scene, cell.parameter, joint)
+                    yield _row(interval, cell.parameter, cell.environment, reference)
 
 
-def _bayesian(study: Study, fit: Fit) -> Iterator[dict[str, Any]]:
-    asked = study.scene.inference
+def bayesian_rows(
+    fit: Fit, scene: Scene, reference: References, *, approximate: bool = False
+) -> Iterator[dict[str, Any]]:
+    """Yield a row for every interval of a fit.
+
+    Parameters
+    ----------
+    fit : Fit
+        Whose gate passed.
+    scene : Scene
+        Family and levels.
+    reference : mapping of (str, str) to float
+        Reference by parameter and environment, N/m or N·s/m.
+    approximate : bool
+        Whether published limits were matched by moments.
+
+    Yields
+    ------
+    dict
+        By `COLUMNS`.
+    """
+    asked = scene.inference
     for kind, (lower, upper) in fit.limits.items():
         for c, (parameter, environment) in enumerate(fit.prepared.model.cells):
             interval = Interval(
@@ -88,16 +131,16 @@ def _bayesian(study: Study, fit: Fit) -> Iterator[dict[str, Any]]:
                 share=asked.held_share if kind == "share" else None,
                 confidence=asked.confidence if kind == "share" else None,
                 repeats=fit.prepared.repeats,
-                approximate=study.sessions.form == "summary" and asked.family == "lognormal",
+                approximate=approximate,
                 unit=UNITS[parameter],
             )
-            yield _row(study, interval, parameter, environment)
+            yield _row(interval, parameter, environment, reference)
 
 
-def _row(study: Study, interval: Interval, parameter: str, environment: str) -> dict[str, Any]:
+def _row(interval: Interval, parameter: str, environment: str, reference: References) -> dict[str, Any]:
     return {
         "environment": environment,
         "parameter": parameter,
-        "reference": study.reference[parameter, environment],
+        "reference": reference[parameter, environment],
         **interval.as_dict(),
     }

@@ -12,14 +12,12 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
-from percept.errors import RefusalError
 from percept.inference.hierarchy.priors import MEANINGS
 from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.chosen import chosen
+from percept.study.chosen import analysed, chosen
 from percept.study.responses import references
-from percept.study.units import NAMES
 
 if TYPE_CHECKING:
     from percept.boundary.band import BandStudy
@@ -92,16 +90,7 @@ class Study:
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
-        present = self.sessions.parameters
-        asked = self.scene.inference.parameters
-        if not present:
-            raise RefusalError("no adjusted value is left in the data.")
-        missing = sorted(set(asked or ()) - set(present))
-        if missing:
-            raise RefusalError(
-                f"the scene asks for {NAMES[missing[0]]}, which no session has.", column=f"{missing[0]}_adj"
-            )
-        return tuple(asked) if asked else present
+        return analysed(self.sessions.parameters, self.scene)
 
     @property
     def environments(self) -> tuple[str, ...]:

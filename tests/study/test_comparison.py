@@ -11,13 +11,14 @@ from percept import RefusalError, Scene, Study, UsageError
 from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.laws import Laws
 from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.wider_priors import reweighted, wider, with_priors
 from percept.inference.sampling.run import Settings, sample
 from percept.sessions import Sessions
 from percept.study.bayesian import Fit
 from percept.study.comparison import compare_curves
 from percept.study.pairs import compare_studies, split_by
 from percept.study.posterior import thinned_points
-from percept.study.relaxed import _relaxed, _reweighted, _with_priors, prior_pull
+from percept.study.prior_pull import prior_pull
 
 
 def test_the_reasons_multiply_to_the_ratio_of_widths(fitted: Study) -> None:
@@ -41,7 +42,7 @@ def test_prior_pull_by_reweighting_agrees_with_a_refit(fitted: Study) -> None:
     assert found is not None
     model = fitted.fit.prepared.model
     assert isinstance(model, Pooled)
-    wide = Pooled(_with_priors(model.density, _relaxed(model.density.priors)))
+    wide = Pooled(with_priors(model.density, wider(model.density.priors)))
     run = sample(wide, IntervalEstimands(wide), Settings(tolerance=0.05, seed=9))
     assert found.effective > 1000
     for i, kind in enumerate(("mean", "user", "share")):
@@ -65,12 +66,12 @@ def test_prior_pull_where_the_priors_matter() -> None:
     assert study.fit is not None
     model = study.fit.prepared.model
     assert isinstance(model, Pooled)
-    log_weight, _ = _reweighted(model.density, thinned_points(study.fit)[0])
+    log_weight, _ = reweighted(model.density, thinned_points(study.fit)[0])
     # Taken as log likelihoods, of which leaving one out takes the inverse. A fitted index errs by some .1.
     assert array_stats.psislw(-log_weight)[1] < 0.36 + 0.15
     found = prior_pull(study.fit, scene)
     assert found is not None
-    wide = Pooled(_with_priors(model.density, _relaxed(model.density.priors)))
+    wide = Pooled(with_priors(model.density, wider(model.density.priors)))
     run = sample(wide, IntervalEstimands(wide), Settings(tolerance=0.01, seed=9))
     for i, kind in enumerate(("mean", "user", "share")):
         lower, upper = run.estimates.value.reshape(3, 2, -1)[i]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
 
-__all__ = ["Pattern", "Statistics", "from_summary", "from_trials"]
+__all__ = ["Pattern", "Statistics", "from_cells", "from_summary", "from_trials"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -136,11 +136,7 @@ def from_trials(
         trial = int(np.argmin(np.all(np.isfinite(response), axis=1)))
         raise UsageError("responses must be finite.", row=trial, value=response[trial].tolist())
     count_subjects, count_environments = len(subjects), len(environments)
-    if count_subjects < 2:
-        raise RefusalError(
-            f"one subject ({', '.join(subjects)}) says nothing of the spread between subjects.",
-            hint="Add the sessions of at least one more subject.",
-        )
+    _refuse_lone(subjects)
     cell = subject * count_environments + environment
     cells = count_subjects * count_environments
     counts = np.bincount(cell, minlength=cells)
@@ -158,7 +154,76 @@ def from_trials(
         inside = deviation[:, environment == j].T
         factor = _triangle(inside)
         trial_rows[:, : factor.shape[0], j] = factor.T
-    trial_df = np.maximum(counts - 1, 0).sum(axis=0).astype(float)
+    return _of_cells(
+        counts, cell_means, trial_rows, x, parameters=parameters, environments=environments, subjects=subjects
+    )
+
+
+def from_cells(
+    count: NDArray[np.intp],
+    mean: Array,
+    scatter: Array,
+    x: Array,
+    *,
+    parameters: tuple[str, ...],
+    environments: tuple[str, ...],
+    subjects: tuple[str, ...],
+) -> Statistics:
+    """Take trials that were reduced to cells already.
+
+    Parameters
+    ----------
+    count : ndarray of int, shape (N, J)
+        Trials of each subject in each environment, zero where there are none.
+    mean : ndarray, shape (N, P, J)
+        Mean responses of the cells, NaN where there are none.
+    scatter : ndarray, shape (P, P, J)
+        Sums over an environment's cells of squares and products about their means.
+    x : ndarray, shape (P, J)
+        log10 of each reference over the geometric mean of the references.
+    parameters, environments, subjects : tuple of str
+        Labels.
+
+    Returns
+    -------
+    Statistics
+        Of two parameters whose trials move almost in proportion less is known than from the trials: the
+        remainder is what two sums of squares differ by.
+
+    Raises
+    ------
+    RefusalError
+        If there are fewer than two subjects.
+    """
+    _refuse_lone(subjects)
+    rows = np.zeros_like(scatter)
+    rows[0, 0] = np.sqrt(scatter[0, 0])
+    if len(parameters) == 2:
+        rows[1, 0] = np.divide(scatter[0, 1], rows[0, 0], out=np.zeros_like(rows[0, 0]), where=rows[0, 0] > 0)
+        rows[1, 1] = np.sqrt(np.maximum(scatter[1, 1] - rows[1, 0] ** 2, 0.0))
+    return _of_cells(
+        count, mean, rows, x, parameters=parameters, environments=environments, subjects=subjects
+    )
+
+
+def _refuse_lone(subjects: tuple[str, ...]) -> None:
+    if len(subjects) < 2:
+        raise RefusalError(
+            f"one subject ({', '.join(subjects)}) says nothing of the spread between subjects.",
+            hint="Add the sessions of at least one more subject.",
+        )
+
+
+def _of_cells(
+    counts: NDArray[np.intp],
+    cell_means: Array,
+    trial_rows: Array,
+    x: Array,
+    *,
+    parameters: tuple[str, ...],
+    environments: tuple[str, ...],
+    subjects: tuple[str, ...],
+) -> Statistics:
     patterns = tuple(_patterns(counts, cell_means))
     sd, df = _between(cell_means)
     size = len(parameters)
@@ -170,7 +235,7 @@ def from_trials(
         subjects=subjects,
         x=np.asarray(x, dtype=float),
         patterns=patterns,
-        trial_df=trial_df,
+        trial_df=np.maximum(counts - 1, 0).sum(axis=0).astype(float),
         trial_rows=trial_rows,
         constant=constant,
         sd=sd,

@@ -1,0 +1,83 @@
+"""What the priors do to the intervals: the same posterior under priors a quarter wider."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.laws import Laws
+from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.wider_priors import reweighted
+from percept.scene import Scene
+from percept.study.bayesian import Fit
+from percept.study.posterior import thinned_points
+from percept.study.streams import Stream, generator
+
+__all__ = ["PriorPull", "prior_pull"]
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PriorPull:
+    """Limits under priors a quarter wider, beside those of the same draws under the priors themselves.
+
+    Attributes
+    ----------
+    limits, own : dict of str to (ndarray, ndarray)
+        By kind: lower and upper limits (C,) on the response scale, under wider priors and under the priors
+        themselves. Both scatter alike, so that their difference hardly does.
+    effective : float
+        Effective number of draws left after reweighting; few, and the limits are rough.
+    """
+
+    limits: dict[str, tuple[Array, Array]]
+    own: dict[str, tuple[Array, Array]]
+    effective: float
+
+
+def prior_pull(fit: Fit, scene: Scene) -> PriorPull | None:
+    """Reweight the posterior to wider priors: SDs and scales by a quarter, correlations in proportion.
+
+    The scales keep their draws, weighted by the ratio of priors and by the ratio of likelihoods with the
+    locations integrated out; the locations are worked out anew under the wider priors.
+
+    Parameters
+    ----------
+    fit : Fit
+        A sampled posterior.
+    scene : Scene
+        Kinds, level, share, confidence and seed.
+
+    Returns
+    -------
+    PriorPull or None
+        None for models other than the pooled one of sessions.
+    """
+    model = fit.prepared.model
+    if not isinstance(model, Pooled):
+        return None
+    points = thinned_points(fit)[0]
+    log_weight, packed = reweighted(model.density, points)
+    weight = special.softmax(log_weight)
+    rng = generator(scene.inference.seed, Stream.PRIOR_PULL)
+    wider = Laws.unpack(packed[_systematic(weight, rng)])
+    asked = scene.inference
+    estimands = IntervalEstimands(
+        model, kinds=asked.kinds, level=asked.level, share=asked.held_share, confidence=asked.confidence
+    )
+    limits, own = (
+        {str(kind): estimands.limits(kind, laws)[:2] for kind in asked.kinds}
+        for laws in (wider, model.laws(points))
+    )
+    return PriorPull(limits, own, float(1.0 / np.sum(weight**2)))
+
+
+def _systematic(weight: Array, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Choose as many draws, each as often as its weight says, to within one."""
+    places = (np.arange(weight.size) + rng.random()) / weight.size
+    return np.minimum(np.searchsorted(np.cumsum(weight), places), weight.size - 1)

@@ -1,0 +1,169 @@
+"""Intervals of studies larger than memory, from cells that blocks of their files were reduced to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from percept.errors import UsageError
+from percept.inference.classical.moments import Moments
+from percept.inference.hierarchy.statistics import from_cells
+from percept.inference.sampling.records import Progress
+from percept.inference.share import ALONE, Share
+from percept.scene import Scene
+from percept.sessions import Reduced
+from percept.study.bayesian import Prepared, RunStore, fit, pooled
+from percept.study.chosen import analysed
+from percept.study.classical import TOO_FEW, Cell
+from percept.study.interval_table import COLUMNS, References, bayesian_rows, classical_rows
+from percept.study.responses import ResponseScale, decades, refuse_lone_subject
+
+__all__ = ["prepare_reduced", "reduced_intervals"]
+
+Array = NDArray[np.float64]
+
+
+def reduced_intervals(
+    reduced: Reduced,
+    scene: Scene | None = None,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    store: RunStore | None = None,
+    share: Share = ALONE,
+) -> pd.DataFrame:
+    """Work out the intervals of a study that was reduced while it was read.
+
+    Parameters
+    ----------
+    reduced : Reduced
+        From `percept.sessions.reduce_sessions`.
+    scene : Scene, optional
+        What to analyse; its family is that of the reduction.
+    progress : callable, optional
+        Told the state of the sampler after every round.
+    store : RunStore, optional
+        Where finished runs of the sampler are kept.
+    share : Share
+        Who works on the sampling.
+
+    Returns
+    -------
+    DataFrame
+        As `Study.intervals`, in the family of the reduction alone and of trials with every parameter. No
+        Bayesian rows where the gate failed.
+
+    Raises
+    ------
+    UsageError
+        A scene of another family, or without pooling.
+    RefusalError
+        As `Study.intervals`.
+    """
+    scene = scene or Scene()
+    parameters = _asked(reduced, scene)
+    reference = {
+        (p, str(e)): float(value)
+        for p in parameters
+        for e, value in zip(reduced.references["environment"], reduced.references[f"{p}_ref"], strict=True)
+    }
+    rows: list[dict[str, Any]] = []
+    if scene.inference.method != "bayesian":
+        rows += classical_rows({reduced.family: _cells(reduced, reference)}, scene, reference)
+    if scene.inference.method != "classical":
+        found = fit(prepare_reduced(reduced, scene), scene, progress=progress, store=store, share=share)
+        if found.run.gate.passed:
+            rows += bayesian_rows(found, scene, reference)
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
+    """Build the hierarchical model of a study that was reduced while it was read.
+
+    Parameters
+    ----------
+    reduced : Reduced
+        From `percept.sessions.reduce_sessions`.
+    scene : Scene
+        Priors and options.
+
+    Returns
+    -------
+    Prepared
+        Without trials.
+
+    Raises
+    ------
+    UsageError
+        A scene of another family, or without pooling.
+    RefusalError
+        As `percept.study.bayesian.prepare`.
+    """
+    parameters = _asked(reduced, scene)
+    cells = reduced.cells[reduced.cells["n"] > 0]
+    subjects = tuple(dict.fromkeys(cells["subject"]))
+    environments = tuple(dict.fromkeys(cells["environment"]))
+    refuse_lone_subject(subjects)
+    at = (
+        pd.Index(subjects).get_indexer(cells["subject"]),
+        pd.Index(environments).get_indexer(cells["environment"]),
+    )
+    count = np.zeros((len(subjects), len(environments)), dtype=np.intp)
+    count[at] = cells["n"]
+    size = len(parameters)
+    mean = np.full((len(subjects), size, len(environments)), np.nan)
+    scatter = np.zeros((size, size, len(environments)))
+    for i, p in enumerate(parameters):
+        mean[at[0], i, at[1]] = cells[f"mean_{p}"]
+        for j, q in enumerate(parameters):
+            pair = "".join(sorted((p, q), reverse=True))
+            np.add.at(scatter[i, j], at[1], cells[f"scatter_{pair}"].to_numpy())
+    columns = [f"{p}_ref" for p in parameters]
+    reference = reduced.references.set_index("environment").loc[list(environments), columns].to_numpy().T
+    statistics = from_cells(
+        count, mean, scatter, decades(reference),
+        parameters=parameters, environments=environments, subjects=subjects,
+    )  # fmt: skip
+    log = reduced.family == "lognormal"
+    scale = ResponseScale(log, reference.ravel(), np.ones(reference.size) if log else reference.ravel())
+    return pooled(statistics, scene, reference, scale)
+
+
+def _asked(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
+    """Parameters to be analysed, of a scene that fits the reduction."""
+    if scene.inference.family != reduced.family:
+        raise UsageError(
+            f"the trials were reduced to responses of the family {reduced.family!r}.",
+            key="inference.family",
+            value=scene.inference.family,
+            hint="Reduce them anew, or change the scene.",
+        )
+    if scene.model.pooling == "none":
+        raise UsageError(
+            "cells that were reduced are pooled.", key="model.pooling", value="none",
+            hint="Read the trials with read_sessions.",
+        )  # fmt: skip
+    present = tuple(p for p in ("k", "b") if reduced.references[f"{p}_ref"].notna().any())
+    return analysed(present, scene)
+
+
+def _cells(reduced: Reduced, reference: References) -> list[Cell]:
+    """One value per subject, the mean of the trials on the family's scale, in N/m or N·s/m."""
+    cells = reduced.cells[reduced.cells["n"] > 0]
+    log = reduced.family == "lognormal"
+    return [
+        Cell.of(p, str(environment), _moments(table, p, reference[p, str(environment)], log))
+        for p in dict.fromkeys(parameter for parameter, _ in reference)
+        for environment, table in cells.groupby("environment", sort=False)
+    ]
+
+
+def _moments(table: pd.DataFrame, parameter: str, reference: float, log: bool) -> Moments | str:
+    if len(table) < 2:
+        return TOO_FEW
+    mean = table[f"mean_{parameter}"].to_numpy()
+    values = reference * (np.exp(mean) if log else 1.0 + mean)
+    return Moments.from_values(values, log=log, repeats=bool((table["n"] > 1).any()))
