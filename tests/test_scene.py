@@ -136,7 +136,7 @@ def test_single_values_are_read_where_the_curves_are(lower, upper, at):
 
 
 def test_keyword_arguments_are_refused_as_tables_are():
-    with pytest.raises(UsageError, match=r"inference\.tolerence = 0\.1: there is no such key; there are level"):
+    with pytest.raises(UsageError, match=r"inference\.tolerence = 0\.1: there is no such key; there are"):
         Scene(inference={"tolerence": 0.1})
     with pytest.raises(UsageError, match="self: there is no such key; there are device, coupling"):
         Scene.from_tables({"self": {}})
