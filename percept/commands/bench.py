@@ -77,12 +77,13 @@ def run(arguments: argparse.Namespace) -> int:
         begun, before = time.perf_counter(), os.getloadavg()[0]
         records = _PARTS[part](arguments)
         if arguments.out:
-            print(_write(part, records, arguments, (before, os.getloadavg()[0]), time.perf_counter() - begun))
+            loads, seconds = (before, os.getloadavg()[0]), time.perf_counter() - begun
+            path = _write(part, records, arguments, loads, seconds)
+            print(path, file=sys.stderr if arguments.json else sys.stdout)
         found[part] = [dataclasses.asdict(record) for record in records]
-    if arguments.out:
-        return 0
     if arguments.json:
         print(json.dumps(found, indent=1))
+    if arguments.json or arguments.out:
         return 0
     import pandas as pd
 

@@ -67,6 +67,14 @@ def test_parts_are_written_as_they_are_measured(tmp_path: Path, capsys: pytest.C
     assert (out / "moments.md").read_text().count("\n| ") == 1 + len(moments["rows"])
 
 
+def test_parts_are_written_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "moments", "--json", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr()
+    written = json.loads((tmp_path / "moments.json").read_text())
+    assert json.loads(printed.out)["moments"] == written["rows"]
+    assert printed.err.splitlines()[-1] == str(tmp_path / "moments.md")
+
+
 def test_parts_that_write_a_page_of_their_own_go_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "moments", "peers"]) == 2
     assert "value 'peers': not a part that goes with others; those are " in capsys.readouterr().err
