@@ -16,8 +16,9 @@ from percept.sessions import checks
 from percept.sessions.columns import resolve
 from percept.sessions.decode import decode
 from percept.sessions.dialect import Grid, read_grid
+from percept.sessions.observations import read_part
 from percept.sessions.options import IDS, ReadOptions
-from percept.sessions.part import Part, read_part
+from percept.sessions.part import Part
 from percept.sessions.problems import Problems
 from percept.sessions.recognise import refuse_binary, refuse_text
 from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS, Exclusion, Notice, Sessions, Source

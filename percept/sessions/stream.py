@@ -28,8 +28,9 @@ from percept.sessions.columns import Resolution, resolve
 from percept.sessions.decode import decode
 from percept.sessions.dialect import read_grid, split_plain
 from percept.sessions.numbers import MISSING, decimal_mark
+from percept.sessions.observations import read_part
 from percept.sessions.options import IDS, NUMBERS, ReadOptions
-from percept.sessions.part import Part, check_columns, read_part
+from percept.sessions.part import Part, check_columns
 from percept.sessions.problems import Problems
 from percept.sessions.units import convert
 
