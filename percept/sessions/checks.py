@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,7 @@ __all__ = [
     "look_alikes",
     "refuse_twin",
     "settle_references",
+    "unit_doubt",
 ]
 
 Place = Callable[[int], Mapping[str, object]]
@@ -188,22 +190,33 @@ def check_plausible(
         known = (adjusted > 0) & (reference > 0)
         if not known.any():
             continue
-        ratio = _typical_ratio(adjusted[known], reference[known])
-        if 1 / _FAR < ratio < _FAR:
+        doubt = unit_doubt(p, _typical_ratio(adjusted[known], reference[known]))
+        if doubt is None:
             continue
-        text = f"{p}_adj is typically {ratio:.3g} times {p}_ref: their units seem to differ."
         if declared_units & {f"{p}_adj", f"{p}_ref"}:
-            notices.append(Notice(text, column=f"{p}_adj"))
+            notices.append(Notice(doubt.text, column=f"{p}_adj"))
             continue
-        unit = "N/mm" if p == "k" else "N·s/mm"
-        problems.add(
-            text,
-            column=f"{p}_adj",
-            value=float(adjusted[np.flatnonzero(known)[0]]),
-            hint=f'Declare the units: [columns] {p}_adj = {{ name = "…", unit = "{unit}" }}.',
-            **place(int(np.flatnonzero(known)[0])),
-        )
+        at = int(np.flatnonzero(known)[0])
+        problems.add(doubt.text, column=f"{p}_adj", value=float(adjusted[at]), hint=doubt.hint, **place(at))
     return notices
+
+
+class UnitDoubt(NamedTuple):
+    """What makes a unit doubtful, and what to do."""
+
+    text: str
+    hint: str
+
+
+def unit_doubt(parameter: str, ratio: float) -> UnitDoubt | None:
+    """Say that units seem to differ, where adjustments are typically `ratio` times their references."""
+    if 1 / _FAR < ratio < _FAR:
+        return None
+    unit = "N/mm" if parameter == "k" else "N·s/mm"
+    return UnitDoubt(
+        f"{parameter}_adj is typically {ratio:.3g} times {parameter}_ref: their units seem to differ.",
+        f'Declare the units: [columns] {parameter}_adj = {{ name = "…", unit = "{unit}" }}.',
+    )
 
 
 def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:
@@ -216,7 +229,7 @@ def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]
     Parameters
     ----------
     table : DataFrame
-        All observations.
+        All observations, or a row per subject and environment.
 
     Returns
     -------
@@ -224,6 +237,11 @@ def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]
         Those of the other subjects.
     exclusions : list of Exclusion
         One per subject left out.
+
+    Raises
+    ------
+    UsageError
+        Nobody is left.
     """
     environments = list(table["environment"].unique())
     seen = table.groupby("subject", sort=False)["environment"].unique()
@@ -233,7 +251,14 @@ def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]
         for subject, missing in lacking.items()
         if missing
     ]
-    return table[~table["subject"].isin([e.who for e in exclusions])], exclusions
+    kept = table[~table["subject"].isin([e.who for e in exclusions])]
+    if not len(kept):
+        raise UsageError(
+            "every subject lacks an environment that others have.",
+            key="sessions.unfinished",
+            hint='Leave out unfinished = "exclude".',
+        )
+    return kept, exclusions
 
 
 def count_grid(table: pd.DataFrame, parameters: Sequence[str]) -> Counter[str]:
@@ -282,8 +307,8 @@ def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None
         ("upper", table["upper"] < table["lower"], "is below the lower limit."),
         (
             "n",
-            (table["n"] < 2) | (table["n"] != np.round(table["n"])),
-            "must be a whole number of at least 2.",
+            (table["n"] < 2) | (table["n"] >= 2.0**53) | (table["n"] != np.round(table["n"])),
+            "must be a whole number of at least 2, and below 2^53.",
         ),
         ("level", (table["level"] <= 0) | (table["level"] >= 1), "must lie between 0 and 1, as in 0.99."),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,11 @@ from percept.sessions.part import Part
 from percept.sessions.problems import Problems
 from percept.sessions.recognise import refuse_binary, refuse_text
 from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS, Exclusion, Notice, Sessions, Source
-from percept.sessions.sources import Input, expand, is_workbook, load, names_from_file
+from percept.sessions.sources import Expanded, Input, expand, is_workbook, load, names_from_file
 from percept.sessions.stream import NotPlain, open_stream
 from percept.sessions.tables import excel_grid, frame_grid, parquet_grid
 
-__all__ = ["read_grid_of", "read_sessions", "sessions_from_frame"]
+__all__ = ["never_named", "not_read", "read_grid_of", "read_parts", "read_sessions", "sessions_from_frame"]
 
 
 def read_sessions(
@@ -59,9 +59,7 @@ def read_sessions(
     options = (options or ReadOptions()).with_columns(columns)
     study = _Study(options)
     found = expand(paths)
-    study.notices += [Notice("a folder of results is not read", file=folder) for folder in found.results]
-    if found.ignored:
-        study.notices.append(Notice(f"{len(found.ignored)} files of other kinds in the folders are not read"))
+    study.notices += not_read(found)
     for file in found.files:
         with study.collecting():
             if study.add_large(file):
@@ -78,6 +76,53 @@ def sessions_from_frame(frame: pd.DataFrame, *, options: ReadOptions | None = No
     name = "<frame>"
     study.take(frame_grid(frame, file=name), name, "", {})
     return study.sessions()
+
+
+def not_read(found: Expanded) -> list[Notice]:
+    """Notice what the paths held beside tables."""
+    notices = [Notice("a folder of results is not read", file=folder) for folder in found.results]
+    if found.ignored:
+        notices.append(Notice(f"{len(found.ignored)} files of other kinds in the folders are not read"))
+    return notices
+
+
+def never_named(options: ReadOptions, present: Collection[str]) -> list[Notice]:
+    """Notice environments that the scene declares and no row has."""
+    return [
+        Notice("[environments] names it, and no row does", column=name)
+        for name in options.environments
+        if name not in present
+    ]
+
+
+def read_parts(file: str, options: ReadOptions) -> tuple[list[Part], list[Source], list[Notice]]:
+    """Read the tables of one file without the checks that need the whole study.
+
+    Parameters
+    ----------
+    file : str
+        Path.
+    options : ReadOptions
+        How to read it.
+
+    Returns
+    -------
+    parts : list of Part
+        Their frames hold `file`, a place in `sources`.
+    sources : list of Source
+    notices : list of Notice
+
+    Raises
+    ------
+    UsageError
+        Everything that cannot be read.
+    """
+    study = _Study(options)
+    for entry in load(file):
+        with study.collecting():
+            study.add(entry)
+    study.problems.raise_if_any()
+    return study.parts, study.sources, study.notices + [n for part in study.parts for n in part.notices]
 
 
 def read_grid_of(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid:
@@ -199,11 +244,7 @@ class _Study:
             left = ", ".join(f"{n} {why}" for why, n in counts.items())
             raise UsageError("no row holds an adjustment.", file=self.sources[0].name, hint=f"Rows: {left}.")
         present = set(table["environment"].astype(str)) if "environment" in table else set()
-        self.notices += [
-            Notice("[environments] names it, and no row does", column=name)
-            for name in self.options.environments
-            if name not in present
-        ]
+        self.notices += never_named(self.options, present)
         merged = _summary if forms == {"summary"} else _trials
         return merged(self, table, counts)
 
@@ -244,12 +285,6 @@ def _trials(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Session
         if unfinished:
             counts["excluded: unfinished subject"] = len(table) - len(kept)
         table = kept.reset_index(drop=True)
-        if not len(table):
-            raise UsageError(
-                "every subject lacks an environment that others have.",
-                key="sessions.unfinished",
-                hint='Leave out unfinished = "exclude".',
-            )
     for what in IDS:
         study.notices += checks.look_alikes(table[what].unique(), what)
     counts.update(checks.count_grid(table, parameters))

@@ -14,11 +14,12 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import RefusalError, UsageError
-from percept.sessions.checks import look_alikes, refuse_twin
+from percept.sessions.checks import drop_unfinished, look_alikes, refuse_twin, unit_doubt
 from percept.sessions.numbering import Registry, codes_of, distinct, grown
 from percept.sessions.options import IDS, ReadOptions
+from percept.sessions.part import Part
 from percept.sessions.problems import Problems
-from percept.sessions.read import read_sessions
+from percept.sessions.read import never_named, not_read, read_parts
 from percept.sessions.records import Notice, Source
 from percept.sessions.sources import expand, names_from_file
 from percept.sessions.stream import NotPlain, open_stream
@@ -93,9 +94,11 @@ def reduce_sessions(
     options = (options or ReadOptions()).with_columns(columns)
     if family not in ("lognormal", "normal"):
         raise UsageError('family is "lognormal" or "normal".', value=family)
+    found = expand(paths)
     state = _State(family, options)
-    for file in expand(paths).files:
+    for file in found.files:
         state = _with_stream(state, file) or _with_whole(state, file)
+    state.notices = not_read(found) + state.notices
     return state.reduced()
 
 
@@ -116,23 +119,22 @@ def _with_stream(before: _State, file: str) -> _State | None:
         return None
     problems.raise_if_any()
     state.finish(
-        [Source(file, stream.sha256, stream.part.counts["rows read"])],
-        stream.part.notices,
-        stream.part.counts,
+        [Source(file, stream.sha256, stream.part.counts["rows read"])], stream.part.notices, [stream.part]
     )
     return state
 
 
 def _with_whole(state: _State, file: str) -> _State:
-    sessions = read_sessions(file, options=state.options)
-    if sessions.form != "trials":
-        raise UsageError("a published summary is not reduced.", file=file, hint="Read it with read_sessions.")
-    state.measure(set(sessions.parameters), file)
-    state.add(sessions.table.assign(row=sessions.provenance["row"]), file)
-    whole = {
-        c: n for c, n in sessions.counts.items() if c not in ("observations", "subjects", "environments")
-    }
-    state.finish(sessions.sources, sessions.notices, whole)
+    parts, sources, notices = read_parts(file, state.options)
+    for part in parts:
+        if part.form != "trials":
+            raise UsageError(
+                "a published summary is not reduced.", file=file, hint="Read it with read_sessions."
+            )
+        state.measure(part.parameters, file)
+        if len(part.frame):
+            state.add(part.frame, sources[int(part.frame["file"].iloc[0])].name)
+    state.finish(sources, notices, parts)
     return state
 
 
@@ -151,6 +153,9 @@ class _State:
         # Visits × trials: whether the trial was seen.
         self.seen = np.zeros((0, 0), dtype=np.bool_)
         self.references = {p: np.zeros(0) for p in ("k", "b")}
+        self.declared_units: set[str] = set()
+        # Rows of a cell, and of these the trials with every parameter.
+        self.rows = np.zeros(0, dtype=np.int64)
         self.n = np.zeros(0)
         self.means = np.zeros((2, 0))
         self.scatters = np.zeros((3, 0))
@@ -164,13 +169,15 @@ class _State:
             )
         self.parameters = ordered
 
-    def finish(self, sources: Sequence[Source], notices: Sequence[Notice], counts: Mapping[str, int]) -> None:
+    def finish(self, sources: Sequence[Source], notices: Sequence[Notice], parts: Sequence[Part]) -> None:
         """Record the file the last blocks came from."""
         for source in sources:
             refuse_twin(self.sources, source.name, source.sha256)
         self.sources += sources
         self.notices += notices
-        self.counts.update(counts)
+        for part in parts:
+            self.counts.update(part.counts)
+            self.declared_units |= part.declared_units
 
     def add(self, frame: pd.DataFrame, file: str) -> None:
         """Check and add one block."""
@@ -185,9 +192,16 @@ class _State:
             registry.numbers(codes[starts], names)
             for registry, (codes, names) in zip(registries, ids, strict=True)
         )
+        for registry, what in zip(registries, IDS, strict=True):
+            if len(registry.names) > _ID:
+                raise UsageError(f"more than {_ID} {what}s.", file=file, column=what)
         visits = self.visits.numbers(*distinct((subject << 2 * _BITS) | (session << _BITS) | place))
         cells = self.cells.numbers(*distinct((subject << _BITS) | place))
         visit, cell, environment = (np.repeat(run, lengths) for run in (visits, cells, place))
+        self.rows = np.concatenate(
+            [self.rows, np.zeros(len(self.cells.names) - len(self.rows), dtype=np.int64)]
+        )
+        self.rows += np.bincount(cell, minlength=len(self.rows))
         self._check_trials(visits, visit, frame["trial"].to_numpy(), rows, file)
         responses = [self._response(p, frame, environment, file) for p in self.parameters]
         complete = ~np.isnan(responses).any(axis=0)
@@ -242,9 +256,8 @@ class _State:
         reference = self._reference(p, frame, environment, file)
         zeros = adjusted <= 0 if self.family == "lognormal" else np.zeros(0, dtype=bool)
         # A reference is the same in all rows of an environment, so its few values are looked at first.
-        known = self.references[p]
-        if (known <= 0 if self.family == "lognormal" else known == 0).any() or zeros.any():
-            bad = reference <= 0 if self.family == "lognormal" else reference == 0
+        if (self.references[p] <= 0).any() or zeros.any():
+            bad = reference <= 0
             at = int(np.argmax(bad | zeros if len(zeros) else bad))
             raise RefusalError(
                 f"no response in the family {self.family!r}.",
@@ -252,7 +265,7 @@ class _State:
                 row=int(frame["row"].iloc[at]),
                 column=f"{p}_adj",
                 value=float(adjusted[at]),
-                hint="Zero and negative values need the normal family; a zero reference has no ratio.",
+                hint="Zero and negative adjustments need the normal family; references are positive.",
             )
         if self.family == "lognormal":
             return np.log(adjusted / reference)
@@ -276,17 +289,23 @@ class _State:
         expected = known[environment]
         if np.array_equal(given, expected):
             return expected
-        differ = (given != expected) & ~np.isnan(given) | np.isnan(expected)
-        if differ.any():
-            row = int(np.argmax(differ))
+        lacking = np.isnan(expected) & ~np.isnan(frame[f"{p}_adj"].to_numpy(dtype=float))
+        differ = (given != expected) & ~np.isnan(given)
+        if differ.any() or lacking.any():
+            row = int(np.argmax(differ | lacking))
             name = self.environments.names[environment[row]]
+            wrong = (
+                f"the reference {expected[row]!s} in an earlier row or the scene"
+                if differ[row]
+                else "no reference so far"
+            )
             raise UsageError(
-                f"environment {name!r} has no reference or two of them (the other is {expected[row]!s}).",
+                f"environment {name!r} has {wrong}.",
                 file=file,
                 row=int(frame["row"].iloc[row]),
                 column=f"{p}_ref",
-                value=float(given[row]),
-                hint="An environment has one reference.",
+                value=float(given[row]) if differ[row] else None,
+                hint=f"An environment has one reference: in its first rows, or as {p}_ref in [environments].",
             )
         return expected
 
@@ -340,20 +359,24 @@ class _State:
             }
         )
         where = {p: at for at, p in enumerate(self.parameters)}
+        # Zeros of a cell that holds no trial would read as data.
+        sums = np.where(self.n > 0, np.concatenate([self.means, self.scatters]), np.nan)
         blank = np.full(len(cells), np.nan)
         for p in ("k", "b"):
-            cells[f"mean_{p}"] = self.means[where[p]] if p in where else blank
+            cells[f"mean_{p}"] = sums[where[p]] if p in where else blank
         for pair in ("kk", "kb", "bb"):
-            if pair[0] in where and pair[1] in where:
-                cells[f"scatter_{pair}"] = self.scatters[where[pair[0]] + where[pair[1]]]
-            else:
-                cells[f"scatter_{pair}"] = blank
-        references = {"environment": self.environments.names}
+            known = pair[0] in where and pair[1] in where
+            cells[f"scatter_{pair}"] = sums[2 + where[pair[0]] + where[pair[1]]] if known else blank
+        references: dict[str, Any] = {"environment": self.environments.names}
         for p in ("k", "b"):
-            known = self.references[p]
-            references[f"{p}_ref"] = list(known) if p in where else [np.nan] * len(self.environments.names)
-        for what, registry in (("subject", self.subjects), ("environment", self.environments)):
-            self.notices += look_alikes(registry.names, what)
+            references[f"{p}_ref"] = self.references[p] if p in where else np.nan
+        self._check_units()
+        self.notices += never_named(self.options, self.environments.names)
+        if self.options.unfinished == "exclude":
+            cells = self._finished(cells)
+        names = (cells["subject"].unique(), self.sessions.names, cells["environment"].unique())
+        for what, ids in zip(IDS, names, strict=True):
+            self.notices += look_alikes(ids, what)
         return Reduced(
             cells,
             pd.DataFrame(references),
@@ -362,3 +385,27 @@ class _State:
             tuple(dict.fromkeys(self.notices)),
             dict(self.counts),
         )
+
+    def _check_units(self) -> None:
+        """Compare adjustments with references as `check_plausible` does, trials by their cell's mean."""
+        for mean, p in zip(self.means, self.parameters, strict=False):
+            ratio = np.exp(mean) if self.family == "lognormal" else 1.0 + mean
+            known = np.flatnonzero((ratio > 0) & (self.n > 0))
+            if not known.size:
+                continue
+            rising = known[np.argsort(ratio[known])]
+            reached = np.cumsum(self.n[rising])
+            typical = ratio[rising[np.searchsorted(reached, 0.5 * reached[-1])]]
+            doubt = unit_doubt(p, float(typical))
+            if doubt is None:
+                continue
+            if not self.declared_units & {f"{p}_adj", f"{p}_ref"}:
+                raise UsageError(doubt.text, file=self.sources[0].name, column=f"{p}_adj", hint=doubt.hint)
+            self.notices.append(Notice(doubt.text, column=f"{p}_adj"))
+
+    def _finished(self, cells: pd.DataFrame) -> pd.DataFrame:
+        """Leave out subjects who lack an environment that others have."""
+        kept, unfinished = drop_unfinished(cells)
+        if unfinished:
+            self.counts["excluded: unfinished subject"] = int(self.rows.sum() - self.rows[kept.index].sum())
+        return kept.reset_index(drop=True)

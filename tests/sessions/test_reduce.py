@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from percept.errors import RefusalError, UsageError
 from percept.sessions import ReadOptions, read_sessions, reduce_sessions
+from percept.sessions import reduce as reduce_module
 from percept.sessions import stream as stream_module
 
 HEAD = "subject,session,environment,k_ref,b_ref,trial,k_adj,b_adj"
@@ -223,7 +225,7 @@ def test_small_and_large_files_reduce_together(tmp_path, monkeypatch):
         (5, "1", UsageError, "trial 1 of this subject, session and environment stands twice"),
         (5, "-1", UsageError, "trial numbers are negative or too large"),
         (5, str(2**40), UsageError, "trial numbers are negative or too large"),
-        (3, "16.0", UsageError, "has no reference or two of them"),
+        (3, "16.0", UsageError, " in an earlier row or the scene."),
         (6, "x", UsageError, "not a number"),
     ],
 )
@@ -261,3 +263,104 @@ def test_what_cannot_be_reduced(tmp_path):
     write(tmp_path / "kb.csv", rows())
     with pytest.raises(UsageError, match="do not have the same parameters"):
         reduce_sessions(tmp_path / "k.csv", tmp_path / "kb.csv")
+
+
+def told(read, *args, **kwargs):
+    """What a reader gives: its notices, or the first of what it refuses."""
+    try:
+        return {typical(notice.text) for notice in read(*args, **kwargs).notices}
+    except (UsageError, RefusalError) as error:
+        return isinstance(error, UsageError), typical(error.message)
+
+
+def typical(text):
+    """Without the ratio: the median over cells is not quite that over trials."""
+    return re.sub(r"typically \S+ times", "typically so many times", text)
+
+
+def one_file_each(tmp_path, records):
+    by_subject = {}
+    for record in records:
+        by_subject.setdefault(record[0], []).append(record)
+    return [write(tmp_path / f"{name}.csv", own) for name, own in by_subject.items()]
+
+
+@pytest.mark.parametrize("streamed", [False, True])
+@pytest.mark.parametrize("several", [False, True])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "unfinished",
+        "all unfinished",
+        "units",
+        "declared units",
+        "one far off",
+        "never named",
+        "one parameter",
+    ],
+)
+def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, several, streamed):
+    monkeypatch.setattr(stream_module, "LARGE", 0 if streamed else 1 << 60)
+    monkeypatch.setattr(stream_module, "_BLOCK", 3000)
+    records, tables = rows(subjects=3, trials=4), {}
+    if "unfinished" in kind:
+        lacking = {"001": "VE1"} if kind == "unfinished" else {"000": "VE0", "001": "VE1", "002": "VE2"}
+        records = [r for r in records if lacking.get(r[0]) != r[2]]
+        tables["sessions"] = {"unfinished": "exclude"}
+    if "units" in kind:
+        records = [[*r[:6], repr(1200 * float(r[6])), r[7]] for r in records]
+        if kind == "declared units":
+            tables["columns"] = {"k_adj": {"name": "k_adj", "unit": "N/m"}}
+    if kind == "one far off":
+        records = [[*r[:6], repr(200 * float(r[6])), r[7]] if r[0] == "001" else r for r in records]
+    if kind == "never named":
+        tables["environments"] = {"VE9": {"k_ref": 1.0, "b_ref": 1.0}}
+    if kind == "one parameter":
+        records = [[*r[:4], "", *r[5:7], ""] if r[2] == "VE1" else r for r in records]
+    files = one_file_each(tmp_path, records) if several else [write(tmp_path / "all.csv", records)]
+    options = ReadOptions.from_mapping(tables)
+    assert told(reduce_sessions, *files, options=options) == told(read_sessions, *files, options=options)
+    if kind in ("unfinished", "one far off", "one parameter"):
+        sessions, reduced = read_sessions(*files, options=options), reduce_sessions(*files, options=options)
+        table = sessions.table[sessions.table[["k_adj", "b_adj"]].notna().all(axis=1)]
+        counted = table.groupby(["subject", "environment"], sort=False).size().reset_index(name="n")
+        held = reduced.cells[reduced.cells["n"] > 0].reset_index(drop=True)
+        pd.testing.assert_frame_equal(held[["subject", "environment", "n"]], counted, check_dtype=False)
+        assert reduced.cells[reduced.cells["n"] == 0].filter(regex="mean|scatter").isna().all(axis=None)
+        for what in ("excluded: unfinished subject", "observations"):
+            ours = reduced.counts.get(what, 0) - (what == "observations") * reduced.counts.get(
+                "excluded: unfinished subject", 0
+            )
+            assert ours == sessions.counts.get(what, 0)
+
+
+def test_folders_of_results_and_other_files_are_noticed(tmp_path):
+    one_file_each(tmp_path, rows(subjects=2))
+    (tmp_path / "notes.md").write_text("to do")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "fit.sha256").write_text("")
+    assert told(reduce_sessions, tmp_path) == told(read_sessions, tmp_path) != set()
+
+
+@pytest.mark.usefixtures("blocks")
+@pytest.mark.parametrize("family", ["lognormal", "normal"])
+@pytest.mark.parametrize("value", ["0", "-15.0"])
+def test_references_that_have_no_ratio(tmp_path, family, value):
+    records = [[*r[:3], value if r[2] == "VE0" else r[3], *r[4:]] for r in rows()]
+    with pytest.raises(RefusalError, match="no response in the family") as caught:
+        reduce_sessions(write(tmp_path / "f.csv", records), family=family)
+    assert caught.value.row == 2
+    assert "references are positive" in str(caught.value)
+
+
+@pytest.mark.usefixtures("blocks")
+def test_a_reference_that_comes_too_late(tmp_path):
+    records = [[*r[:3], "" if at < 200 and r[2] == "VE0" else r[3], *r[4:]] for at, r in enumerate(rows())]
+    with pytest.raises(UsageError, match=r"environment 'VE0' has no reference so far\..*\[environments\]"):
+        reduce_sessions(write(tmp_path / "f.csv", records))
+
+
+def test_too_many_ids(tmp_path, monkeypatch):
+    monkeypatch.setattr(reduce_module, "_ID", 5)
+    with pytest.raises(UsageError, match=r"column 'subject': more than 5 subjects"):
+        reduce_sessions(write(tmp_path / "f.csv", rows()))
