@@ -124,8 +124,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _output_is_closed() -> bool:
     """Say whether nobody reads standard output any more; what is left of it then goes nowhere."""
-    output = sys.stdout.fileno()
-    waiting = select.poll()
+    try:
+        output = sys.stdout.fileno()
+        waiting = select.poll()
+    except (AttributeError, OSError):
+        # Standard output is no file, or a system that cannot tell.
+        return False
     waiting.register(output, 0)
     closed = any(event & select.POLLERR for _, event in waiting.poll(0))
     if closed:

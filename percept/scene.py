@@ -49,8 +49,8 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
 Probability = Annotated[float, Field(strict=True), AfterValidator(_probability)]
 Kind = Literal["mean", "user", "share"]
-# Nyquist itself, rounded, is still allowed.
-_NYQUIST_ANGLE = math.pi + 4 * math.ulp(math.pi)
+# At Nyquist itself a sampled mass has no finite impedance. Written with fewer digits it may come out below.
+_NYQUIST_ANGLE = math.pi - 1e-9
 
 
 class _Table(BaseModel):
@@ -81,9 +81,10 @@ class DeviceTable(_Table):
 
     @model_validator(mode="after")
     def _one_description(self) -> Self:
-        rigid = self.mass is not None and self.damping is not None
-        if rigid == (self.response is not None):
-            raise ValueError("give either mass and damping, or response")
+        if self.response is None and (self.mass is None or self.damping is None):
+            raise ValueError("give mass and damping, or response")
+        if self.response is not None and not (self.mass is None and self.damping is None and not self.modes):
+            raise ValueError("a measured response holds mass, damping and modes: give one or the other")
         return self
 
 
@@ -158,7 +159,7 @@ class ModelTable(_Table):
 
     pooling: Literal["partial", "none"] = "partial"
     prior: Literal["default", "reference"] = "default"
-    priors: dict[str, float] = Field(default_factory=dict)
+    priors: dict[str, Annotated[float, Field(strict=True)]] = Field(default_factory=dict)
     subject_effect: StrictBool = True
     weber: StrictBool = False
     common_spread: StrictBool = False
@@ -236,11 +237,12 @@ class Scene(_Table):
 
     @model_validator(mode="after")
     def _below_nyquist(self) -> Self:
-        if self.device is None or self.frequency.upper * self.device.period <= _NYQUIST_ANGLE:
+        if self.device is None or self.frequency.upper * self.device.period < _NYQUIST_ANGLE:
             return self
         period = self.device.period
         raise UsageError(
-            f"lies above the Nyquist frequency, {math.pi / period:.6g} rad/s at a period of {period:g} s.",
+            f"does not lie below the Nyquist frequency, {math.pi / period:.6g} rad/s at a period of "
+            f"{period:g} s.",
             key="frequency.upper",
             value=self.frequency.upper,
             hint="Set upper of [frequency] below that (it is 100 by default), or correct period of [device].",

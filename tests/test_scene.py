@@ -31,7 +31,7 @@ from percept.sessions import ReadOptions
         ("[report.zoom]\nVE1 = [9, 9]\n", "report.zoom: the window of VE1 must begin below its end."),
         (
             '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',
-            "device: give either mass and damping, or response.",
+            "device: a measured response holds mass, damping and modes: give one or the other.",
         ),
         (
             "[inference]\nlevel = 99\n",
@@ -44,7 +44,7 @@ from percept.sessions import ReadOptions
         ("[frequency]\nlower = 5\nupper = 1\n", "frequency: lower, 5, must be below upper, 1."),
         (
             "[device]\nmass = 1\ndamping = 2\nperiod = 0.05\n",
-            "frequency.upper = 100.0: lies above the Nyquist frequency, 62.8319 rad/s at a period of 0.05 s. "
+            "frequency.upper = 100.0: does not lie below the Nyquist frequency, 62.8319 rad/s at a period of 0.05 s. "
             "Set upper of [frequency] below that",
         ),
         ('[model]\npooling = "none"\n', 'model: pooling = "none" and prior = "reference" go together.'),
@@ -53,6 +53,19 @@ from percept.sessions import ReadOptions
             'model: resolution goes with pooling = "partial".',
         ),
         ("[model.priors]\ntau = 1\n", "model.priors: no such prior as tau; there are alpha_sd, gamma_sd"),
+        (
+            '[model.priors]\ntau_scale = "2"\n',
+            "model.priors.tau_scale = '2': input should be a valid number.",
+        ),
+        (
+            "[model.priors]\ntau_scale = true\n",
+            "model.priors.tau_scale = True: input should be a valid number.",
+        ),
+        ("[device]\nmass = 1\nperiod = 1e-3\n", "device: give mass and damping, or response."),
+        (
+            '[device]\nmass = 1\nresponse = "zd.csv"\nperiod = 1e-3\n',
+            "device: a measured response holds mass, damping and modes: give one or the other.",
+        ),
         ("[model.priors]\ntau_scale = -3\n", "a prior scale must be positive. Leave it out of the scene"),
         ("[inference]\nkinds = []\n", "inference.kinds = []: give at least one, or leave the key out."),
         ('[inference]\nparameters = ["k", "k"]\n', "k stands there twice."),
@@ -112,11 +125,12 @@ def test_what_is_none_or_left_out_is_not_handed_on():
     assert Scene.from_tables(plain) == Scene()
 
 
-def test_frequencies_up_to_nyquist_itself_are_allowed():
+def test_frequencies_end_below_nyquist():
     device = {"mass": 1.0, "damping": 5.0, "period": 1e-3}
-    scene = Scene.from_tables({"device": device, "frequency": {"upper": math.pi / 1e-3}})
-    with pytest.raises(UsageError, match="above the Nyquist frequency"):
-        scene.with_tables(frequency={"upper": 3141.6})
+    scene = Scene.from_tables({"device": device, "frequency": {"upper": 3141.592}})
+    for upper in (math.pi / 1e-3, math.nextafter(math.pi / 1e-3, 0.0), 3141.6):
+        with pytest.raises(UsageError, match="not lie below the Nyquist frequency"):
+            scene.with_tables(frequency={"upper": upper})
     # Without a device nothing is sampled.
     assert Scene.from_tables({"frequency": {"upper": 3141.6}}).frequency.upper == 3141.6
 
@@ -140,6 +154,8 @@ def test_keyword_arguments_are_refused_as_tables_are():
         Scene(inference={"tolerence": 0.1})
     with pytest.raises(UsageError, match="self: there is no such key; there are device, coupling"):
         Scene.from_tables({"self": {}})
-    with pytest.raises(UsageError, match=r"frequency\.upper = 4000\.0: lies above the Nyquist frequency"):
+    with pytest.raises(
+        UsageError, match=r"frequency\.upper = 4000\.0: does not lie below the Nyquist frequency"
+    ):
         Scene(device={"mass": 0.1, "damping": 0.1, "period": 1e-3}, frequency={"upper": 4000.0})
     assert Scene(inference={"tolerance": 0.1}) == Scene.from_tables({"inference": {"tolerance": 0.1}})

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 #: Parameters of each law, in order.
 LAWS: dict[str, tuple[str, ...]] = {"weber": ("w",), "offset": ("c", "w"), "power": ("w", "p")}
-_GRID = 41
+_GRID = 61
 # Halving alone settles the widest bracket in thirty-odd steps; Newton's take about six.
 _STEPS = 60
 # After a step as short as this Newton's next would be lost in rounding.
@@ -122,7 +122,8 @@ def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Arra
 
 def _fit_offset(impedance: Array, y: Array) -> Array:
     """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
-    low, high = np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 6.0
+    # From e^16 on, c + w|Z| is constant to the digits a band has.
+    low, high = np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 16.0
     grid = np.concatenate([[-np.inf], np.linspace(low, high, _GRID)])
     # The grid is the same for all sets: of the squared distances only the product with it differs. The
     # digits this loses could at most choose a neighbouring step, which the brackets hold as well.

@@ -21,10 +21,13 @@ TOLERANCE = 1e-3
 #: no number of lines in log-log can follow.
 FLOOR = 1e-3
 _PER_DECADE = 8
+_ENDLESS = 1e300  # what a pole counts as that is hit on the way
 _MOST = 4096
 # A corner of a curve near one end of an interval lies up to twice as far from the lines through the middle,
 # once that is a point, as the middle lay from the line before.
 _CORNER = 2.0
+#: Intervals of a smaller ratio of frequencies, less one, are not halved: around a pole no halving would do.
+_NARROWEST = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +42,8 @@ class Grid:
         The curves there.
     departure : float
         Bound of the relative distance of lines between the points from the curves followed, by what was seen
-        while halving; above the tolerance where 4096 points did not suffice.
+        while halving; above the tolerance where 4096 points did not suffice. Around a pole, where curves are
+        endless, a billionth of the frequency to either side is left out.
     """
 
     omega: Array
@@ -137,23 +141,29 @@ def adaptive_grids(
     owner, omega = np.repeat(np.arange(count), start.size), np.tile(start, count)
     values = curves(owner, omega)
     rows = np.ones(len(values), dtype=bool) if followed is None else followed
+    ending = np.isfinite(values).all(axis=0)
+    owner, omega, values = owner[ending], omega[ending], values[:, ending]
     logs = _followed(omega, values[rows])
     left = np.flatnonzero(owner[:-1] == owner[1:])
-    size, farthest = np.full(count, start.size), np.zeros(count)
+    size, farthest = np.bincount(owner, minlength=count), np.zeros(count)
     while left.size:
         middle, whose = np.sqrt(omega[left] * omega[left + 1]), owner[left]
         found = curves(whose, middle)
         true = _followed(middle, found[rows])
         off = _CORNER * _departure(logs[:, left], logs[:, left + 1], true)
-        split = (off > tolerance) & (size[whose] < _MOST)
-        np.maximum.at(farthest, whose[~split], off[~split])
+        wide = logs[0, left + 1] - logs[0, left] > _NARROWEST
+        split = (off > tolerance) & (size[whose] < _MOST) & wide
+        seen = ~split & wide
+        np.maximum.at(farthest, whose[seen], off[seen])
         size += np.bincount(whose, minlength=count)
         at = left + 1
         owner, omega = np.insert(owner, at, whose), np.insert(omega, at, middle)
         values, logs = np.insert(values, at, found, axis=1), np.insert(logs, at, true, axis=1)
         new = left + np.arange(left.size)
         left = np.sort(np.concatenate([new[split], new[split] + 1]))
-    ends = np.cumsum(size)[:-1]
+    ending = np.isfinite(values).all(axis=0)
+    owner, omega, values = owner[ending], omega[ending], values[:, ending]
+    ends = np.cumsum(np.bincount(owner, minlength=count))[:-1]
     parts = zip(np.split(omega, ends), np.split(values, ends, axis=1), farthest.tolist(), strict=True)
     return [Grid(*part) for part in parts]
 
@@ -167,7 +177,8 @@ def _start(lower: float, upper: float, including: Array | None) -> Array:
 
 def _followed(omega: Array, values: Array) -> Array:
     """Logarithms of omega and, below it, of the curves; those below `FLOOR` of the largest count as that."""
-    return np.log(np.vstack([omega, np.maximum(values, FLOOR * values.max(axis=0))]))
+    ending = np.minimum(values, _ENDLESS)
+    return np.log(np.vstack([omega, np.maximum(ending, FLOOR * ending.max(axis=0))]))
 
 
 def _departure(left: Array, right: Array, true: Array) -> Array:

@@ -47,7 +47,8 @@ def magnitude_membership(omega: Array, lower: Array, upper: Array, curve: Array)
     omega : ndarray, shape (M,)
         rad/s, positive, increasing; at least two.
     lower, upper, curve : ndarray, shape (M,)
-        N·s/m, zero or more. Where corner curves have crossed, lower above upper, nothing is inside.
+        N·s/m, zero or more. Where corner curves have crossed, lower above upper, nothing is inside. Poles
+        that all of them share say nothing, and are left out.
 
     Returns
     -------
@@ -58,6 +59,8 @@ def magnitude_membership(omega: Array, lower: Array, upper: Array, curve: Array)
     UsageError
         Shapes that differ, or frequencies that do not increase from above zero.
     """
+    shared = np.isinf(lower) & np.isinf(upper) & np.isinf(curve)
+    omega, lower, upper, curve = (part[~shared] for part in (omega, lower, upper, curve))
     # An impedance that vanishes is far below every limit, where its logarithm would be beyond all numbers.
     log = np.log(np.maximum(curve, np.finfo(np.float64).tiny))
     floor = log + np.log(_NOTHING)

@@ -124,6 +124,7 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
             "frequency": {"lower": lower, "upper": upper, "points": points},
             "inference": {
                 "level": plan.level,
+                "share": plan.level if plan.share is None else plan.share,
                 "confidence": plan.confidence,
                 "family": plan.family,
                 "method": plan.method,

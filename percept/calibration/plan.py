@@ -41,8 +41,8 @@ class CoveragePlan:
         Family of the hierarchical model; classical intervals are given in both.
     method : {"both", "classical"}
         Which methods are judged.
-    level, confidence : float
-        As `InferenceTable`; the share is the level.
+    level, share, confidence : float
+        As `InferenceTable`; the share is the level where it is None.
     tolerance : float
         Of the sampler.
     values : dict, optional
@@ -65,6 +65,7 @@ class CoveragePlan:
     family: Family = "lognormal"
     method: Literal["both", "classical"] = "both"
     level: float = 0.99
+    share: float | None = None
     confidence: float = 0.95
     tolerance: float = 0.05
     values: dict[str, Any] | None = None

@@ -64,9 +64,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _named(arguments: argparse.Namespace) -> list[str]:
+    from percept.errors import UsageError
+
     if not arguments.listed:
         return list(arguments.studies)
-    lines = Path(arguments.listed).read_text(encoding="utf-8").splitlines()
+    try:
+        lines = Path(arguments.listed).read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise UsageError(f"cannot be read: {reason}.", file=arguments.listed) from error
     return [*arguments.studies, *(line.strip() for line in lines if line.strip())]
 
 

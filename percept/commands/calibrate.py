@@ -19,10 +19,16 @@ _DEVICE, _PERIOD = (1.0, 5.0), 0.001
 EXAMPLE = "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage"
 
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
+_METHODS = {
+    "both": "both methods (the posterior to a tolerance of {:g} %)", "classical": "the classical method",
+}  # fmt: skip
 _HEAD = """# Coverage
 
-All studies behind this table are simulated: with the design of {paths} and {source}, refitted by both
-methods. `real` is the share of them in which the claim held, over environments and parameters together,
+All studies behind this table are simulated: with the subjects and references of {paths}, one trial each,
+and {source}, refitted by {methods}. Curves are those of a device of {mass:g} kg and
+{damping:g} N·s/m at a period of {period:g} s. Of the scene's other settings level, share, confidence,
+family, method and seed are kept; `[model]`, modes, hold, missing cells and repeats are not. `real` is the
+share of them in which the claim held, over environments and parameters together,
 in per cent with its standard error; `stated` is what the interval or boundary claims. Normal intervals
 of lognormal users, and the other way round, show what the wrong family costs; a study of normal users
 in which somebody's value is not positive has no lognormal row, so `studies` can be few.
@@ -74,7 +80,12 @@ def run(arguments: argparse.Namespace) -> int:
             )
     out.mkdir(parents=True, exist_ok=True)
     head = _HEAD.format(
-        paths=" ".join(Path(path).name for path in arguments.sessions), source=_SOURCES[arguments.source]
+        paths=" ".join(Path(path).name for path in arguments.sessions),
+        source=_SOURCES[arguments.source],
+        methods=_METHODS[plans[0].method].format(100 * plans[0].tolerance),
+        mass=plans[0].device[0],
+        damping=plans[0].device[1],
+        period=plans[0].period,
     )
     (out / "coverage.md").write_text(head + coverage_markdown(rows), encoding="utf-8")
     pd.DataFrame([dataclasses.asdict(row) for row in rows]).to_csv(out / "coverage.csv", index=False)
@@ -84,10 +95,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
     from percept.calibration.plan import CoveragePlan, fitted_values
+    from percept.errors import RefusalError
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         values = fitted_values(study) if arguments.source == "fit" else None
+    if study.parameters != ("k", "b"):
+        raise RefusalError(
+            "calibration simulates stiffness and damping together; one of them is missing.",
+            hint="Give sessions of both, and leave [inference] parameters out.",
+        )
     asked, device = study.scene.inference, study.scene.device
     rigid, period = _DEVICE, _PERIOD
     if device is not None and device.mass is not None and device.damping is not None:
@@ -100,6 +117,7 @@ def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
             family=asked.family,
             method="classical" if asked.method == "classical" else "both",
             level=asked.level,
+            share=asked.held_share,
             confidence=asked.confidence,
             tolerance=max(asked.tolerance, 0.05),
             values=values,

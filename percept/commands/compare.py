@@ -119,6 +119,11 @@ def _methods(study: Study, *, as_json: bool) -> int:
             "the Bayesian intervals are withheld, and the others stand alone.",
             hint=dict(study.skipped)["Bayesian intervals"],
         )
+    if table.empty:
+        raise RefusalError(
+            "no interval of one method has a counterpart in the other.",
+            hint="percept fit prints the intervals there are, and why others are left out.",
+        )
     curves = study.curve_comparison
     if as_json:
         _print_json({"comparison": table, "curves": curves})

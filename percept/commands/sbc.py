@@ -28,12 +28,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
     from percept.calibration.sbc_plan import SBC_DESIGNS
     from percept.calibration.sbc_run import calibrate_designs, write_calibrations
+    from percept.errors import UsageError
     from percept.workers import open_mapper
 
     def told(design: str, done: int, fits: int) -> None:
         if sys.stderr.isatty():
             print(f"\r{design}: {done} of {fits} fits ", end="", file=sys.stderr, flush=True)
 
+    if arguments.seed < 0:
+        raise UsageError("a seed is not negative.", key="--seed", value=arguments.seed)
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
     with open_mapper(arguments.workers, arguments.scheduler) as mapper:

@@ -15,6 +15,8 @@ from percept.errors import UsageError
 
 __all__ = ["filled_folder"]
 
+_HINT = "Rename it, or choose another folder."
+
 
 @contextmanager
 def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
@@ -40,7 +42,8 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     Raises
     ------
     UsageError
-        Where `out_dir` is empty or a file, or cannot be written.
+        Where `out_dir` is empty or a file, cannot be written, or holds a folder where a file is written, or
+        a file where a folder is.
     """
     if not str(out_dir):
         raise UsageError("the name of the folder to write is empty.", hint="Name one, or leave it out.")
@@ -98,6 +101,7 @@ def _move(aside: Path, out: Path, last: str) -> None:
     files = sorted(path.relative_to(aside) for path in aside.rglob("*") if path.is_file())
     new = {path: _hash(aside / path) for path in files}
     listing = Path(last).with_suffix(".sha256")
+    _refuse_in_the_way(out, [*files, listing])
     old = _listed(out / listing)
     (aside / listing).write_text(
         "".join(f"{digest}  {path.as_posix()}\n" for path, digest in new.items()), encoding="utf-8"
@@ -109,6 +113,20 @@ def _move(aside: Path, out: Path, last: str) -> None:
         stale = out / path
         if path not in new and stale.is_file() and _hash(stale) == digest:
             stale.unlink()
+
+
+def _refuse_in_the_way(out: Path, files: list[Path]) -> None:
+    """Refuse before the first move: a folder where a file goes, a file where a folder does."""
+    for path in files:
+        if (out / path).is_dir():
+            raise UsageError(
+                "a file is written here, and this is a folder.", file=str(out / path), hint=_HINT
+            )
+        for folder in path.parents:
+            if (out / folder).exists() and not (out / folder).is_dir():
+                raise UsageError(
+                    "a folder is needed here, and this is a file.", file=str(out / folder), hint=_HINT
+                )
 
 
 def _hash(path: Path) -> str:

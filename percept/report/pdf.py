@@ -10,9 +10,21 @@ from pathlib import Path
 from percept.browser import find_browser
 from percept.errors import UsageError
 
-__all__ = ["print_pdf"]
+__all__ = ["needed_browser", "print_pdf"]
 
 _PATIENCE = 120.0
+
+
+def needed_browser() -> str:
+    """Return the path of a Chromium, or raise UsageError where there is none."""
+    browser = find_browser()
+    if browser is None:
+        raise UsageError(
+            "report.pdf needs a Chromium, and none was found.",
+            hint="Install one (Debian: apt-get install chromium), name it in PERCEPT_BROWSER, or print "
+            "report.html from any browser.",
+        )
+    return browser
 
 
 def print_pdf(page: Path, target: Path) -> None:
@@ -30,13 +42,7 @@ def print_pdf(page: Path, target: Path) -> None:
     UsageError
         Where there is no Chromium, or it fails.
     """
-    browser = find_browser()
-    if browser is None:
-        raise UsageError(
-            "report.pdf needs a Chromium, and none was found.",
-            hint="Install one (Debian: apt-get install chromium), name it in PERCEPT_BROWSER, or print "
-            "report.html from any browser.",
-        )
+    browser = needed_browser()
     with tempfile.TemporaryDirectory(prefix="percept-pdf-") as profile:
         command = [
             browser,

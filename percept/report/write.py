@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from percept.report.document import build_document
+from percept.report.figures.formats import check_formats
 from percept.report.folder import filled_folder
-from percept.report.pdf import print_pdf
+from percept.report.pdf import needed_browser, print_pdf
 from percept.report.plain import Digits, dumps
 
 if TYPE_CHECKING:
@@ -77,6 +78,9 @@ def write_report(
     from percept.report.divided import divided
 
     step = progress or (lambda _: None)
+    check_formats(formats)
+    if pdf:
+        needed_browser()
     with (
         filled_folder(out_dir, last="report.html") as folder,
         divided(study, processes, also=_DRAWING) as beside,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -374,9 +374,13 @@ class _State:
         self.notices += never_named(self.options, self.environments.names)
         if self.options.unfinished == "exclude":
             cells = self._finished(cells)
-        names = (cells["subject"].unique(), self.sessions.names, cells["environment"].unique())
-        for what, ids in zip(IDS, names, strict=True):
-            self.notices += look_alikes(ids, what)
+        ids: dict[str, Iterable[str]] = {
+            "subject": cells["subject"].unique(),
+            "session": self.sessions.names,
+            "environment": cells["environment"].unique(),
+        }
+        for what, names in ids.items():
+            self.notices += look_alikes(names, what)
         return Reduced(
             cells,
             pd.DataFrame(references),

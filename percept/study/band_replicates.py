@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
@@ -13,13 +15,23 @@ from percept.sessions import Sessions
 from percept.study.bayesian import Fit
 from percept.study.classical import FAMILIES, cell_interval, cell_moments
 from percept.study.posterior import thinned_points
+from percept.study.regions import displayable
 from percept.study.streams import Stream, generator
 
 __all__ = ["Replicates", "classical_replicates", "posterior_replicates"]
 
 Array = NDArray[np.float64]
-#: By method, kind and family: bands (S, J), N·s/m, environments in the order of the study.
-Replicates = dict[tuple[str, str, str], Array]
+
+
+class Redrawn(NamedTuple):
+    """Bands (S, J), N·s/m, of some environments, in the order of the study."""
+
+    environments: tuple[str, ...]
+    bands: Array
+
+
+#: By method, kind and family.
+Replicates = dict[tuple[str, str, str], Redrawn]
 _BOOTSTRAP = 1000
 # A law's interval needs no more posterior draws than that either.
 _DRAWS = 2000
@@ -44,24 +56,25 @@ def classical_replicates(
     Returns
     -------
     Replicates
-        Stiffness and damping vary independently; families without an interval in some cell are left out.
+        Stiffness and damping vary independently; environments without an interval of both are left out.
     """
     rng = generator(scene.inference.seed, Stream.CLASSICAL_BANDS)
     found: Replicates = {}
     for family in FAMILIES:
         cells = {(c.parameter, c.environment): c.moments for c in cell_moments(sessions, ("k", "b"), family)}
         known = {cell: moments for cell, moments in cells.items() if moments is not None}
-        if len(known) < 2 * len(environments):
+        names = tuple(e for e in environments if ("k", e) in known and ("b", e) in known)
+        if not names:
             continue
         drawn = {cell: _redrawn(moments.on_scale(family), rng) for cell, moments in known.items()}
         for kind in scene.inference.kinds:
             limits = {cell: _limits(known[cell], drawn[cell], kind, family, scene, cell[0]) for cell in known}
-            bands = [_bands(omega, limits["k", e], limits["b", e]) for e in environments]
-            found["classical", kind, family] = np.stack(bands, axis=1)
+            bands = [_bands(omega, limits["k", e], limits["b", e]) for e in names]
+            found["classical", kind, family] = Redrawn(names, np.stack(bands, axis=1))
     return found
 
 
-def posterior_replicates(fit: Fit, scene: Scene, omega: float) -> Replicates:
+def posterior_replicates(fit: Fit, scene: Scene, environments: tuple[str, ...], omega: float) -> Replicates:
     """Bands of the central interval given each posterior draw: of the population's mean, or of its users.
 
     Limits that hold a share of users with a stated confidence belong to the posterior as a whole: there are
@@ -73,16 +86,21 @@ def posterior_replicates(fit: Fit, scene: Scene, omega: float) -> Replicates:
         A sampled posterior of both parameters.
     scene : Scene
         Kinds, level and seed.
+    environments : tuple of str
+        Names, in order.
     omega : float
         rad/s.
 
     Returns
     -------
     Replicates
-        Of the kinds mean and user.
+        Of the kinds mean and user, and the environments the posterior is of.
     """
     asked = scene.inference
     model, scale = fit.prepared.model, fit.prepared.scale
+    names = tuple(e for e in environments if ("k", e) in model.cells)
+    if not names:
+        return {}
     points = thinned_points(fit)[0]
     points = points[:: max(1, len(points) // _DRAWS)]
     rng = generator(asked.seed, Stream.POSTERIOR_BANDS)
@@ -96,15 +114,15 @@ def posterior_replicates(fit: Fit, scene: Scene, omega: float) -> Replicates:
         centre, spread = (laws.mean, laws.sd) if kind == "mean" else (means, laws.spread)
         ends = scale.native(centre - reach * spread), scale.native(centre + reach * spread)
         limits = {cell: (ends[0][:, c], ends[1][:, c]) for c, cell in enumerate(model.cells)}
-        bands = [
-            _bands(omega, limits["k", e], limits["b", e]) for e in dict.fromkeys(e for _, e in model.cells)
-        ]
-        found["bayesian", kind, asked.family] = np.stack(bands, axis=1)
+        bands = [_bands(omega, limits["k", e], limits["b", e]) for e in names]
+        found["bayesian", kind, asked.family] = Redrawn(names, np.stack(bands, axis=1))
     return found
 
 
 def _bands(omega: float, stiffness: tuple[Array, Array], damping: tuple[Array, Array]) -> Array:
-    lower, upper = environment_magnitude_range(omega, stiffness, damping)
+    # Of a few subjects some studies have SDs whose limits no double holds.
+    k, b = ((displayable(low), displayable(high)) for low, high in (stiffness, damping))
+    lower, upper = environment_magnitude_range(omega, k, b)
     return upper - lower
 
 
@@ -128,5 +146,6 @@ def _limits(
     assert interval.factor is not None
     mean, reach = drawn[0], float(interval.factor) * drawn[1]
     if family == "lognormal":
-        return np.exp(mean - reach), np.exp(mean + reach)
+        with np.errstate(over="ignore"):
+            return np.exp(mean - reach), np.exp(mean + reach)
     return mean - reach, mean + reach

@@ -18,11 +18,15 @@ from percept.study.bayesian import Fit
 from percept.study.cells import paired_limits
 from percept.study.posterior import thinned_points
 
-__all__ = ["band_study", "weber_trend"]
+__all__ = ["FEWEST", "band_study", "weber_trend"]
+
+#: Environments that laws of the band need.
+FEWEST = 3
 
 
 def band_study(
     intervals: pd.DataFrame,
+    environments: tuple[str, ...],
     replicates: Replicates,
     *,
     omega: float,
@@ -35,6 +39,8 @@ def band_study(
     ----------
     intervals : DataFrame
         `Study.intervals`.
+    environments : tuple of str
+        Those whose impedance is not zero.
     replicates : dict
         Draws of the bands by method, kind and family.
     omega : float
@@ -48,16 +54,17 @@ def band_study(
     -------
     BandStudy
     """
-    table = pd.DataFrame(_rows(intervals, omega))
+    table = pd.DataFrame(_rows(intervals[intervals["environment"].isin(environments)], omega))
     laws: list[BandLaw] = []
     statements: list[BandStatement] = []
     for found, part in table.groupby(["method", "kind", "family"], sort=False) if len(table) else ():
         method, kind, family = (str(label) for label in found)
-        drawn = replicates.get((method, kind, family))
+        redrawn = replicates.get((method, kind, family))
         impedance, bands = part["impedance"].to_numpy(), part["band"].to_numpy()
-        if drawn is None or drawn.shape[1] != len(part) or len(part) < 3:
-            continue
         names = tuple(part["environment"])
+        if redrawn is None or names != redrawn.environments or len(names) < FEWEST:
+            continue
+        drawn = redrawn.bands
         # Draws of a posterior have laws of their own; a bootstrap's scatter about that of the study's bands.
         fitted = None if method == "bayesian" else bands
         laws += band_laws(

@@ -299,7 +299,9 @@ def _through(place: _Place, draws: list[Draws]) -> Iterator[Boundary]:
     sampled = place.sampled(curves, len(draws), (False, False, True, True))
     for drawn, ensemble, (shared, (lower, upper, low, high)) in zip(draws, ensembles, sampled, strict=True):
         logs = np.log(low), np.log(high)
-        bands = DrawBands(lower, upper, 0.5 * (logs[0] + logs[1]), 0.5 * (logs[1] - logs[0]) / _PROXY)
+        # Where the device alone decides, and shows a pole, nothing deviates.
+        width = np.subtract(logs[1], logs[0], out=np.zeros_like(low), where=np.isfinite(high))
+        bands = DrawBands(lower, upper, 0.5 * (logs[0] + logs[1]), 0.5 * width / _PROXY)
         shapes: dict[Shape, tuple[Array, Array]] = {
             "pointwise": (lower, upper),
             "simultaneous": ensemble.simultaneous(bands),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from percept.haptics import Device, absolute_stability, required_damping
 from percept.study.boundaries import Bench, region_curves
+from percept.study.frequencies import thinned
 from percept.study.regions import Region
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def device_sensitivity(study: Study) -> DeviceSensitivity | None:
     # All 49 at once: mass along the rows, damping down them.
     every = dataclasses.replace(own, mass=np.array(masses), damping=np.array(dampings)[:, None])
     together = dataclasses.replace(bench, device=every)
-    omega = _thinned(study.omega)[:, None, None]
+    omega = thinned(study.omega, _POINTS)[:, None, None]
     coupled = bench.coupling is not None
     felt = {e: together.curve(e, omega, coupled=coupled) for e in bench.references}
     inside = {
@@ -108,7 +109,7 @@ def device_sensitivity(study: Study) -> DeviceSensitivity | None:
         environments=len(some),
         required_damping=needed,
         method="classical",
-        family=some[0].family,
+        family=" or ".join(dict.fromkeys(region.family for region in some)),
     )
 
 
@@ -138,9 +139,3 @@ def _stays_inside(bench: Bench, region: Region, omega: Array, felt: Mapping[str,
     lower, upper = region_curves(region, "envelope", omega, bench.device, bench.period, hold=bench.hold)
     shown = felt[region.environment]
     return ((lower <= shown) & (shown <= upper)).all(axis=0).astype(int)
-
-
-def _thinned(omega: Array) -> Array:
-    """Return at most `_POINTS` of the frequencies, both ends among them."""
-    kept = np.unique(np.linspace(0, omega.size - 1, min(_POINTS, omega.size)).round().astype(int))
-    return omega[kept]

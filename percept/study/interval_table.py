@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import pandas as pd
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from percept.study.bayesian import Fit
     from percept.study.study import Study
 
-__all__ = ["COLUMNS", "References", "bayesian_rows", "classical_rows", "interval_table"]
+__all__ = ["COLUMNS", "References", "bayesian_rows", "classical_rows", "interval_table", "refuse_nothing"]
 
 References = Mapping[tuple[str, str], float]
 COLUMNS = [
@@ -57,12 +57,17 @@ def interval_table(study: Study) -> pd.DataFrame:
         approximate = form == "summary" and asked.family == "lognormal"
         rows += bayesian_rows(study.fit, study.scene, study.reference, approximate=approximate)
     if not rows and asked.method == "classical":
-        cell = cells[FAMILIES[0]][0]
-        raise RefusalError(
-            f"there is no interval of anything: {NAMES[cell.parameter]} in {cell.environment}, say, where "
-            f"{cell.why}."
-        )
+        refuse_nothing(cells[FAMILIES[0]])
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def refuse_nothing(cells: Sequence[Cell]) -> NoReturn:
+    """Refuse a study whose cells have no interval, naming the first of them."""
+    cell = cells[0]
+    raise RefusalError(
+        f"there is no interval of anything: {NAMES[cell.parameter]} in {cell.environment}, say, where "
+        f"{cell.why}."
+    )
 
 
 def classical_rows(

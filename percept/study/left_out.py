@@ -17,6 +17,7 @@ from percept.inference.classical.moments import Moments
 from percept.inference.covers import percent
 from percept.study.classical import cell_moments
 from percept.study.prediction import Prediction, expected_users, predict
+from percept.study.units import NAMES
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.laws import Laws
@@ -103,6 +104,14 @@ def leave_one_environment_out(study: Study) -> LeftOut:
             "the classical method has no model of environments nobody tested.",
             hint='Set method = "both" or "bayesian".',
         )
+    for (parameter, environment), reference in study.reference.items():
+        if not reference > 0:
+            raise RefusalError(
+                f"the reference {NAMES[parameter]} of {environment} is {reference:g}: it has no place on the "
+                "scale that environments are compared on.",
+                column=f"{parameter}_ref",
+                hint="Leave the environment or the parameter out in the scene.",
+            )
     asked = study.scene.inference
     observed = {
         (cell.parameter, cell.environment): cell.moments

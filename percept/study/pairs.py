@@ -88,16 +88,32 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
     Raises
     ------
     UsageError
-        Where there is no such column, or it has one value.
+        Where there is no such column, it has one value, or none in some rows; published limits.
     RefusalError
         Where a subject is in more than one part: two such parts are no two samples.
     """
+    if sessions.form == "summary":
+        raise UsageError(
+            "published limits hold no subjects to divide.",
+            column=column,
+            hint="Give sessions, or two studies.",
+        )
     if column not in sessions.table:
         known = ", ".join(str(name) for name in sessions.table.columns)
         raise UsageError(
             f"there is no such column; the columns are {known}.",
             column=column,
             hint=f'A column that is no part of the format is kept by [sessions] groups = ["{column}"].',
+        )
+    blank = sessions.table[column].astype(str).str.strip() == ""
+    if blank.any():
+        file, row = sessions.locate(int(np.flatnonzero(blank)[0]))
+        raise UsageError(
+            f"{int(blank.sum())} rows have no value, and belong to no group.",
+            file=file,
+            row=row,
+            column=column,
+            hint="Fill them in, or leave such rows out with [sessions] exclude.",
         )
     parts = {
         str(value): dataclasses.replace(sessions, table=rows)
@@ -151,7 +167,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             hint="Give the sessions of other people, or another scene.",
         )
     notes = (_SAME,) if same else _in_common(first.sessions, second.sessions)
-    notes += tuple(_left_out(first, second))
+    notes += tuple(_left_out(first, second)) + tuple(_other_claims(first, second))
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
     pair = [study.intervals[[*keys, "lower", "upper"]] for study in (first, second)]
     intervals = pair[0].merge(pair[1], on=keys, suffixes=("_a", "_b"))
@@ -172,6 +188,19 @@ def _left_out(first: Study, second: Study) -> Iterator[str]:
         for label, own, other in (("A", *names), ("B", *reversed(names))):
             if alone := [name for name in own if name not in other]:
                 yield f"Only {label} has {', '.join(alone)}: left out."
+
+
+def _other_claims(first: Study, second: Study) -> Iterator[str]:
+    """Say where intervals of kind share claim different things."""
+    asked = [study.scene.inference for study in (first, second)]
+    if any("share" not in one.kinds for one in asked):
+        return
+    claims = [(one.held_share, one.confidence) for one in asked]
+    if claims[0] != claims[1]:
+        said = " and ".join(
+            f"{share:g} of users with confidence {confidence:g}" for share, confidence in claims
+        )
+        yield f"Intervals of kind share hold {said}: their widths differ for that reason too."
 
 
 def _same_sessions(first: Sessions, second: Sessions) -> bool:

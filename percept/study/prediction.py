@@ -136,12 +136,12 @@ def predict(
                 hint="Leave it out.",
             )
     reference = np.array([_positive(p, given[p]) for p in study.parameters])
+    if any(value <= 0 for value in study.reference.values()):
+        raise RefusalError("a reference of zero has no place on the scale that environments are compared on.")
     fit = _fit(study)
     # Those the fit is of: an environment where some parameter was never adjusted is not among them.
     environments = tuple(dict.fromkeys(e for _, e in fit.prepared.model.cells))
     tested = np.array([[study.reference[p, e] for e in environments] for p in study.parameters])
-    if (tested <= 0).any():
-        raise RefusalError("a reference of zero has no place on the scale that environments are compared on.")
     logs = np.log10(tested)
     at = np.log10(reference)
     x = at - logs.mean(axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.statistics import from_cells
 from percept.inference.sampling.records import Progress
@@ -19,7 +19,7 @@ from percept.sessions import Reduced
 from percept.study.bayesian import Prepared, RunStore, fit, pooled
 from percept.study.chosen import analysed
 from percept.study.classical import TOO_FEW, Cell
-from percept.study.interval_table import COLUMNS, References, bayesian_rows, classical_rows
+from percept.study.interval_table import COLUMNS, References, bayesian_rows, classical_rows, refuse_nothing
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
 __all__ = ["prepare_reduced", "reduced_intervals"]
@@ -53,8 +53,8 @@ def reduced_intervals(
     Returns
     -------
     DataFrame
-        As `Study.intervals`, in the family of the reduction alone and of trials with every parameter. No
-        Bayesian rows where the gate failed.
+        As `Study.intervals`, in the family of the reduction alone and of trials with every parameter. Where
+        the gate failed there are no Bayesian rows, and `attrs["skipped"]` says why, as `Study.skipped`.
 
     Raises
     ------
@@ -70,14 +70,25 @@ def reduced_intervals(
         for p in parameters
         for e, value in zip(reduced.references["environment"], reduced.references[f"{p}_ref"], strict=True)
     }
+    refuse_lone_subject(reduced.cells["subject"][reduced.cells["n"] > 0].unique().tolist())
     rows: list[dict[str, Any]] = []
+    skipped: list[tuple[str, str]] = []
     if scene.inference.method != "bayesian":
-        rows += classical_rows({reduced.family: _cells(reduced, reference)}, scene, reference)
+        cells = _cells(reduced, reference)
+        rows += classical_rows({reduced.family: cells}, scene, reference)
+        if not rows and scene.inference.method == "classical":
+            refuse_nothing(cells)
     if scene.inference.method != "classical":
         found = fit(prepare_reduced(reduced, scene), scene, progress=progress, store=store, share=share)
-        if found.run.gate.passed:
+        gate = found.run.gate
+        if gate.passed:
             rows += bayesian_rows(found, scene, reference)
-    return pd.DataFrame(rows, columns=COLUMNS)
+        elif not rows:
+            raise RefusalError(f"the Bayesian intervals are withheld: {' '.join(gate.reasons)}")
+        skipped += [("Bayesian intervals", " ".join(gate.reasons))] if not gate.passed else []
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    table.attrs["skipped"] = tuple(skipped)
+    return table
 
 
 def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:

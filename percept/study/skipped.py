@@ -5,15 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from percept.study.bands import FEWEST
+from percept.study.both_methods import banded
 from percept.study.classical import FAMILIES, cell_moments
+from percept.study.regions import subject_pairs
 from percept.study.units import NAMES
 
 if TYPE_CHECKING:
+    from percept.study.responses import Trials
     from percept.study.study import Study
 
 __all__ = ["skipped"]
 
 Reason = tuple[str, str]
+#: What a covariance of k and b needs.
+_FEWEST_SUBJECTS = 3
 
 
 def skipped(study: Study) -> Iterator[Reason]:
@@ -54,8 +62,28 @@ def skipped(study: Study) -> Iterator[Reason]:
 def _inference(study: Study) -> Iterator[Reason]:
     if study.scene.inference.method == "classical":
         yield "hierarchical model", "only the classical method was asked for"
-    elif study.fit is not None and not study.fit.run.gate.passed:
-        yield "Bayesian intervals", " ".join(study.fit.run.gate.reasons)
+        return
+    fit = study.fit
+    if fit is not None and not fit.run.gate.passed:
+        yield "Bayesian intervals", " ".join(fit.run.gate.reasons)
+    if fit is not None and fit.prepared.trials is not None and fit.prepared.trials.dropped:
+        yield from _dropped(study, fit.prepared.trials)
+    if study.scene.checks is not None and (study.sessions.form == "summary" or _unpooled(study)):
+        yield "checks of the model", "they need the sessions of subjects, pooled over environments"
+
+
+def _dropped(study: Study, trials: Trials) -> Iterator[Reason]:
+    """Trials the pair of parameters leaves out, and environments it leaves without any."""
+    lacking = " or ".join(NAMES[p] for p in study.parameters)
+    yield f"{trials.dropped} trials, in the hierarchical model", f"they lack {lacking}"
+    for environment in study.environments:
+        if environment not in trials.environments:
+            what = "both parameters" if len(study.parameters) == 2 else lacking
+            yield f"Bayesian intervals of {environment}", f"no trial there has {what}"
+
+
+def _unpooled(study: Study) -> bool:
+    return study.scene.model.pooling == "none"
 
 
 def _haptics(study: Study) -> Iterator[Reason]:
@@ -70,11 +98,36 @@ def _haptics(study: Study) -> Iterator[Reason]:
 
 
 def _curves(study: Study) -> Iterator[Reason]:
+    for environment in study.environments:
+        if environment not in study.placed:
+            names = [NAMES[p] for p in study.parameters if not np.isfinite(study.reference[p, environment])]
+            yield f"boundaries and band of {environment}", f"it has no reference {' and '.join(names)}"
+    yield from _bands(study)
     yield "ellipse of kind share", "there is no exact ellipse of a share of users"
     asked = study.scene.inference
-    if asked.method != "classical" and "share" in asked.kinds and len(study.environments) > 2:
+    if asked.method != "classical" and "share" in asked.kinds and len(study.environments) >= FEWEST:
         yield "Bayesian band law, kind share", "no posterior draw has a band of its own that holds a share"
     if study.device is not None:
         yield "curves through draws, kind share", "a share of users has no curve of its own"
-        if study.sessions.form == "summary":
-            yield "ellipses and curves through draws", "published limits hold no correlation of k and b"
+    if study.sessions.form == "summary":
+        yield "ellipses and curves through draws", "published limits hold no correlation of k and b"
+        return
+    if asked.method != "classical" and _unpooled(study):
+        yield (
+            "Bayesian ellipses and curves through draws",
+            "cells without pooling hold no correlation of k and b",
+        )
+    if asked.method != "bayesian":
+        for environment, (k, _) in subject_pairs(study.sessions, "normal").items():
+            if len(k) < _FEWEST_SUBJECTS:
+                what = f"classical ellipses and curves through draws of {environment}"
+                yield what, f"they need {_FEWEST_SUBJECTS} subjects with both parameters; there are {len(k)}"
+
+
+def _bands(study: Study) -> Iterator[Reason]:
+    with_band = banded(study, study.scene.frequency.read_at)
+    for environment in study.placed:
+        if environment not in with_band:
+            yield f"band of {environment}", "the impedance of its reference is zero"
+    if len(study.environments) > 1 and len(with_band) < FEWEST:
+        yield "band law", f"it needs {FEWEST} environments whose impedance is not zero"

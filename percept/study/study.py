@@ -17,6 +17,7 @@ from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.chosen import analysed, chosen
+from percept.study.frequencies import thinned
 from percept.study.responses import references
 
 if TYPE_CHECKING:
@@ -210,9 +211,16 @@ class Study:
         return Range(table.lower, table.upper, self.omega if table.points else None)
 
     @cached_property
+    def placed(self) -> tuple[str, ...]:
+        """Environments with a reference of every parameter, which curves and bands are drawn for."""
+        return tuple(
+            e for e in self.environments if all(np.isfinite(self.reference[p, e]) for p in self.parameters)
+        )
+
+    @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
-        return self._boundaries(self.frequencies, self.environments)
+        return self._boundaries(self.frequencies, self.placed)
 
     def boundaries_at(
         self,
@@ -227,7 +235,7 @@ class Study:
         Parameters
         ----------
         omega : array_like, shape (M,)
-            rad/s, positive, increasing, up to Nyquist.
+            rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all curves.
         environments : collection of str, optional
             Which environments; all by default.
         kinds, joints : collection of str, optional
@@ -248,7 +256,7 @@ class Study:
 
         return self._boundaries(
             Range.of(omega),
-            chosen("environment", environments, self.environments),
+            chosen("environment", environments, self.placed),
             chosen("kind", kinds, self.scene.inference.kinds),
             chosen("joint treatment", joints, JOINTS),
         )
@@ -286,7 +294,7 @@ class Study:
         return self._bench(
             {
                 e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
-                for e in self.environments
+                for e in self.placed
             }
         )
 
@@ -355,7 +363,7 @@ class Study:
             return {}
         from percept.study.realism import study_realism
 
-        omega = self.omega[:: max(1, self.omega.size // _REALISM_POINTS)]
+        omega = thinned(self.omega, _REALISM_POINTS)
         return {
             (e, coupled): found for e, coupled, found in study_realism(self.bench, fit, self.scene, omega)
         }

@@ -77,7 +77,7 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
     for seed in range(STUDIES):
         drawn = classical_replicates(simulated(law, seed), scene_of("classical"), NAMES, OMEGA)
         lower, centre, upper = np.quantile(
-            fit_law(law, IMPEDANCE, drawn["classical", "user", "normal"]), [0.05, 0.5, 0.95], axis=0
+            fit_law(law, IMPEDANCE, drawn["classical", "user", "normal"].bands), [0.05, 0.5, 0.95], axis=0
         )
         inside.append((lower <= true) & (true <= upper))
         centres.append(centre)
@@ -89,7 +89,10 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
 
 def test_replicates_have_the_bands_of_the_study_in_their_middle() -> None:
     study = Study(simulated("weber", 1), scene_of("classical"))
-    drawn = classical_replicates(study.sessions, study.scene, NAMES, OMEGA)["classical", "user", "normal"]
+    names, drawn = classical_replicates(study.sessions, study.scene, NAMES, OMEGA)[
+        "classical", "user", "normal"
+    ]
+    assert names == NAMES
     rows = study.intervals.query("parameter == 'k' and family == 'normal' and joint == 'marginal'")
     bands = ((rows["upper"] - rows["lower"]) / OMEGA).to_numpy()
     off = np.log(drawn).mean(axis=0) - np.log(bands)
@@ -106,9 +109,10 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     )
     assert study.fit is not None
     assert study.fit.run.gate.passed
-    replicates = posterior_replicates(study.fit, study.scene, OMEGA)
+    replicates = posterior_replicates(study.fit, study.scene, study.environments, OMEGA)
     assert not [found for found in replicates if "share" in found]
-    drawn = replicates["bayesian", "user", "normal"]
+    names, drawn = replicates["bayesian", "user", "normal"]
+    assert names == study.environments
     fitted = fit_law(law, IMPEDANCE[few], drawn)
     true = widened(law, 2.0 * stats.norm.isf(0.5 * (1.0 - LEVEL)))
     lower, upper = np.quantile(fitted, [0.005, 0.995], axis=0)

@@ -8,12 +8,11 @@ from functools import cached_property
 from html import escape
 from typing import Any
 
-from percept.errors import UsageError
 from percept.report.figures.canvas import COLOURS, MM, Drawing, Figure
+from percept.report.figures.formats import check_formats
 
-__all__ = ["FORMATS", "Picture"]
+__all__ = ["Picture"]
 
-FORMATS = ("svg", "pdf", "png")
 _DPI = 300  # of a PNG
 
 _STYLE: Any = {
@@ -118,8 +117,7 @@ class Picture:
         UsageError
             Another format.
         """
-        if form not in FORMATS:
-            raise UsageError(f"figures come as {', '.join(FORMATS)}.", value=form)
+        check_formats([form])
         if form != "svg":
             return self._saved(form, dpi=_DPI, facecolor="white")
         width, height = self._points

@@ -61,13 +61,14 @@ def draw_intervals(
     values : sequence of ndarray
         The subjects' adjustments divided by the reference, one array per environment; may be empty.
     log : bool
-        Logarithmic axis; what is zero or negative runs to the edge.
+        Logarithmic axis, where anything is positive; what is zero or negative then runs to the edge.
     labels : sequence of str, optional
         What the environments are called on the axis, where that is not their names.
     """
     place = {environment: -index for index, environment in enumerate(environments)}
     present = [method for method in METHODS if any(bar.method == method for bar in bars)]
     ends = np.array([edge for bar in bars for edge in (bar.lower, bar.upper)], dtype=float)
+    log = log and bool((ends > 0).any())
     ends = ends[np.isfinite(ends) & ((ends > 0) | (not log))]
     for bar in bars:
         y = place[bar.environment] + _offset(bar.kind, bar.method, present)

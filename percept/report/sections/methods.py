@@ -49,6 +49,7 @@ def build(document: Mapping[str, Any]) -> Part:
             ),
             "share_place": _SHARE if "share" in scene["inference"] else _LEVEL,
             "bayesian": "bayesian" in used,
+            "model": _model(document),
             "pooled": scene.get("model", {}).get("pooling", "partial") == "partial",
             "subjects": max((row["n"] for row in intervals), default=0),
             "version": document["provenance"]["versions"]["percept"],
@@ -57,6 +58,31 @@ def build(document: Mapping[str, Any]) -> Part:
             "bibtex": bibtex(document),
         },
     )
+
+
+def _model(document: Mapping[str, Any]) -> str:
+    """Say what the hierarchical model is made of; data and scene leave parts of it out."""
+    data, asked = document["data"], document["provenance"]["scene"].get("model", {})
+    pair = len({row["parameter"] for row in document["intervals"]}) == 2
+    sessions, several = data["form"] == "trials", len(data["environments"]) > 1
+    parts = []
+    if several:
+        parts.append(
+            "a regression of bias on the logarithm of the reference with a deviation for each environment"
+        )
+    else:
+        parts.append("a bias")
+    if sessions and several and asked.get("subject_effect", True):
+        both = " and correlated between stiffness and damping" if pair else ""
+        parts.append(f"subject effects shared by all environments{both}")
+    scatter = "between-subject scatter"
+    if several:
+        scatter += " alike in all environments" if asked.get("common_spread") else " within each environment"
+    if several and asked.get("weber"):
+        scatter += ", in proportion to the reference but for each environment’s own deviation"
+    parts.append(scatter)
+    by_itself = " (stiffness and damping each by itself)" if pair and not sessions else ""
+    return _listed(parts) + by_itself
 
 
 def _listed(parts: list[str]) -> str:
