@@ -44,8 +44,8 @@ from percept.sessions import ReadOptions
         ("[frequency]\nlower = 5\nupper = 1\n", "frequency: lower, 5, must be below upper, 1."),
         (
             "[device]\nmass = 1\ndamping = 2\nperiod = 0.05\n",
-            "frequency.upper = 100.0: does not lie below the Nyquist frequency, 62.8319 rad/s at a period of 0.05 s. "
-            "Set upper of [frequency] below that",
+            "frequency.upper = 100.0: does not lie below the Nyquist frequency, 62.8319 rad/s at a period of "
+            "0.05 s. Set upper of [frequency] below that",
         ),
         ('[model]\npooling = "none"\n', 'model: pooling = "none" and prior = "reference" go together.'),
         (

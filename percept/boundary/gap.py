@@ -13,7 +13,7 @@ from percept.errors import UsageError
 __all__ = ["CurveGap", "curve_gap"]
 
 Array = NDArray[np.float64]
-# Limits of zero have no logarithm; both curves count as at least this share of the larger upper limit.
+# Lower limits of zero have no logarithm; they count as this share of the smaller of the upper limits.
 _FLOOR = 1e-6
 
 
@@ -60,10 +60,12 @@ def curve_gap(first: Boundary, second: Boundary) -> dict[str, CurveGap]:
     omega = np.unique(np.concatenate([first.omega, second.omega]))
     omega = omega[(omega >= low) & (omega <= high)]
     x = np.log(omega)
-    floor = np.log(_FLOOR) + np.maximum(_line(first, "upper", x), _line(second, "upper", x))
+    upper = [_line(one, "upper", x) for one in (first, second)]
+    floor = np.log(_FLOOR) + np.minimum(*upper)
+    lower = [np.maximum(_line(one, "lower", x), floor) for one in (first, second)]
     gaps = {}
-    for side in ("lower", "upper"):
-        ratio = np.maximum(_line(second, side, x), floor) - np.maximum(_line(first, side, x), floor)
+    for side, (one, other) in (("lower", lower), ("upper", upper)):
+        ratio = other - one
         worst = int(np.abs(ratio).argmax())
         area = float(np.trapezoid(np.abs(ratio), x) / (x[-1] - x[0]))
         gaps[side] = CurveGap(area, float(ratio[worst]), float(omega[worst]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -17,12 +17,15 @@ from percept.haptics.impedance import hold as zero_order_hold
 from percept.haptics.parameters import AnyDevice, Coupling, Device, TabulatedDevice
 from percept.haptics.stability import required_damping, stability_margin
 
-__all__ = ["AbsoluteStability", "TwoPort", "absolute_stability", "llewellyn", "two_port"]
+__all__ = ["AbsoluteStability", "TwoPort", "absolute_stability", "covers_range", "llewellyn", "two_port"]
 
 ROUNDING = 1e-12
 """How near to 1 a margin, or the modulus of a pole, counts as on the limit."""
 
-Verdict = Literal["stable", "marginal", "unstable"]
+_COVERED = 1e-3
+"""A table may leave out this share of the range up to Nyquist at either end."""
+
+Verdict = Literal["stable", "marginal", "unstable", "undecided"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +75,9 @@ class AbsoluteStability:
 
     Attributes
     ----------
-    verdict : {"stable", "marginal", "unstable"}
-        Marginal where the smallest margin is 1 to within `rounding`.
+    verdict : {"stable", "marginal", "unstable", "undecided"}
+        Marginal where the smallest margin is 1 to within `rounding`; undecided where nothing speaks against
+        stability, but the device's table leaves out a part of the range.
     reason : str
         The condition that decides, in one sentence.
     omega : ndarray, shape (n,)
@@ -176,7 +180,10 @@ def llewellyn(network: TwoPort) -> AbsoluteStability:
     )
     r11, r22 = network.p11.real, network.p22.real
     # An active port must not be mended by the other's sign.
-    given = np.where((r11 < 0) | (r22 < 0), -np.abs(2 * r11 * r22), 2 * r11 * r22)
+    with np.errstate(invalid="ignore"):
+        given = np.where((r11 < 0) | (r22 < 0), -np.abs(2 * r11 * r22), 2 * r11 * r22)
+    # Without a coupling the device is joined to nothing, and need not dissipate.
+    given = np.where(np.isinf(r22) & (r11 >= 0) & (r22 > 0), np.inf, given)
     margin = ratio(given, asked, empty=np.inf)
     return _judged(network.omega, margin, network.poles)
 
@@ -192,7 +199,8 @@ def absolute_stability(
     """Judge a device with a coupling at every ω from DC to Nyquist, poles included (Eqs 9, 10).
 
     A rigid device is judged in closed form. With modes the smallest margin is searched on a grid that
-    resolves each mode, and refined; a table is searched over the range it covers.
+    resolves each mode, and refined; a table is searched over the range it covers, and cannot show stability
+    where that is not all of it.
 
     Parameters
     ----------
@@ -234,7 +242,24 @@ def absolute_stability(
         margins = margin(omega)
         # The closed form is exact where the margin at its rounded ω is only as good as that ω.
         margins[omega == need.omega] = ratio(device.damping, need.damping, empty=np.inf)
-    return _judged(omega, margins, network_poles(device, coupling, period, discretization))
+    found = _judged(omega, margins, network_poles(device, coupling, period, discretization))
+    if found.verdict != "unstable" and not covers_range(device, period):
+        assert isinstance(device, TabulatedDevice)
+        reason = (
+            f"From {device.omega[0]:.6g} to {device.omega[-1]:.6g} rad/s the smallest margin is "
+            f"{found.smallest_margin:.6g}; of the rest, up to {np.pi / period:.6g} rad/s, the device's table "
+            "says nothing."
+        )
+        return replace(found, verdict="undecided", reason=reason)
+    return found
+
+
+def covers_range(device: AnyDevice, period: float) -> bool:
+    """Say whether a device is known from DC to Nyquist; a table may leave out a thousandth at either end."""
+    if isinstance(device, Device):
+        return True
+    nyquist = np.pi / period
+    return bool(device.omega[0] <= _COVERED * nyquist and device.omega[-1] >= (1 - _COVERED) * nyquist)
 
 
 def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArray:

@@ -66,6 +66,7 @@ def classical_replicates(
         names = tuple(e for e in environments if ("k", e) in known and ("b", e) in known)
         if not names:
             continue
+        known = {cell: moments for cell, moments in known.items() if cell[1] in names}
         drawn = {cell: _redrawn(moments.on_scale(family), rng) for cell, moments in known.items()}
         for kind in scene.inference.kinds:
             limits = {cell: _limits(known[cell], drawn[cell], kind, family, scene, cell[0]) for cell in known}

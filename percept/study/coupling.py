@@ -22,6 +22,8 @@ from percept.study.regions import Region
 __all__ = ["CouplingStudy", "study_coupling"]
 
 Array = NDArray[np.float64]
+#: What a verdict makes of realism: a coupling on the limit of stability is none to use.
+_STABLE = {"stable": True, "marginal": False, "unstable": False}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,9 +35,10 @@ class CouplingStudy:
     stiffness, damping : float
         Of the coupling, N/m and N·s/m.
     verdict, reason : str
-        Absolute stability (Eqs 2-3, 9-10, and the poles): "stable", "marginal" or "unstable".
+        Absolute stability (Eqs 2-3, 9-10, and the poles): "stable", "marginal", "unstable", or "undecided"
+        where the device's table leaves out a part of the range.
     margin : float
-        Smallest ratio of Re Z_d to what is required, over all frequencies.
+        Smallest ratio of Re Z_d to what is required, over all frequencies that the device is known at.
     binding_omega : float
         Where it binds, rad/s.
     required_damping : float or None
@@ -60,7 +63,7 @@ class CouplingStudy:
         environment, coupled, magnitude, plane (posterior probability that the displayed impedance lies
         between the limits of a level of users throughout the range, by abs(Z_h) or by stiffness and damping
         both), stable_and_realistic, stable_and_realistic_plane (the same, zero unless the coupling is
-        stable). None without a posterior.
+        stable, None where that is undecided). None without a posterior.
     """
 
     stiffness: float
@@ -137,7 +140,7 @@ def study_coupling(
         realism=_realism(bench, coupling, boundaries, regions, read_at),
         read_at=read_at,
         passivity=_passivity(device, period, bench.references),
-        probability=_probability(realisms, stable=verdict.verdict == "stable"),
+        probability=_probability(realisms, _STABLE.get(verdict.verdict)),
     )
 
 
@@ -190,15 +193,18 @@ def _plane(
     }
 
 
-def _probability(realisms: Iterable[tuple[str, bool, Realism]], *, stable: bool) -> pd.DataFrame | None:
+def _probability(realisms: Iterable[tuple[str, bool, Realism]], stable: bool | None) -> pd.DataFrame | None:
+    def both(probability: float, coupled: bool) -> float | None:
+        return probability * stable if coupled and stable is not None else None
+
     rows = [
         {
             "environment": environment,
             "coupled": coupled,
             "magnitude": found.magnitude_throughout,
             "plane": found.plane_throughout,
-            "stable_and_realistic": found.magnitude_throughout * stable if coupled else None,
-            "stable_and_realistic_plane": found.plane_throughout * stable if coupled else None,
+            "stable_and_realistic": both(found.magnitude_throughout, coupled),
+            "stable_and_realistic_plane": both(found.plane_throughout, coupled),
         }
         for environment, coupled, found in realisms
     ]

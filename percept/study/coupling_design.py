@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept import haptics
+from percept.haptics.llewellyn import covers_range
 from percept.study.boundaries import Bench, region_curves
 from percept.study.regions import Region
 
@@ -34,8 +35,11 @@ def design_by_method(
     Returns
     -------
     dict of str to CouplingDesign
-        By method; `each` in the order of the bench's references.
+        By method; `each` in the order of the bench's references. None for a device whose table leaves out a
+        part of the range, since no coupling can be shown stable there.
     """
+    if not covers_range(bench.device, bench.period):
+        return {}
     grid = np.geomspace(omega[0], omega[-1], min(_POINTS, omega.size))
     found = {}
     for method in ("classical", "bayesian"):

@@ -31,7 +31,10 @@ class DeviceSensitivity:
     Attributes
     ----------
     mass, damping : tuple of float
-        Seven of each about the device's own (or about 1 where that is zero), kg and N·s/m.
+        Seven of each, kg and N·s/m: between an eighth and eight times the device's own; where that is zero,
+        zero and up to 8.
+    own : tuple of int
+        Where the device itself stands: place of its damping, of its mass.
     verdict : tuple of tuple of (str or None)
         By damping and mass: "stable", "marginal" or "unstable"; None without a coupling.
     inside : dict of str to tuple of tuple of int
@@ -47,6 +50,7 @@ class DeviceSensitivity:
 
     mass: tuple[float, ...]
     damping: tuple[float, ...]
+    own: tuple[int, int]
     verdict: tuple[tuple[str | None, ...], ...]
     inside: Mapping[str, tuple[tuple[int, ...], ...]]
     environments: int
@@ -76,8 +80,7 @@ def device_sensitivity(study: Study) -> DeviceSensitivity | None:
     if not limits:
         return None
     own = bench.device
-    masses = tuple(float(own.mass or 1.0) * times for times in _TIMES)
-    dampings = tuple(float(own.damping or 1.0) * times for times in _TIMES)
+    masses, dampings = _about(float(own.mass)), _about(float(own.damping))
     benches = [
         [
             dataclasses.replace(bench, device=dataclasses.replace(own, mass=mass, damping=damping))
@@ -104,6 +107,7 @@ def device_sensitivity(study: Study) -> DeviceSensitivity | None:
     return DeviceSensitivity(
         mass=masses,
         damping=dampings,
+        own=(dampings.index(float(own.damping)), masses.index(float(own.mass))),
         verdict=tuple(tuple(_verdict(one) for one in row) for row in benches),
         inside=inside,
         environments=len(some),
@@ -111,6 +115,10 @@ def device_sensitivity(study: Study) -> DeviceSensitivity | None:
         method="classical",
         family=" or ".join(dict.fromkeys(region.family for region in some)),
     )
+
+
+def _about(own: float) -> tuple[float, ...]:
+    return tuple(own * times for times in _TIMES) if own else (0.0, *_TIMES[1:])
 
 
 def _limits(study: Study, kind: str) -> list[Region]:

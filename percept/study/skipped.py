@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from percept.haptics.llewellyn import covers_range
 from percept.study.bands import FEWEST
 from percept.study.both_methods import banded
 from percept.study.classical import FAMILIES, cell_moments
@@ -87,6 +88,15 @@ def _unpooled(study: Study) -> bool:
 
 
 def _haptics(study: Study) -> Iterator[Reason]:
+    table, device = study.scene.device, study.device
+    if table is not None and device is not None and not covers_range(device, table.period):
+        yield "couplings that would do", "the device’s table leaves out a part of the range up to Nyquist"
+    elif device is not None and study.parameters == ("k", "b") and "user" not in study.scene.inference.kinds:
+        yield "couplings that would do", "they are judged by intervals of kind user, which were not asked for"
+    if device is not None and (table is None or table.response is not None):
+        yield "sensitivity to the device’s mass and damping", "a measured response has neither"
+    elif device is not None and study.scene.inference.method == "bayesian":
+        yield "sensitivity to the device’s mass and damping", "it is worked out for classical intervals"
     if len(study.parameters) == 1:
         yield "boundaries and band", f"only {NAMES[study.parameters[0]]} was adjusted"
     elif study.device is None:
@@ -103,11 +113,13 @@ def _curves(study: Study) -> Iterator[Reason]:
             names = [NAMES[p] for p in study.parameters if not np.isfinite(study.reference[p, environment])]
             yield f"boundaries and band of {environment}", f"it has no reference {' and '.join(names)}"
     yield from _bands(study)
-    yield "ellipse of kind share", "there is no exact ellipse of a share of users"
     asked = study.scene.inference
-    if asked.method != "classical" and "share" in asked.kinds and len(study.environments) >= FEWEST:
+    share = "share" in asked.kinds
+    if share:
+        yield "ellipse of kind share", "there is no exact ellipse of a share of users"
+    if asked.method != "classical" and share and len(study.environments) >= FEWEST:
         yield "Bayesian band law, kind share", "no posterior draw has a band of its own that holds a share"
-    if study.device is not None:
+    if share and study.device is not None:
         yield "curves through draws, kind share", "a share of users has no curve of its own"
     if study.sessions.form == "summary":
         yield "ellipses and curves through draws", "published limits hold no correlation of k and b"

@@ -12,6 +12,7 @@ from percept.haptics import (
     TabulatedDevice,
     TwoPort,
     absolute_stability,
+    device_impedance,
     llewellyn,
     required_damping,
     stability_margin,
@@ -147,18 +148,42 @@ def test_two_active_ports_do_not_make_a_passive_one():
 
 
 def test_table_is_judged_over_its_range_and_may_be_active():
-    omega = np.linspace(1, 3000, 50)
-    passive = absolute_stability(TabulatedDevice(omega, 30 + 1j * omega), COUPLING, T)
+    whole = np.linspace(1, np.pi / T, 50)
+    passive = absolute_stability(TabulatedDevice(whole, 30 + 1j * whole), COUPLING, T)
     assert passive.verdict == "stable"
     assert passive.poles_allowed is None
-    assert (passive.omega[0], passive.omega[-1]) == (1.0, 3000.0)
+    assert (passive.omega[0], passive.omega[-1]) == (1.0, np.pi / T)
+    omega = np.linspace(1, 3000, 50)
     active = absolute_stability(TabulatedDevice(omega, np.where(omega > 2000, -1, 30)), COUPLING, T)
     assert active.verdict == "unstable"
     assert "active" in active.reason
 
 
+def test_a_table_of_a_part_of_the_range_shows_no_stability():
+    """The rigid device behind it is unstable, at a frequency the table leaves out."""
+    device, coupling = Device(1.0, 5.0), Coupling(50e3, 100.0)
+    whole = absolute_stability(device, coupling, T)
+    assert whole.verdict == "unstable"
+    for first, last in ((0.05, 120.0), (0.05, 0.99 * np.pi / T), (10.0, 0.9995 * np.pi / T)):
+        omega = np.geomspace(first, last, 300)
+        table = TabulatedDevice(omega, device_impedance(omega, device, T))
+        found = absolute_stability(table, coupling, T)
+        if first < whole.binding_omega < last and found.smallest_margin < 1:
+            assert found.verdict == "unstable"
+            continue
+        assert found.verdict == "undecided"
+        assert found.reason.startswith(f"From {first:g} to {last:g} rad/s the smallest margin is ")
+        assert found.reason.endswith("of the rest, up to 3141.59 rad/s, the device's table says nothing.")
+    omega = np.geomspace(0.05, 120.0, 300)
+    assert absolute_stability(TabulatedDevice(omega, 5.0 + 1j * omega), coupling, T).verdict == "undecided"
+
+
 def test_without_coupling_nothing_is_asked():
     assert absolute_stability(Device(1.0, 0.0), Coupling(0.0, 0.0), T).verdict == "stable"
+    for damping in (0.0, 5.0):
+        network = two_port([1.0, 10.0, 3000.0], Device(1.0, damping), Coupling(0.0, 0.0), T)
+        found = llewellyn(network)
+        assert (found.verdict, found.smallest_margin) == ("stable", np.inf)
 
 
 def test_tustin_without_damping_is_unstable():

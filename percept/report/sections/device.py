@@ -32,6 +32,6 @@ def build(document: Mapping[str, Any]) -> Part | None:
             "kinds": list(found["inside"]),
             "rows": range(len(found["damping"])),
             "columns": range(len(found["mass"])),
-            "middle": len(found["mass"]) // 2,
+            "own": list(found["own"]),
         },
     )

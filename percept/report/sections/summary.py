@@ -67,7 +67,7 @@ def _references(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     for index, row in enumerate(document["summary"]["references"]):
         names = tuple((one["environment"], one["parameter"]) for one in row["outside"])
         shared = found.setdefault(
-            (row["method"], row["level"], names),
+            (row["method"], row["level"], row["inside"], row["of"], names),
             {**row, "place": f"/summary/references/{index}", "families": []},
         )
         shared["families"].append(row["family"])

@@ -1,0 +1,164 @@
+"""What a study leaves out is said, whatever the data and the scene leave no room for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept import Scene, Study
+from percept.errors import RefusalError
+from percept.sessions import Sessions
+from percept.study.left_out import leave_one_environment_out
+
+PLACES = {"VE1": (15.0, 0.7), "VE2": (1000.0, 1.5), "VE3": (20000.0, 20.0), "VE4": (50000.0, 100.0)}
+COUPLING = {"stiffness": 5e4, "damping": 100.0}
+DEVICE = {"mass": 1.0, "damping": 5.0, "period": 1e-3}
+
+
+def table(places=PLACES, subjects=6, seed=3):
+    rng = np.random.default_rng(seed)
+    rows = []
+    for s in range(subjects):
+        for place, (k, b) in places.items():
+            k_adj, b_adj = np.array([k, b]) * np.exp(0.15 * rng.standard_normal(2))
+            if k == b == 0:
+                k_adj, b_adj = 0.1 * rng.standard_normal(2)
+            rows.append([f"s{s}", place, k, b, 1, k_adj, b_adj])
+    return pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"])
+
+
+def study(data, **tables):
+    tables.setdefault("inference", {"method": "classical"})
+    return Study(Sessions.from_frame(data), Scene.from_tables(tables))
+
+
+def test_trials_the_pair_of_parameters_leaves_out():
+    data = table()
+    data.loc[data["environment"] == "VE4", "b_adj"] = np.nan
+    data.loc[(data["environment"] == "VE1") & (data["subject"] < "s2"), "b_adj"] = np.nan
+    found = study(data, inference={"method": "bayesian", "tolerance": 0.3})
+    said = dict(found.skipped)
+    assert said["8 trials, in the hierarchical model"] == "they lack stiffness or damping"
+    assert said["Bayesian intervals of VE4"] == "no trial there has both parameters"
+    assert "VE4" not in set(found.intervals["environment"])
+    alone = study(data, inference={"method": "bayesian", "tolerance": 0.3, "parameters": ["k"]})
+    assert not [what for what, _ in alone.skipped if "trials" in what]
+    assert "VE4" in set(alone.intervals["environment"])
+
+
+def test_free_space_has_boundaries_and_no_band():
+    data = table({"free": (0.0, 0.0), **PLACES})
+    scene = {
+        "inference": {"method": "classical", "family": "normal"},
+        "model": {"scale": {"k": 10.0, "b": 0.5}},
+    }
+    found = study(data, device=DEVICE, frequency={"points": 11}, **scene)
+    assert dict(found.skipped)["band of free"] == "the impedance of its reference is zero"
+    assert found.band is not None
+    assert "free" not in set(found.band.rows["environment"])
+    # The law is that of the study without it.
+    without = study(data[data["environment"] != "free"], **scene).band
+    assert without is not None
+    assert found.band.laws == without.laws != ()
+    assert "free" in {boundary.environment for boundary in found.boundaries}
+    both = study(data, **{**scene, "inference": {**scene["inference"], "method": "both"}})
+    with pytest.raises(RefusalError, match="the reference stiffness of free is 0: it has no place"):
+        leave_one_environment_out(both)
+
+
+def test_an_environment_without_one_reference():
+    data = table()
+    data.loc[data["environment"] == "VE2", ["b_ref", "b_adj"]] = np.nan
+    found = study(
+        data, device=DEVICE, frequency={"points": 11}, coupling={"stiffness": 5e4, "damping": 100.0}
+    )
+    assert dict(found.skipped)["boundaries and band of VE2"] == "it has no reference damping"
+    assert found.placed == ("VE1", "VE3", "VE4")
+    assert {boundary.environment for boundary in found.boundaries} == set(found.placed)
+    assert found.coupling is not None
+    assert set(found.coupling.passivity["environment"]) == set(found.placed)
+
+
+def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
+    data = table()
+    data.loc[data["environment"] == "VE1", "b_adj"] = 0.7
+    found = study(data)
+    assert (
+        dict(found.skipped)["classical lognormal intervals of damping in VE1"]
+        == "all subjects adjusted alike"
+    )
+    assert found.band is not None
+    assert {law.family for law in found.band.laws} == {"normal", "lognormal"}
+
+
+@pytest.mark.parametrize(
+    ("tables", "change", "what", "why"),
+    [
+        ({}, lambda t: t[t["environment"] < "VE3"], "band law", "it needs 3 environments"),
+        (
+            {"device": DEVICE},
+            lambda t: t[t["subject"] < "s2"],
+            "classical ellipses and curves through draws of VE1",
+            "they need 3 subjects with both parameters; there are 2",
+        ),
+        (
+            {"inference": {"method": "classical", "kinds": ["mean"]}, "device": DEVICE},
+            lambda t: t,
+            "couplings that would do",
+            "they are judged by intervals of kind user",
+        ),
+        (
+            {
+                "inference": {"method": "bayesian", "tolerance": 0.3},
+                "model": {"pooling": "none", "prior": "reference"},
+                "checks": {},
+                "device": DEVICE,
+            },
+            lambda t: t,
+            "checks of the model",
+            "they need the sessions of subjects, pooled over environments",
+        ),
+        (
+            {
+                "inference": {"method": "bayesian", "tolerance": 0.3},
+                "model": {"pooling": "none", "prior": "reference"},
+                "device": DEVICE,
+            },
+            lambda t: t,
+            "Bayesian ellipses and curves through draws",
+            "cells without pooling hold no correlation",
+        ),
+        (
+            {"inference": {"method": "bayesian", "tolerance": 0.3}, "device": DEVICE},
+            lambda t: t,
+            "sensitivity to the device’s mass and damping",
+            "it is worked out for classical intervals",
+        ),
+    ],
+)
+def test_what_is_left_out_is_said_with_its_reason(tables, change, what, why):
+    said = dict(study(change(table()), **tables).skipped)
+    assert said[what].startswith(why)
+
+
+def test_what_was_not_asked_for_is_not_left_out():
+    said = dict(study(table(), inference={"method": "classical", "kinds": ["user"]}, device=DEVICE).skipped)
+    assert not [what for what in said if "share" in what]
+
+
+def test_a_table_of_a_part_of_the_range(tmp_path):
+    omega = np.geomspace(0.05, 120.0, 60)
+    lines = [f"{w!r},5.0,{w!r}" for w in omega.tolist()]
+    (tmp_path / "zd.csv").write_text("omega,real,imaginary\n" + "\n".join(lines) + "\n")
+    (tmp_path / "scene.toml").write_text(
+        '[device]\nresponse = "zd.csv"\nperiod = 1e-3\n[coupling]\nstiffness = 5e4\ndamping = 100.0\n'
+        '[frequency]\npoints = 11\n[inference]\nmethod = "classical"\n'
+    )
+    found = Study(Sessions.from_frame(table()), Scene.load(tmp_path / "scene.toml"))
+    assert found.coupling is not None
+    assert found.coupling.verdict == "undecided"
+    assert found.coupling_design == {}
+    said = dict(found.skipped)
+    assert said["couplings that would do"].startswith("the device’s table leaves out a part")
+    assert said["sensitivity to the device’s mass and damping"] == "a measured response has neither"
