@@ -61,11 +61,16 @@ class Checkpoint(Generic[Result]):
         Raises
         ------
         UsageError
-            A line that is not one of results, with its place.
+            A file that cannot be read, or a line that is not one of results, with its place.
         """
         if self._path is None or not self._path.exists():
             return {}
-        whole, newline, rest = self._path.read_text(encoding="utf-8").rpartition("\n")
+        try:
+            whole, newline, rest = self._path.read_text(encoding="utf-8").rpartition("\n")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(
+                f"no file of {self._what} studies.", file=str(self._path), hint="Choose another folder."
+            ) from error
         if rest:
             if not (rest.startswith(_START) or _START.startswith(rest)):
                 raise self._strange(1 + whole.count("\n") + len(newline))

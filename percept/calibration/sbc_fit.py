@@ -12,7 +12,6 @@ from scipy import special
 
 from percept.calibration.sbc_plan import SBC_DESIGNS, SbcPlan
 from percept.errors import RefusalError
-from percept.inference.hierarchy import coordinates
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.pooled import Pooled
@@ -110,7 +109,7 @@ class _WithoutJacobian(Pooled):
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,), wrong by twice the sum of log sigma."""
-        inside = np.clip(points, -coordinates.LIMIT, coordinates.LIMIT)
+        inside = np.clip(points, -self.density.layout.limits, self.density.layout.limits)
         with np.errstate(over="ignore"):
             sigma = self.scales(inside)["sigma"][1]
         with np.errstate(divide="ignore"):

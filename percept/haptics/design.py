@@ -291,8 +291,9 @@ def stable_region(
     b = nonnegative_array(device_damping, "device damping", "N·s/m")
     if b.ndim:
         raise UsageError("a stable region is for one device damping.", value=device_damping)
-    if points < 2:
-        raise UsageError("points must be at least 2.", value=points)
+    if points < 2 or points != int(points):
+        raise UsageError("points must be a whole number of at least 2.", value=points)
+    points = int(points)
     backward = discretization == "backward"
     largest = np.pi if hold == "true" else 8.0
     # Half-cosine spacing: the edge leaves both ends like a square root.

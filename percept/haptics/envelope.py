@@ -175,6 +175,8 @@ def corner_crossings(
     period = checked_period(period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
+    if not isinstance(device, Device):
+        raise UsageError("corner crossings are for one rigid device and one box of (k, b).", value=device)
     m, b_d, m_e = np.asarray(device.mass), np.asarray(device.damping), real_array(mass, "mass", "kg")
     if device.modes or any(array.ndim for array in (m, b_d, m_e, k_low, k_high, b_low, b_high)):
         raise UsageError("corner crossings are for one rigid device and one box of (k, b).", value=device)

@@ -60,7 +60,10 @@ class EnvironmentBoundary:
     upper: FloatArray
 
     def __post_init__(self) -> None:
-        lower, upper = (np.array(limit, dtype=np.float64) for limit in (self.lower, self.upper))
+        try:
+            lower, upper = (np.array(limit, dtype=np.float64) for limit in (self.lower, self.upper))
+        except (TypeError, ValueError) as error:
+            raise UsageError("the limits of an EnvironmentBoundary are numbers.") from error
         if lower.ndim != 1 or lower.shape != upper.shape:
             raise UsageError(
                 "an EnvironmentBoundary needs two arrays of one length.",

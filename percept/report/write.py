@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from percept.report.document import build_document
-from percept.report.figures.formats import check_formats
 from percept.report.folder import filled_folder
+from percept.report.formats import check_formats
 from percept.report.pdf import needed_browser, print_pdf
 from percept.report.plain import Digits, dumps
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -231,6 +232,8 @@ def _environments(value: Any) -> Mapping[str, Mapping[str, float]]:
                 raise UsageError(
                     "an environment has the numbers k_ref and b_ref.", key=f"{where}.{key}", value=number
                 )
+            if not math.isfinite(number):
+                raise UsageError("a reference must be finite.", key=f"{where}.{key}", value=number)
             references[alias[key]] = float(number)
         out[str(name)] = references
     return out

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
 
 from percept.errors import UsageError
+from percept.inference.classical.quantiles import t_upper
 from percept.sessions import ReadOptions, read_sessions
 from percept.sessions.columns import resolve
 from percept.sessions.problems import shown
@@ -122,7 +122,7 @@ class PublishedLimits:
     @property
     def factor(self) -> float:
         """Half-width of the interval in standard deviations, t/√n (Eq. 15)."""
-        return float(student_t.isf((1 - self.level) / 2, self.n - 1) / np.sqrt(self.n))
+        return float(t_upper((1 - self.level) / 2, self.n - 1) / np.sqrt(self.n))
 
     @property
     def mean(self) -> NDArray[np.float64]:

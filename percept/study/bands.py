@@ -16,12 +16,10 @@ from percept.boundary.band import (
 from percept.study.band_replicates import Replicates
 from percept.study.bayesian import Fit
 from percept.study.cells import paired_limits
+from percept.study.placed import FEWEST
 from percept.study.posterior import thinned_points
 
-__all__ = ["FEWEST", "band_study", "weber_trend"]
-
-#: Environments that laws of the band need.
-FEWEST = 3
+__all__ = ["band_study", "weber_trend"]
 
 
 def band_study(

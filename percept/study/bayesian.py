@@ -26,7 +26,7 @@ from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import Cell, cell_moments
-from percept.study.responses import ResponseScale, Trials, decades, references, trials
+from percept.study.responses import ResponseScale, Trials, decades, references, refuse_no_ratio, trials
 from percept.study.scatter import lacking_scatter
 from percept.study.units import NAMES
 
@@ -261,6 +261,7 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     """Model each parameter of published limits by itself: limits hold no correlation."""
     environments = sessions.environments
     reference = references(sessions, parameters, environments)
+    refuse_no_ratio(reference, parameters, environments)
     x = decades(reference)
     family = scene.inference.family
     found = {(cell.parameter, cell.environment): cell for cell in cell_moments(sessions, parameters, family)}
@@ -278,8 +279,7 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
         statistics = from_summary(mean, sd, n, x[p], parameter=parameter, environments=environments)
         models.append(Pooled(CollapsedDensity(statistics, Priors(**scene.model.priors), _options(scene))))
         counts += n.tolist()
-    log = family == "lognormal"
-    scale = ResponseScale(log, reference.ravel(), np.ones(reference.size) if log else reference.ravel())
+    scale = ResponseScale.of(reference, family)
     return Prepared(Product(models), scale, np.array(counts), False, None)
 
 

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from percept.boundary.band import BandStudy
 from percept.study import regions
 from percept.study.band_replicates import Replicates, classical_replicates, posterior_replicates
 from percept.study.bands import band_study, weber_trend
 from percept.study.curve_draws import classical_draws, posterior_draws
+from percept.study.placed import banded
 from percept.study.regions import Draws, Region
 
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
     from percept.study.study import Study
 
-__all__ = ["banded", "study_bands", "study_draws", "study_regions"]
+__all__ = ["study_bands", "study_draws", "study_regions"]
 
 
 def study_regions(study: Study) -> tuple[Region, ...]:
@@ -82,7 +81,7 @@ def study_bands(study: Study, omega: float) -> BandStudy:
     BandStudy
     """
     level, kappa = study.scene.inference.level, None
-    names = banded(study, omega)
+    names = banded(study.reference, study.placed, omega)
     replicates: Replicates = {}
     if study.scene.inference.method != "bayesian":
         replicates |= classical_replicates(study.sessions, study.scene, names, omega)
@@ -91,13 +90,6 @@ def study_bands(study: Study, omega: float) -> BandStudy:
         replicates |= posterior_replicates(fit, study.scene, names, omega)
         kappa = weber_trend(fit, level=level)
     return band_study(study.intervals, names, replicates, omega=omega, level=level, kappa=kappa)
-
-
-def banded(study: Study, omega: float) -> tuple[str, ...]:
-    """Return the environments whose band can be set against their impedance: one that is not zero."""
-    return tuple(
-        e for e in study.placed if np.hypot(study.reference["b", e], study.reference["k", e] / omega) > 0
-    )
 
 
 def _passed(study: Study) -> Fit | None:

@@ -148,7 +148,7 @@ def predict(
     beyond = np.maximum(at - logs.max(axis=1), 0.0) + np.minimum(at - logs.min(axis=1), 0.0)
     far = np.hypot.reduce(logs - at[:, None], axis=0)
     expected = expected_users(fit, x, scene)
-    scale = ResponseScale(scene.inference.family == "lognormal", reference, _unit(scene, reference))
+    scale = ResponseScale.of(reference, scene.inference.family)
     intervals = _intervals(study, fit, expected, scale, kinds or scene.inference.kinds, name)
     return Prediction(
         environment=name,
@@ -214,10 +214,6 @@ def _positive(parameter: str, value: float | None) -> float:
             value=value,
         )
     return float(value)
-
-
-def _unit(scene: Scene, reference: Array) -> Array:
-    return np.ones_like(reference) if scene.inference.family == "lognormal" else reference
 
 
 def _intervals(

@@ -138,9 +138,7 @@ def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
         count, mean, scatter, decades(reference),
         parameters=parameters, environments=environments, subjects=subjects,
     )  # fmt: skip
-    log = reduced.family == "lognormal"
-    scale = ResponseScale(log, reference.ravel(), np.ones(reference.size) if log else reference.ravel())
-    return pooled(statistics, scene, reference, scale)
+    return pooled(statistics, scene, reference, ResponseScale.of(reference, reduced.family))
 
 
 def _asked(reduced: Reduced, scene: Scene) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.units import NAMES
 
-__all__ = ["ResponseScale", "Trials", "references", "refuse_lone_subject", "trials"]
+__all__ = ["ResponseScale", "Trials", "references", "refuse_lone_subject", "refuse_no_ratio", "trials"]
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,13 @@ class ResponseScale:
     log: bool
     origin: Array
     unit: Array
+
+    @classmethod
+    def of(cls, reference: Array, family: str, unit: Array | None = None) -> Self:
+        """Take responses to references of any shape; relative deviations are in `unit`, or in references."""
+        log = family == "lognormal"
+        one = np.ones(reference.size) if log else (reference if unit is None else unit).ravel()
+        return cls(log, reference.ravel(), one)
 
     def native(self, response: Array) -> Array:
         """Responses (..., C) in N/m or N·s/m."""
@@ -159,9 +167,7 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Tri
     unit = _units(reference, parameters, environments, scene)
     at = reference[:, environment].T
     response = np.log(adjusted / at) if lognormal else (adjusted - at) / unit[:, environment].T
-    scale = ResponseScale(
-        lognormal, reference.ravel(), np.ones(reference.size) if lognormal else unit.ravel()
-    )
+    scale = ResponseScale.of(reference, scene.inference.family, unit)
     return Trials(
         response, adjusted, subject, environment, subjects, environments,
         reference, decades(reference), scale, int((~complete).sum()),
@@ -173,19 +179,52 @@ def _units(
 ) -> Array:
     """Return the unit of a response: the reference, or the scene's scale where a reference is zero."""
     unit = reference.copy()
+    scales = {str(name): scale for name, scale in scene.model.scale.items()}
     for p, name in enumerate(parameters):
         if np.all(reference[p] > 0):
             continue
-        at = environments[int(np.argmin(reference[p]))]
-        if scene.inference.family == "lognormal" or name not in scene.model.scale:
-            raise RefusalError(
-                f"the reference {NAMES[name]} of {at} is {reference[p].min():g}, which has no ratio.",
-                column=f"{name}_ref",
+        if scene.inference.family == "lognormal" or name not in scales:
+            refuse_no_ratio(
+                reference[[p]],
+                (name,),
+                environments,
                 hint=f'Set family = "normal" and [model] scale.{name}, or analyse the other parameter '
                 f"alone with [inference] parameters.",
             )
-        unit[p] = scene.model.scale[name]
+        unit[p] = scales[name]
     return unit
+
+
+def refuse_no_ratio(
+    reference: Array,
+    parameters: tuple[str, ...],
+    environments: tuple[str, ...],
+    *,
+    hint: str = "Leave the environment or the parameter out.",
+) -> None:
+    """Refuse a reference that is not positive, and so has no ratio.
+
+    Parameters
+    ----------
+    reference : ndarray, shape (P, J)
+        N/m or N·s/m; NaN where there is none.
+    parameters, environments : tuple of str
+        Which.
+    hint : str
+        What to do.
+
+    Raises
+    ------
+    RefusalError
+        Naming the first.
+    """
+    for p, j in np.argwhere(reference <= 0):
+        raise RefusalError(
+            f"the reference {NAMES[parameters[p]]} of {environments[j]} is {reference[p, j]:g}, which has no "
+            "ratio.",
+            column=f"{parameters[p]}_ref",
+            hint=hint,
+        )
 
 
 def _refuse_not_positive(

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from percept.haptics.llewellyn import covers_range
-from percept.study.bands import FEWEST
-from percept.study.both_methods import banded
 from percept.study.classical import FAMILIES, cell_moments
-from percept.study.regions import subject_pairs
+from percept.study.placed import FEWEST, banded
 from percept.study.units import NAMES
 
 if TYPE_CHECKING:
@@ -130,14 +128,15 @@ def _curves(study: Study) -> Iterator[Reason]:
             "cells without pooling hold no correlation of k and b",
         )
     if asked.method != "bayesian":
-        for environment, (k, _) in subject_pairs(study.sessions, "normal").items():
-            if len(k) < _FEWEST_SUBJECTS:
-                what = f"classical ellipses and curves through draws of {environment}"
-                yield what, f"they need {_FEWEST_SUBJECTS} subjects with both parameters; there are {len(k)}"
+        both = study.sessions.table.dropna(subset=["k_adj", "b_adj"])
+        for name, count in both.groupby("environment", sort=False)["subject"].nunique().items():
+            if count < _FEWEST_SUBJECTS:
+                what = f"classical ellipses and curves through draws of {name}"
+                yield what, f"they need {_FEWEST_SUBJECTS} subjects with both parameters; there are {count}"
 
 
 def _bands(study: Study) -> Iterator[Reason]:
-    with_band = banded(study, study.scene.frequency.read_at)
+    with_band = banded(study.reference, study.placed, study.scene.frequency.read_at)
     for environment in study.placed:
         if environment not in with_band:
             yield f"band of {environment}", "the impedance of its reference is zero"

@@ -18,6 +18,7 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.chosen import analysed, chosen
 from percept.study.frequencies import thinned
+from percept.study.placed import placed
 from percept.study.responses import references
 
 if TYPE_CHECKING:
@@ -213,9 +214,7 @@ class Study:
     @cached_property
     def placed(self) -> tuple[str, ...]:
         """Environments with a reference of every parameter, which curves and bands are drawn for."""
-        return tuple(
-            e for e in self.environments if all(np.isfinite(self.reference[p, e]) for p in self.parameters)
-        )
+        return placed(self.reference, self.parameters, self.environments)
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:

@@ -83,8 +83,9 @@ def test_the_model_has_no_level_that_the_data_or_the_scene_leave_out():
 
 
 def test_a_scene_that_is_none_stops():
-    with pytest.raises(subprocess.CalledProcessError):
+    with pytest.raises(subprocess.CalledProcessError) as caught:
         work_of("everything", tolerance=0.5)
+    assert "argument scene: invalid choice: 'everything'" in str(caught.value.stderr)
 
 
 def test_savings_are_shares_of_leaving_nothing_out():

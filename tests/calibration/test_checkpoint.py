@@ -57,3 +57,11 @@ def test_a_file_of_something_else_is_refused_and_left_alone(tmp_path: Path, text
 def test_no_file_keeps_nothing() -> None:
     kept(None).append(0, 1.0)
     assert kept(None).read(9) == {}
+
+
+def test_what_is_no_file_of_results_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "folder.jsonl").mkdir()
+    (tmp_path / "bytes.jsonl").write_bytes(b"\xff\xfe\x00")
+    for name in ("folder.jsonl", "bytes.jsonl"):
+        with pytest.raises(UsageError, match=rf"{name}: no file of tried studies\. Choose another folder"):
+            kept(tmp_path / name).read(3)

@@ -150,7 +150,8 @@ def test_region_of_a_device_without_damping_is_a_point():
         (lambda: max_coupling_stiffness(1.0, 1.0, T, hold="foh"), "hold must be one of"),
         (lambda: best_coupling_damping(-1.0, T), "stiffness must not be negative"),
         (lambda: stable_region([1.0, 2.0], T), "one device damping"),
-        (lambda: stable_region(1.0, T, points=1), "points must be at least 2"),
+        (lambda: stable_region(1.0, T, points=1), "points must be a whole number of at least 2"),
+        (lambda: stable_region(1.0, T, points=2.5), "points must be a whole number of at least 2"),
         (lambda: stable_region(1.0, T, discretization="zoh"), "discretization must be one of"),
     ],
 )

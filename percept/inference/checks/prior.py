@@ -6,18 +6,15 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.prior_density import draws_first, log_normal_density, log_scale_priors
 from percept.inference.hierarchy.scales import Layout, Scales
 
 __all__ = ["GROUPS", "draw_prior", "draw_trend", "log_prior"]
 
 Array = NDArray[np.float64]
 Named = dict[str, tuple[tuple[str, ...], Array]]
-_LOG_2PI = float(np.log(2.0 * np.pi))
-_DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
 #: Which priors speak of what.
 GROUPS = {
     "bias": ("alpha", "gamma", "tau"),
@@ -70,10 +67,7 @@ def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) 
         user += np.stack(column) * rng.standard_normal(beta.shape[1:])
     for column in scales.shared.factor_columns() if scales.shared is not None else ():
         user += np.stack(column)[:, None] * rng.standard_normal(beta.shape[1:])
-    named = {
-        name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in scales.named.items()
-    }
-    return named, beta.reshape(-1, draws).T, user.reshape(-1, draws).T
+    return draws_first(scales.named), beta.reshape(-1, draws).T, user.reshape(-1, draws).T
 
 
 def draw_trend(
@@ -116,10 +110,7 @@ def draw_trend(
 def log_prior(
     density: CollapsedDensity, scales: Scales, beta: Array, rng: np.random.Generator
 ) -> dict[str, tuple[tuple[str, ...], Array]]:
-    """Log density of each top-level prior, on the scale the prior is stated on.
-
-    The laws of the environments' own biases and SDs about their trends are part of the model, not priors:
-    raising those to a power would ask what another model says.
+    """Log density of each top-level prior, on the scale the prior is stated on; see `log_scale_priors`.
 
     Parameters
     ----------
@@ -137,42 +128,14 @@ def log_prior(
     dict of str to (dimensions, ndarray)
         By name (see `GROUPS`), draws first.
     """
-    priors, named = density.priors, scales.named
+    priors = density.priors
     found: dict[str, Array] = {}
     if scales.tau is None:
-        found["alpha"] = _normal(beta[:, 0], 0.0, priors.alpha_sd)
+        found["alpha"] = log_normal_density(beta[:, 0], 0.0, priors.alpha_sd)
     else:
         alpha, gamma = draw_trend(density, scales, beta, rng)
         found |= {
-            "alpha": _normal(alpha, 0.0, priors.alpha_sd),
-            "gamma": _normal(gamma, 0.0, priors.gamma_sd),
+            "alpha": log_normal_density(alpha, 0.0, priors.alpha_sd),
+            "gamma": log_normal_density(gamma, 0.0, priors.gamma_sd),
         }
-    for name in ("tau", "sigma_u", "omega", "omega_e"):
-        if name in named:
-            found[name] = np.log(2.0) + _normal(named[name], 0.0, getattr(priors, f"{name}_scale"))
-    for suffix in ("", "_e"):
-        mean, sd = getattr(priors, f"log_s{suffix}_mean"), getattr(priors, f"log_s{suffix}_sd")
-        # With one environment sigma itself has the prior that s has with several.
-        level = ("s" if density.layout.trend else "sigma") + suffix
-        if level in named:
-            found[level] = _normal(np.log(named[level]), mean, sd)
-        if "kappa" + suffix in named:
-            found["kappa" + suffix] = _normal(
-                named["kappa" + suffix], 0.0, getattr(priors, f"kappa{suffix}_sd")
-            )
-    for name in ("rho_w", "rho_u", "rho_e"):
-        if name in named:
-            found[name] = _beta(named[name], priors)
-    return {name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in found.items()}
-
-
-def _normal(value: Array, mean: float, sd: float) -> Array:
-    standard = (value - mean) / sd
-    return -0.5 * (standard * standard + _LOG_2PI) - np.log(sd)
-
-
-def _beta(rho: Array, priors: Priors) -> Array:
-    shape = priors.rho_shape
-    # Draws at ±1 to the last digit have a density of zero when the shape is above one.
-    inside = np.maximum((1.0 - rho) * (1.0 + rho) / 4.0, np.finfo(float).tiny)
-    return (shape - 1.0) * np.log(inside) - special.betaln(shape, shape) - np.log(2.0)
+    return draws_first(found | log_scale_priors(scales.named, priors, trend=density.layout.trend))

@@ -242,6 +242,6 @@ def _numeric(found: NDArray[Any], name: str) -> NDArray[np.float64]:
     if found.dtype.kind == "O":  # Decimal, Fraction, pandas' nullable numbers
         try:
             return found.astype(np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             pass
     raise UsageError(f"The {name} must be real numbers; their type is {found.dtype}.")

@@ -96,7 +96,8 @@ class Moments:
         Returns
         -------
         Moments
-            Of shape (...): within 4 ulp of the correctly rounded mean and SD of the doubles given.
+            Of shape (...): within 4 ulp of the correctly rounded mean and SD of the doubles given, or of
+            their rounded logarithms.
 
         Raises
         ------

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.laws import Laws
+from percept.inference.hierarchy.prior_density import draws_first
 from percept.inference.hierarchy.scales import Scales
 
 __all__ = ["Pooled"]
 
 Array = NDArray[np.float64]
-_DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
 
 
 class Pooled:
@@ -70,8 +70,7 @@ class Pooled:
 
     def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
         """Named scales and correlations at coordinates: dimensions and values, draws first."""
-        named = self._scales(points).named
-        return {name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in named.items()}
+        return draws_first(self._scales(points).named)
 
     def _scales(self, points: Array) -> Scales:
         return self.density.layout.scales(np.ascontiguousarray(points.T))

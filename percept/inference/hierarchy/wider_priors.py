@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.prior_density import log_scale_priors
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 
@@ -46,8 +47,9 @@ def reweighted(density: CollapsedDensity, points: Array) -> tuple[Array, Array]:
     log_weight, packed = [], []
     for start in range(0, len(points), _CHUNK):
         scales = density.layout.scales(np.ascontiguousarray(points[start : start + _CHUNK].T))
-        change = wide.log_likelihood(scales) - density.log_likelihood(scales)
-        log_weight.append(change + _prior_change(scales, density.priors, priors, trend=density.layout.trend))
+        of_data = wide.log_likelihood(scales) - density.log_likelihood(scales)
+        new, old = (_log_prior(scales, one, trend=density.layout.trend) for one in (priors, density.priors))
+        log_weight.append(of_data + new - old)
         packed.append(Conditional(wide, scales).laws.pack())
     return np.concatenate(log_weight), np.concatenate(packed)
 
@@ -64,33 +66,11 @@ def wider(priors: Priors) -> Priors:
 
 
 def with_priors(density: CollapsedDensity, priors: Priors) -> CollapsedDensity:
-    """Build the same model under other priors of the locations; its scales are not its own."""
+    """Build the same model of the same data under other priors."""
     return CollapsedDensity(density.statistics, priors, density.layout.options, density.resolution)
 
 
-def _prior_change(scales: Scales, old: Priors, new: Priors, *, trend: bool) -> Array:
-    """Give the logarithm of new over old prior density of the scales, up to a constant."""
-    total = np.zeros(scales.log_prior.shape)
-    half_normal = {"tau": "tau_scale", "sigma_u": "sigma_u_scale", "omega": "omega_scale"}
-    half_normal["omega_e"] = "omega_e_scale"
-    for name, scale in half_normal.items():
-        if name in scales.named:
-            total += _normal_change(scales.named[name], getattr(old, scale), getattr(new, scale))
-    for suffix in ("", "_e"):
-        mean, sd = f"log_s{suffix}_mean", f"log_s{suffix}_sd"
-        level = scales.named.get(("s" if trend else "sigma") + suffix)
-        if level is not None:
-            off = np.log(level.reshape(-1, level.shape[-1])) - getattr(old, mean)
-            total += _normal_change(off, getattr(old, sd), getattr(new, sd))
-        if "kappa" + suffix in scales.named:
-            sd = f"kappa{suffix}_sd"
-            total += _normal_change(scales.named["kappa" + suffix], getattr(old, sd), getattr(new, sd))
-    for name in ("rho_w", "rho_e", "rho_u"):
-        if name in scales.named:
-            rho = scales.named[name]
-            total += (new.rho_shape - old.rho_shape) * np.log(np.maximum((1.0 - rho) * (1.0 + rho), 1e-300))
-    return total
-
-
-def _normal_change(values: Array, old: float, new: float) -> Array:
-    return 0.5 * (values**2).sum(axis=0) * (1.0 / old**2 - 1.0 / new**2)
+def _log_prior(scales: Scales, priors: Priors, *, trend: bool) -> Array:
+    """Log density of the scales and correlations under their priors, shape (W,)."""
+    found = log_scale_priors(scales.named, priors, trend=trend)
+    return np.sum([value.reshape(-1, value.shape[-1]).sum(axis=0) for value in found.values()], axis=0)

@@ -29,7 +29,7 @@ class Settings:
     ensembles : int
         Independent ensembles, at least 4.
     walkers : int or None
-        Walkers per ensemble; None for the larger of 64 and twice the dimension.
+        Walkers per ensemble; None for as many as coordinates and accuracy need, 64 at least.
     most_steps : int
         Steps per ensemble at which the run gives up; a long one sooner, where too few are left for a part.
     """
@@ -45,6 +45,10 @@ class Settings:
             raise UsageError("must lie in (0, 1).", key="tolerance", value=self.tolerance)
         if self.ensembles < 4:
             raise UsageError("must be at least 4.", key="ensembles", value=self.ensembles)
+        if self.seed < 0:
+            raise UsageError("is not negative.", key="seed", value=self.seed)
+        if self.most_steps < 1:
+            raise UsageError("must be at least 1.", key="most_steps", value=self.most_steps)
         if self.walkers is not None and self.walkers < 64:
             raise UsageError("must be at least 64.", key="walkers", value=self.walkers)
 
@@ -60,7 +64,7 @@ class Gate:
     reasons : tuple of str
         What failed, each with what to do.
     rhat : float or None
-        Largest rank R-hat across ensembles; None where another condition had failed already.
+        Largest rank R-hat across ensembles; None where another condition failed before it was needed.
     autocorrelation_time : float
         Longest autocorrelation time of a reported quantity, in steps.
     times_run : float

@@ -9,7 +9,7 @@ from html import escape
 from typing import Any
 
 from percept.report.figures.canvas import COLOURS, MM, Drawing, Figure
-from percept.report.figures.formats import check_formats
+from percept.report.formats import check_formats
 
 __all__ = ["Picture"]
 

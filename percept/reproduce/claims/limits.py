@@ -258,7 +258,7 @@ def _limits_come_back(published: Published) -> bool:
 def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation: float) -> float:
     """Return the largest |Z_e| over Hotelling's region of the mean, two parameters, N·s/m."""
     n, level = published.limits.n, published.limits.level
-    radius = math.sqrt((n - 1) * ((1 - level) ** (-2 / (n - 2)) - 1) / n)
+    radius = math.sqrt((n - 1) * math.expm1(-2.0 * math.log1p(-level) / (n - 2)) / n)
     sd = np.array([k.sd, b.sd], dtype=float)
     covariance = np.outer(sd, sd) * np.array([[1.0, correlation], [correlation, 1.0]])
     _, upper = magnitude_envelope_ellipse(
