@@ -268,17 +268,17 @@ def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> st
     return environments[int(gone[0])] if gone.size == 1 else None
 
 
+_NAMES = {"weber": "Weber’s law", "offset": "the law with an offset", "power": "the power law"}
+
+
 def _sentence(
     law: str, parameters: dict[str, Estimate], errors: dict[str, float], carried_by: str | None
 ) -> str:
     smallest = min(errors.values())
     alike = [name for name, error in errors.items() if error <= _ALIKE * smallest]
-    rank = (
-        "With one environment left out, it predicts as well as any of the three"
-        if law in alike
-        else "With one environment left out, another law predicts better"
-    )
-    error = f"{rank} (typically off by a factor {math.exp(errors[law]):.3g})."
+    rank = "no law of the three does better" if law in alike else "another law does better"
+    off = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
+    error = f"With one environment left out, {off}; {rank}."
     if not smallest < _OF_NO_USE:
         error = "With one environment left out, no law predicts the band to within a factor of ten."
     if law == "weber":
@@ -289,7 +289,11 @@ def _sentence(
             if carried_by
             else ""
         )
-        return f"The band is an offset and a share of the impedance. {error}{on}"
+        c, w = parameters["c"], parameters["w"]
+        if c.value == 0.0:
+            return f"The offset vanishes, and the band is {w.value:.3g} times the impedance. {error}"
+        reaching = ", whose interval reaches zero," if c.lower <= 0.0 else ""
+        return f"The band is an offset{reaching} and a share of the impedance. {error}{on}"
     p = parameters["p"]
     if p.lower <= 1.0 <= p.upper:
         return f"The exponent's interval holds 1: Weber's law is not ruled out. {error}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -37,6 +38,9 @@ def run(arguments: argparse.Namespace) -> int:
     with _rare_collections(), Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         page = write_report(study, arguments.out, formats=arguments.formats, pdf=arguments.pdf)
+    for what, why in study.skipped:
+        if what == "Bayesian intervals":
+            print(f"percept: {what} are withheld: {why}", file=sys.stderr)
     print(page)
     return 0
 

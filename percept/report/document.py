@@ -35,7 +35,6 @@ _PARTS = (
 def build_document(
     study: Study,
     *,
-    seed: int | None = None,
     curves: bool = True,
     seen: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
@@ -45,8 +44,6 @@ def build_document(
     ----------
     study : Study
         What it has not computed yet is computed now.
-    seed : int, optional
-        The seed that was used, where it is not the scene's.
     curves : bool
         Whether boundaries, the coupling judged by them and the band law are wanted; else they are absent.
     seen : callable, optional
@@ -66,7 +63,7 @@ def build_document(
     document: dict[str, Any] = dict.fromkeys(_PARTS)
     document |= {
         "schema": SCHEMA,
-        "provenance": provenance(study, seed),
+        "provenance": provenance(study),
         "data": _data(study),
         "intervals": plain(study.intervals),
         "boundaries": [],
@@ -99,14 +96,12 @@ def build_document(
     return document
 
 
-def provenance(study: Study, seed: int | None = None) -> dict[str, Any]:
+def provenance(study: Study) -> dict[str, Any]:
     """Say what a result was made from: versions, seed, files and scene.
 
     Parameters
     ----------
     study : Study
-    seed : int, optional
-        The seed that was used, where it is not the scene's.
 
     Returns
     -------
@@ -118,7 +113,7 @@ def provenance(study: Study, seed: int | None = None) -> dict[str, Any]:
     scene = plain(study.scene.to_dict())
     return {
         "versions": {"percept": percept.__version__, "python": platform.python_version(), **_versions()},
-        "seed": seed if seed is not None else getattr(study.scene.inference, "seed", None),
+        "seed": study.scene.inference.seed,
         "files": [
             {"name": PurePath(source.name).name, "sha256": source.sha256, "rows": source.rows}
             for source in study.sessions.sources

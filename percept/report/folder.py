@@ -119,9 +119,7 @@ def _refuse_in_the_way(out: Path, files: list[Path]) -> None:
     """Refuse before the first move: a folder where a file goes, a file where a folder does."""
     for path in files:
         if (out / path).is_dir():
-            raise UsageError(
-                "a file is written here, and this is a folder.", file=str(out / path), hint=_HINT
-            )
+            raise UsageError("a file is needed here, and this is a folder.", file=str(out / path), hint=_HINT)
         for folder in path.parents:
             if (out / folder).exists() and not (out / folder).is_dir():
                 raise UsageError(

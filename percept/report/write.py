@@ -30,7 +30,6 @@ def write_report(
     study: Study,
     out_dir: str | Path,
     *,
-    seed: int | None = None,
     formats: Sequence[str] = ("svg",),
     pdf: bool = False,
     date: str | None = None,
@@ -49,8 +48,6 @@ def write_report(
         What it has not computed yet is computed now.
     out_dir : str or Path
         Folder, made where it does not exist.
-    seed : int, optional
-        The seed that was used, where it is not the scene's.
     formats : sequence of {"svg", "pdf", "png"}
         Of the figures' files; none: only those inside the page.
     pdf : bool
@@ -87,7 +84,7 @@ def write_report(
     ):
         step("results")
         figures = _Figures(beside, formats)
-        document = build_document(study, seed=seed, seen=figures.begin)
+        document = build_document(study, seen=figures.begin)
         _fill(folder, study, document, figures, date or datetime.date.today().isoformat(), step)
         if pdf:
             step("pdf")

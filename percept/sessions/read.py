@@ -72,6 +72,10 @@ def read_sessions(
 
 def sessions_from_frame(frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
     """Build Sessions from a DataFrame, with the same checks as a file; see `Sessions.from_frame`."""
+    if not isinstance(frame, pd.DataFrame):
+        raise UsageError(
+            f"a DataFrame is needed, not {type(frame).__name__}.", hint="read_sessions reads files."
+        )
     study = _Study(options or ReadOptions())
     name = "<frame>"
     study.take(frame_grid(frame, file=name), name, "", {})

@@ -49,8 +49,8 @@ class Prepared:
         The way from responses to N/m and N·s/m.
     counts : ndarray of int, shape (C,)
         Subjects behind each cell.
-    repeats : bool
-        Whether any cell holds more than one trial.
+    repeats : bool or None
+        Whether any cell holds more than one trial; None where published limits do not say.
     trials : Trials or None
         The trials; None for published limits and for trials reduced to cells.
     """
@@ -58,7 +58,7 @@ class Prepared:
     model: Model
     scale: ResponseScale
     counts: NDArray[np.int64]
-    repeats: bool
+    repeats: bool | None
     trials: Trials | None
 
 
@@ -280,7 +280,7 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
         models.append(Pooled(CollapsedDensity(statistics, Priors(**scene.model.priors), _options(scene))))
         counts += n.tolist()
     scale = ResponseScale.of(reference, family)
-    return Prepared(Product(models), scale, np.array(counts), False, None)
+    return Prepared(Product(models), scale, np.array(counts), None, None)
 
 
 def _moments(cell: Cell) -> Moments:

@@ -101,7 +101,10 @@ class Range:
     @classmethod
     def of(cls, omega: ArrayLike) -> Self:
         """Take a grid (M,) as it is, rad/s; UsageError unless it is positive and increases."""
-        grid = np.asarray(omega, dtype=np.float64)
+        try:
+            grid = np.asarray(omega, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise UsageError("omega must be a list of frequencies in rad/s.", value=omega) from None
         if grid.ndim != 1 or not grid.size:
             raise UsageError("omega must be a list of frequencies in rad/s.", value=omega)
         if not (np.all(grid > 0) and np.all(np.diff(grid) > 0)):

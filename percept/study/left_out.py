@@ -60,7 +60,7 @@ class LeftOut:
     @property
     def sentence(self) -> str:
         """How many observed means the predictions hold."""
-        held = sum(inside for *_, inside in self._verdicts())
+        held = int(self.rows["inside"].sum()) if len(self.rows) else 0
         said = (
             f"{held} of {len(self.rows)} observed means lie inside the {percent(self.level)} interval of the "
             "average user predicted from the other environments."
@@ -69,9 +69,6 @@ class LeftOut:
             f"{row.parameter} of {row.environment}" for row in self.rows.itertuples() if not row.inside
         ]
         return f"{said} Outside: {', '.join(outside)}." if outside else said
-
-    def _verdicts(self) -> list[tuple[str, str, bool]]:
-        return [(row["parameter"], row["environment"], row["inside"]) for _, row in self.rows.iterrows()]
 
     def _repr_html_(self) -> str:
         return f"<p>{html.escape(self.sentence)}</p>{self.rows.to_html(index=False, escape=True)}"

@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
+from percept.errors import UsageError
 from percept.inference.hierarchy.priors import MEANINGS
 from percept.inference.share import ALONE, Share
 from percept.scene import Scene
@@ -67,6 +68,8 @@ class Study:
 
     Raises
     ------
+    UsageError
+        Anything but Sessions.
     RefusalError
         From the properties, where the data cannot carry the analysis.
     """
@@ -79,6 +82,11 @@ class Study:
         progress: Callable[[Progress], None] | None = None,
         store: RunStore | None = None,
     ) -> None:
+        if not isinstance(sessions, Sessions):
+            raise UsageError(
+                f"a study is of Sessions, not of {type(sessions).__name__}.",
+                hint="read_sessions reads files, Sessions.from_frame takes a DataFrame.",
+            )
         self.sessions = sessions
         self.scene = scene or Scene()
         self.share: Share = ALONE

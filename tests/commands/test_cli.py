@@ -195,3 +195,17 @@ def test_a_report_in_the_folder_of_the_sessions_is_no_session(tmp_path, capsys):
     capsys.readouterr()
     assert main(words) == 0
     assert "report: a folder of results is not read" in capsys.readouterr().err
+
+
+def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
+    scene = tmp_path / "hasty.toml"
+    scene.write_text("[inference]\ntolerance = 0.002\nmost_steps = 200\n")
+    sessions = str(DATASETS / "hbfd_sessions.csv")
+    code = main(
+        ["report", sessions, "--scene", str(scene), "--out", str(tmp_path / "out"), "--no-cache", "--quiet"]
+    )
+    assert code == 0
+    captured = capsys.readouterr()
+    assert captured.out.strip() == str(tmp_path / "out" / "report.html")
+    assert captured.err.startswith("percept: Bayesian intervals are withheld: ")
+    assert "Raise the cap on steps or the tolerance." in captured.err

@@ -16,6 +16,7 @@ from percept.report.figures.canvas import COLOURS, Drawing, grid, panels, shade_
 from percept.report.figures.catalogue import drawings
 from percept.report.figures.design import draw_design
 from percept.report.figures.files import Picture
+from percept.report.figures.from_coupling import coupling_drawings
 from percept.report.figures.intervals import Bar, draw_intervals
 from percept.report.plates import draw_plates
 
@@ -369,3 +370,39 @@ def test_curves_on_grids_of_their_own_are_drawn_on_them():
     own = Limits("c", "classical", np.array([1.0, 4.0]), np.ones(2), np.full(2, 3.0), np.ones(2))
     draw_ratio(ax, OMEGA, [own], np.ones(3))
     assert ax.get_lines()[0].get_xdata().tolist() == [1.0, 4.0]
+
+
+def test_a_map_of_couplings_shows_what_qualifies_however_far_the_one_in_use():
+    ax = axes()
+    intervals = [np.array([[0.0, 1e3]]), np.array([[0.0, 2e3]])]
+    draw_design(ax, np.array([0.0, 1.0]), intervals, coupling=(5e5, 900.0))
+    assert ax.get_xlim() == pytest.approx((0.0, 1.05 * 4.0 * 2.0))
+    assert ax.get_ylim() == pytest.approx((0.0, 1.05 * 4.0 * 1.0))
+    (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == pytest.approx((8.4, 4.2))
+    assert not mark.get_clip_on()
+    empty = axes()
+    draw_design(empty, np.array([0.0, 1.0]), [np.empty((0, 2))] * 2, coupling=(5e3, 4.0))
+    assert [text.get_text() for text in empty.texts] == ["none qualifies"]
+    assert empty.get_xlim()[1] > 5.0
+
+
+def test_the_map_s_caption_names_what_is_drawn():
+    maps = [{"method": "classical", "environments": [], "damping": []}]
+    scene = {"coupling": {"stiffness": 1.0, "damping": 1.0}}
+    said = {}
+    for edge in (None, {"stiffness": [1.0], "damping": [1.0]}):
+        for used in ({}, scene):
+            document = {
+                "coupling": None,
+                "design": {"maps": maps, "stable": edge, "family": "normal"},
+                "provenance": {"scene": used},
+            }
+            (found,) = coupling_drawings(document)
+            said[bool(edge), bool(used)] = found.description.partition("envelope).")[2]
+    assert said == {
+        (False, False): "",
+        (True, False): " The line is the edge of what is stable.",
+        (False, True): " The cross is the coupling in use.",
+        (True, True): " The line is the edge of what is stable, the cross is the coupling in use.",
+    }

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 
 import pytest
@@ -132,10 +131,29 @@ def test_steps_are_told(quick, tmp_path):
     assert told == ["results", "tables", "page", "figures"]
 
 
-def test_the_seed_that_was_used_is_recorded(quick, tmp_path):
-    write_report(quick, tmp_path / "out", seed=7)
-    document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
-    assert document["provenance"]["seed"] == 7
+def test_what_cannot_be_written_is_refused_before_anything_is_worked_out(quick, tmp_path, monkeypatch):
+    monkeypatch.setenv("PERCEPT_BROWSER", "no-such-browser")
+    told = []
+    with pytest.raises(UsageError, match=r"report\.pdf needs a Chromium"):
+        write_report(quick, tmp_path / "out", pdf=True, progress=told.append)
+    with pytest.raises(UsageError, match=r"value 'gif': figures come as svg, pdf, png"):
+        write_report(quick, tmp_path / "out", formats=("svg", "gif"), progress=told.append)
+    assert told == []
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_stands_in_the_way_is_refused_before_the_first_move(quick, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "tables").write_text("mine")
+    with pytest.raises(UsageError, match=r"tables: a folder is needed here, and this is a file\. Rename it"):
+        write_report(quick, out)
+    assert [path.name for path in out.iterdir()] == ["tables"]
+    (out / "tables").unlink()
+    (out / "report.json").mkdir()
+    with pytest.raises(UsageError, match=r"report\.json: a file is needed here, and this is a folder"):
+        write_report(quick, out)
+    assert [path.name for path in out.iterdir()] == ["report.json"]
 
 
 def test_without_a_browser_a_pdf_is_refused_with_a_way_out(tmp_path, monkeypatch):

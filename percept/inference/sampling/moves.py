@@ -71,8 +71,9 @@ class _EnsemblesMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untype
         accepted = np.zeros(len(coords), dtype=bool)
         for movers in self._rounds(np.split(np.arange(len(coords)), len(self._generators))):
             moving = np.concatenate(movers)
-            # The density itself: emcee's own call goes through every value in Python.
-            offer = self._offer(model.log_prob_fn, coords, movers)
+            # The density itself: emcee's own call goes through every value in Python, and its wrapper prints
+            # all of them when a run is interrupted.
+            offer = self._offer(getattr(model.log_prob_fn, "f", model.log_prob_fn), coords, movers)
             uniform = [g.random(len(group)) for group, g in zip(movers, self._generators, strict=True)]
             with np.errstate(divide="ignore", invalid="ignore"):
                 gain = offer.log_ratio + offer.log_density - log_prob[moving]

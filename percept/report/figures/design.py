@@ -12,6 +12,9 @@ from percept.report.figures.canvas import COLOURS, Axes, shade_boxes
 __all__ = ["draw_design"]
 
 FloatArray = NDArray[np.float64]
+Place = tuple[float, float]
+#: The axes show so many times what qualifies at most.
+_BEYOND = 4.0
 
 
 def draw_design(
@@ -59,16 +62,37 @@ def draw_design(
             alpha=0.35,
             label="stable and inside the boundary",
         )
-    if coupling is not None:
+    else:
+        ax.text(0.5, 0.5, "none qualifies", ha="center", color=COLOURS["quiet"], transform=ax.transAxes)
+    marks = [(coupling[0] / 1e3, coupling[1])] if coupling is not None else []
+    edge = [(float(stable[0].max()) / 1e3, float(stable[1].max()))] if stable is not None else []
+    right, top = _reach(bars, [*marks, *edge])
+    for stiffness, height in marks:
         ax.plot(
-            [coupling[0] / 1e3],
-            [coupling[1]],
+            [min(stiffness, right)],
+            [min(height, top)],
             marker="X",
             markersize=5,
             linestyle="none",
             color=COLOURS["warn"],
-            label="coupling in use",
+            clip_on=False,
+            label="coupling in use (at the edge: beyond it)",
         )
-    ax.set_xlim(left=0)
-    ax.set_ylim(bottom=0)
+    ax.set_xlim(0, right)
+    ax.set_ylim(0, top)
     ax.set_xlabel("coupling stiffness (kN/m)")
+
+
+def _reach(bars: Sequence[tuple[float, float, float, float]], marks: Sequence[Place]) -> Place:
+    """Where the axes end: behind what qualifies, and behind what is marked unless that is far out."""
+    right, top = (
+        _end([bar[side + 2 if side else 1] for bar in bars], [mark[side] for mark in marks])
+        for side in (0, 1)
+    )
+    return right, top
+
+
+def _end(qualifying: Sequence[float], marked: Sequence[float]) -> float:
+    most = max(qualifying, default=0.0)
+    shown = [min(value, _BEYOND * most) for value in marked] if most else marked
+    return 1.05 * max([most, *shown], default=1.0) or 1.0

@@ -39,12 +39,13 @@ def band_drawings(document: Mapping[str, Any]) -> list[Drawing]:
     grid = np.geomspace(seen.min() / 1.5, seen.max() * 1.5, 80)
     found = (_widths(band, method, kind, family_of(document), grid) for method in METHODS)
     series = [widths for widths in found if widths is not None]
+    with_laws = ", with the fitted laws" if any(one.laws for one in series) else ""
     return [
         Drawing(
             "band",
             f"Band against impedance, kind {kind}",
             "Width of the band of abs(Z_e) against the environment's own impedance at "
-            f"{band['omega']:g} rad/s, with the fitted laws. The numbers are in the table.",
+            f"{band['omega']:g} rad/s{with_laws}. The numbers are in the table.",
             (120.0, 100.0),
             partial(_draw, grid, series),
         )

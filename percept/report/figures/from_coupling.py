@@ -52,8 +52,8 @@ def coupling_drawings(document: Mapping[str, Any]) -> list[Drawing]:
                 "design",
                 "Couplings that qualify, by environment",
                 "Shaded: stable with this device, and inside the next user's boundary over the whole range "
-                f"({METHOD_NAMES[chosen['method']]}, {design['family']}, envelope). The line is the edge of "
-                "what is stable, the cross the coupling in use.",
+                f"({METHOD_NAMES[chosen['method']]}, {design['family']}, envelope)."
+                f"{_marks(bool(design['stable']), bool(document['provenance']['scene'].get('coupling')))}",
                 (175.0, 16.0 + 52.0 * rows),
                 partial(
                     _draw_design, design["stable"], chosen, document["provenance"]["scene"].get("coupling")
@@ -61,6 +61,13 @@ def coupling_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             )
         )
     return found
+
+
+def _marks(edge: bool, used: bool) -> str:
+    """Say what the line and the cross are, of those there are."""
+    said = ["the line is the edge of what is stable"] * edge + ["the cross is the coupling in use"] * used
+    text = ", ".join(said)
+    return f" {text[0].upper()}{text[1:]}." if said else ""
 
 
 def _draw_stability(coupling: Mapping[str, Any], figure: Figure) -> None:

@@ -129,6 +129,9 @@ def build(document: Mapping[str, Any]) -> Part | None:
         if (rows := _rows(checks, table.place))
     ]
     messages = list(checks["loo"]["messages"])
+    refitted = [row["subject"] for row in checks["loo"]["subjects"] if row["refitted"]]
+    if refitted:
+        messages.append(f"Sampled anew without each of {', '.join(refitted)}: their rows below are exact.")
     if checks["models"]:
         messages += [checks["models"]["sentence"], *checks["models"]["failed"]]
     unusual = [row for row in checks["statistics"] if row["unusual"]]

@@ -86,13 +86,26 @@ def _table(parameter: str, joint: str, rows: list[tuple[int, Any]]) -> dict[str,
 
 def _sentences(rows: list[tuple[int, Any]]) -> list[dict[str, Any]]:
     """Return what each kind and method covers, each sentence once, with the families that carry it."""
-    found: dict[tuple[str, str], dict[str, list[str]]] = {}
+    found: dict[tuple[str, str], dict[str, list[Any]]] = {}
     for _, row in rows:
         sentences = found.setdefault((row["kind"], row["method"]), {})
-        sentences.setdefault(row["covers"], []).append(row["family"])
+        sentences.setdefault(row["covers"], []).append(row)
     ordered = sorted(found.items(), key=lambda item: (KINDS.index(item[0][0]), item[0][1] != "classical"))
     return [
-        {"kind": kind, "method": method, "families": sorted(set(families), reverse=True), "covers": covers}
+        {
+            "kind": kind,
+            "method": method,
+            "families": sorted(distinct(carried, "family"), reverse=True),
+            "environments": _told_apart(list(sentences.values()), carried),
+            "covers": covers,
+        }
         for (kind, method), sentences in ordered
-        for covers, families in sentences.items()
+        for covers, carried in sentences.items()
     ]
+
+
+def _told_apart(all_carried: list[list[Any]], own: list[Any]) -> list[str]:
+    """Environments of a sentence, where others of the same families have another one."""
+    families = {row["family"] for row in own}
+    shared = [rows for rows in all_carried if families & {row["family"] for row in rows}]
+    return distinct(own, "environment") if len(shared) > 1 else []

@@ -114,3 +114,24 @@ def test_independent_draws_are_weighed_several_steps_ahead():
         np.testing.assert_array_equal(offer.log_ratio, wanted)
     drawn = np.concatenate([offer.points for offer in offers])
     assert len(np.unique(drawn[:, 0])) == len(drawn)
+
+
+@pytest.mark.parametrize("move", range(3))
+def test_an_interrupted_density_is_not_emcee_s_to_tell(move, capsys):
+    """emcee prints every walker and a traceback around an exception of the density, also at Ctrl-C."""
+    calls = []
+
+    def density(points):
+        calls.append(len(points))
+        raise KeyboardInterrupt
+
+    reference = Reference(3)
+    generators = [np.random.default_rng(seed) for seed in (1, 2)]
+    chosen, _ = standard_moves(reference, generators)[move]
+    sampler = emcee.EnsembleSampler(32, 3, density, moves=[chosen], vectorize=True)
+    start = emcee.State(np.random.default_rng(3).standard_normal((32, 3)), log_prob=np.zeros(32))
+    with pytest.raises(KeyboardInterrupt):
+        list(sampler.sample(start, iterations=1, skip_initial_state_check=True))
+    assert calls
+    captured = capsys.readouterr()
+    assert captured.out + captured.err == ""
