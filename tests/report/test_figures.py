@@ -140,6 +140,7 @@ def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apa
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     (two,) = (one for one in drawings(both) if one.name == "intervals_b")
     assert "; each classical above Bayesian; below them the subjects. " in two.description
+    assert two.description.endswith(" Classical limits are lognormal.")
     document = copy.deepcopy(classical)
     for row in (*document["intervals"], *document["data"]["cells"]):
         if (row["environment"], row["parameter"]) == ("VE1", "b"):

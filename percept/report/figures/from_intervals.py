@@ -60,7 +60,7 @@ def interval_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             Drawing(
                 f"intervals_{parameter}",
                 f"Intervals of {name}, divided by the reference",
-                _description(rows, bars, values),
+                _description(rows, bars, values, family),
                 (130.0, 26.0 + 17.0 * len(environments)),
                 partial(_draw, name, environments, bars, values, family == "lognormal"),
             )
@@ -68,7 +68,7 @@ def interval_drawings(document: Mapping[str, Any]) -> list[Drawing]:
     return found
 
 
-def _description(rows: list[Any], bars: list[Bar], values: list[FloatArray]) -> str:
+def _description(rows: list[Any], bars: list[Bar], values: list[FloatArray], family: str) -> str:
     kinds = [text for kind, text in _BARS.items() if any(bar.kind == kind for bar in bars)]
     order = "In each environment from top to bottom: " + ", ".join(kinds)
     if len({bar.method for bar in bars}) == 2:
@@ -77,7 +77,16 @@ def _description(rows: list[Any], bars: list[Bar], values: list[FloatArray]) -> 
         order += "; below them the subjects"
     empty = distinct([row for row in rows if row["reference"] == 0], "environment")
     left_out = f" Only in the tables, since their reference is 0: {', '.join(empty)}." if empty else ""
-    return f"{order}. The dashed line is the reference.{left_out}"
+    return f"{order}. The dashed line is the reference.{_classical(rows, family)}{left_out}"
+
+
+def _classical(rows: list[Any], family: str) -> str:
+    """Say of which family the classical limits are: they are worked out in both."""
+    classical = [row for row in rows if row["method"] == "classical"]
+    shown = {row["environment"]: row["family"] for row in classical}
+    shown |= {row["environment"]: family for row in classical if row["family"] == family}
+    drawn = [name for name in (family, "lognormal", "normal") if name in shown.values()]
+    return f" Classical limits are {', where there are none '.join(dict.fromkeys(drawn))}." if drawn else ""
 
 
 def _bar(rows: list[Any], environment: str, kind: str, method: str, family: str) -> Bar | None:
