@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,6 +58,13 @@ def run(arguments: argparse.Namespace) -> int:
     print(found.intervals[columns].to_string(index=False, float_format="{:.6g}".format))
     for row in found.intervals.drop_duplicates("kind").to_dict("records"):
         print(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}")
+    worst, asked = float(found.intervals["monte_carlo"].max()), study.scene.inference.tolerance
+    if worst > asked:
+        print(
+            f"percept: these limits have Monte Carlo errors of up to {worst:.2%} of a half-width, more than "
+            f"the {asked:.2%} that the fit was asked for: ask for a smaller tolerance.",
+            file=sys.stderr,
+        )
     if found.boundaries:
         print(f"{len(found.boundaries)} boundaries of abs(Z_h) were drawn too: see --json.")
     return 0

@@ -96,6 +96,40 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     assert sum(law.best or 0.0 for law in laws) == pytest.approx(1.0)
 
 
+def test_sentences_speak_of_their_own_law() -> None:
+    names, said = (
+        tuple("ABCDEFG"[: Z.size]),
+        {"method": "classical", "kind": "user", "family": "normal", "level": 0.9},
+    )
+    draws = 0.3 * Z * np.exp(0.05 * np.random.default_rng(8).normal(size=(200, Z.size)))
+    weber, offset, power = band_laws(names, Z, 0.3 * Z, draws, **said)
+    assert weber.sentence.startswith(
+        "The band is 0.3 times the impedance. With one environment left out, Weber’s law "
+    )
+    assert offset.sentence.startswith("The offset vanishes, and the band is 0.3 times the impedance. ")
+    assert "the law with an offset is typically off by a factor " in offset.sentence
+    assert power.sentence.startswith("The exponent's interval holds 1: Weber's law is not ruled out. ")
+    assert "the power law is typically off by a factor " in power.sentence
+    rough = 0.1 + 0.3 * Z
+    reaching = band_laws(
+        names, Z, rough, rough * np.exp(0.4 * np.random.default_rng(9).normal(size=(400, Z.size))), **said
+    )[1]
+    assert reaching.parameters["c"].lower == 0.0 < reaching.parameters["c"].value
+    assert "an offset, whose interval reaches zero, and a share of the impedance" in reaching.sentence
+
+
+def test_offsets_far_above_the_impedance_are_found() -> None:
+    """Bands that hardly rise: least squares on the logarithm against a search without bounds."""
+    z = np.array([1.0, 2.0, 4.0])
+    for bands in ([10.2, 10.0, 9.9], [10.0, 10.00001, 10.00003]):
+        c, w = fit_law("offset", z, np.array([bands]))[0]
+        cost = np.var(np.log(bands) - np.log(c + w * z))
+        best = min(np.var(np.log(bands) - np.log(np.exp(t) + z)) for t in np.linspace(-15.0, 25.0, 4001))
+        assert cost <= best * (1.0 + 1e-5) + 1e-18
+    error, _ = leave_one_out("offset", np.array([1.0, 2.0, 4.0, 5000.0]), np.array([[10.2, 10.0, 9.9, 12.0]]))
+    assert error[0, 3] == pytest.approx(np.log(np.exp(np.mean(np.log([10.2, 10.0, 9.9]))) / 12.0), abs=1e-3)
+
+
 def test_without_bands_of_the_study_the_estimate_is_the_median_of_the_draws() -> None:
     """Bands of a posterior's draws may lie well below the study's; an estimate must lie in its interval."""
     rng = np.random.default_rng(6)

@@ -119,3 +119,22 @@ def test_wrong_range(lower: float, upper: float) -> None:
 def test_wrong_tolerance() -> None:
     with pytest.raises(UsageError, match="tolerance must lie in"):
         adaptive_grid(envelope, 1.0, 2.0, tolerance=0.0)
+
+
+def test_around_a_pole_no_halving_goes_on_for_ever() -> None:
+    """An undamped mode: endless at its frequency, which is pointed at."""
+    pole = 50.0
+
+    def curve(omega: np.ndarray) -> np.ndarray:
+        with np.errstate(divide="ignore"):
+            return (1.0 + omega / np.abs(1.0 - (omega / pole) ** 2))[None]
+
+    grid = adaptive_grid(curve, 0.1, 1000.0, including=np.array([pole]))
+    assert np.all(np.diff(grid.omega) > 0)
+    assert np.isfinite(grid.values).all()
+    assert grid.omega.size < 2500
+    assert grid.departure <= 1e-3
+    fine = np.geomspace(0.1, 1000.0, 40_001)
+    fine = fine[np.abs(fine / pole - 1.0) > 1e-8]
+    line = np.exp(np.interp(np.log(fine), np.log(grid.omega), np.log(grid.values[0])))
+    assert np.abs(line / curve(fine)[0] - 1.0).max() < 1e-3

@@ -4,6 +4,8 @@ import pytest
 
 from percept.cli import main
 
+SESSIONS = "datasets/hbfd_sessions.csv"
+LESS = ["--tolerance", "0.05", "--no-cache", "--quiet"]
 TABLE = "datasets/hbfd_table1.csv"
 LOOSE = [TABLE, "--scene", "datasets/hbfd.toml", "--tolerance", "0.2", "--quiet"]
 
@@ -37,3 +39,14 @@ def test_extrapolation_is_said_in_both_forms(capsys):
 def test_refused_before_anything_is_sampled(words, code, message, capsys):
     assert main(["predict", *LOOSE, *words]) == code
     assert message in capsys.readouterr().err
+
+
+def test_limits_less_accurate_than_asked_are_said_to_be(capsys):
+    """Far outside the tested environments limits rest on few draws of the scales."""
+    far = ["predict", SESSIONS, "--k", "1e9", "--b", "1e5", *LESS]
+    assert main(far) == 0
+    captured = capsys.readouterr()
+    assert "percept: these limits have Monte Carlo errors of up to " in captured.err
+    assert "more than the 5.00% that the fit was asked for" in captured.err
+    assert main(["predict", *LOOSE, "--k", "3000", "--b", "3"]) == 0
+    assert capsys.readouterr().err == ""
