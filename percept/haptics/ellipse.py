@@ -145,15 +145,15 @@ def plane_ellipse(
     )
 
 
-def checked_centre(centre: tuple[float, float]) -> tuple[float, float]:
-    """Return (k, b), or refuse it."""
-    values = real_array(centre, "centre", "N/m and N·s/m")
+def checked_centre(centre: tuple[float, float], pair: str = "(k, b)") -> tuple[float, float]:
+    """Return a pair, such as (k, b), or refuse it."""
+    values = real_array(centre, f"the centre {pair}", "N/m and N·s/m")
     if values.shape != (2,):
-        raise UsageError("centre must be the pair (k, b).", value=centre)
+        raise UsageError(f"centre must be the pair {pair}.", value=centre)
     return float(values[0]), float(values[1])
 
 
-def checked_factor(shape: ArrayLike, radius: float) -> FloatArray:
+def checked_factor(shape: ArrayLike, radius: float, pair: str = "(k, b)") -> FloatArray:
     """Return the lower triangular L, radius included, with L·Lᵀ = radius²·shape."""
     matrix = real_array(shape, "shape", "squares and products of N/m and N·s/m")
     reach = nonnegative_array(radius, "radius", "standard deviations")
@@ -165,7 +165,7 @@ def checked_factor(shape: ArrayLike, radius: float) -> FloatArray:
         raise UsageError(
             "shape must be symmetric and positive semidefinite.",
             value=matrix.tolist(),
-            hint="Give a covariance matrix of (k, b).",
+            hint=f"Give a covariance matrix of {pair}.",
         )
     correlation = float(np.clip(kb / size, -1.0, 1.0)) if size else 0.0
     sd_k, sd_b = np.sqrt(kk), np.sqrt(bb)

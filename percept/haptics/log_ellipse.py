@@ -25,6 +25,7 @@ _STEP = 2 * np.pi / (_CELLS * _PER_CELL)
 _ANGLES = np.asarray(_STEP * np.arange(_CELLS * _PER_CELL), dtype=np.float64)
 # The first angle of every cell, the last one's before and the first one's after.
 _COARSE = _PER_CELL * np.r_[-1, :_CELLS, 0]
+_PAIR = "(log k, log b)"
 
 
 def magnitude_envelope_log_ellipse(
@@ -74,8 +75,8 @@ def magnitude_envelope_log_ellipse(
         A shape that is not a covariance, a negative radius, an ellipse beyond 1e±100, ω above Nyquist or
         outside a device's table, T not positive, a value that is not finite, an unknown hold.
     """
-    log_k, log_b = checked_centre(centre)
-    factor = checked_factor(shape, radius)
+    log_k, log_b = checked_centre(centre, _PAIR)
+    factor = checked_factor(shape, radius, _PAIR)
     reach = max(abs(log_k) + abs(factor[0, 0]), abs(log_b) + float(np.hypot(*factor[1])))
     if reach > np.log(LARGEST):
         raise UsageError(

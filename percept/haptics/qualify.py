@@ -194,7 +194,8 @@ def qualifying_region(
     ------
     UsageError
         No boundary, a boundary of another length than ω, ω not strictly between 0 and Nyquist or outside a
-        device's table, a device with arrays as parameters, T not positive, an unknown hold or discretization.
+        device's table, a device with arrays as parameters, T not positive, an unknown hold or discretization;
+        a damping that is negative or no list.
     """
     judge = _judge(omega, device, boundaries, period, discretization, hold)
     return _region(judge, judge.seen(damping))
@@ -312,6 +313,8 @@ class _Judge:
     def seen(self, damping: ArrayLike | None) -> _Lines:
         """Look at the lines asked for, or at as many as show the whole region."""
         lines = self._usual() if damping is None else nonnegative_array(damping, "damping", "N·s/m")
+        if lines.ndim != 1 or not lines.size:
+            raise UsageError("damping must be a list of one value or more.", value=lines.shape)
         return self.at(np.unique(lines))
 
     def at(self, damping: FloatArray) -> _Lines:

@@ -177,7 +177,7 @@ def test_flat_ellipses_are_segments_and_points(shape):
         ({"shape": [1.0, 1.0]}, "2-by-2 shape"),
         ({"radius": -1.0}, "radius must not be negative"),
         ({"centre": (1.0,)}, "centre must be the pair"),
-        ({"centre": (1.0, np.nan)}, "centre must be finite"),
+        ({"centre": (1.0, np.nan)}, r"the centre \(.*\) must be finite"),
     ],
 )
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Parametric 
     Raises
     ------
     UsageError
-        Shapes that differ, unfit values, an unknown family.
+        Shapes that differ, a trial without a subject, unfit values, an unknown family.
     RefusalError
         Zero or negative values under ``"lognormal"``.
     """
@@ -114,6 +114,9 @@ def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Parametric 
     who = np.asarray(subjects)
     if y.ndim != 1 or who.shape != y.shape:
         raise UsageError(f"One subject per trial is needed; the shapes are {y.shape} and {who.shape}.")
+    # What is not equal to itself: NaN, which would otherwise count as one subject.
+    if any(label is None or label != label for label in who.tolist()):
+        raise UsageError("every trial needs a subject; some have none.", hint="Leave those trials out.")
     if log:
         y = np.log(y)
     labels, first, member, trials = np.unique(who, return_index=True, return_inverse=True, return_counts=True)

@@ -57,6 +57,8 @@ def test_weights_by_trials_or_by_hand():
     [
         (lambda: subject_means(TRIALS, WHO[:5]), UsageError, r"One subject per trial .* \(6,\) and \(5,\)"),
         (lambda: subject_means([], []), UsageError, "array is empty"),
+        (lambda: subject_means([1.0, 2.0], [np.nan, 1.0]), UsageError, "every trial needs a subject"),
+        (lambda: subject_means([1.0, 2.0], [None, "a"]), UsageError, "every trial needs a subject"),
         (lambda: subject_means([1.0, 0.0], [1, 2], family="lognormal"), RefusalError, "zero or negative"),
         (lambda: subject_means(TRIALS, WHO, family="free"), UsageError, '"normal" or "lognormal"'),
         (lambda: subject_means(TRIALS, WHO).moments(weights="some"), UsageError, 'weights must be "equal"'),
