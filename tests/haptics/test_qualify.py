@@ -131,8 +131,14 @@ def test_flexible_and_tabulated_devices():
         ),
         (lambda: qualifying_region(OMEGA, Device(1.0, [1.0, 2.0]), BOUNDARIES, T), "one device"),
         (lambda: qualifying_region([0.0, 1.0], DEVICE, BOUNDARIES, T), "strictly between 0 and Nyquist"),
-        (lambda: qualifying_region(OMEGA, DEVICE, BOUNDARIES, T, damping=[]), "damping must be a list of one"),
-        (lambda: qualifying_region(OMEGA, DEVICE, BOUNDARIES, T, damping=1.0), "damping must be a list of one"),
+        (
+            lambda: qualifying_region(OMEGA, DEVICE, BOUNDARIES, T, damping=[]),
+            "damping must be a list of one",
+        ),
+        (
+            lambda: qualifying_region(OMEGA, DEVICE, BOUNDARIES, T, damping=1.0),
+            "damping must be a list of one",
+        ),
         (lambda: EnvironmentBoundary(BOUNDARIES[0].environment, ["a"], [1.0]), "limits .* are numbers"),
         (
             lambda: EnvironmentBoundary(Environment(1.0, 1.0), [2.0, 3.0], [3.0, 2.0]),
