@@ -32,7 +32,7 @@ ALLOWED = {
     "report": _ANALYSIS | {"processes", "durable", "browser", "__version__"},
     "reproduce": _ANALYSIS | {"report", "simulate"},
 }
-#: The ends, which may import everything but one another.
+#: The ends, which may import everything, and which nothing but an end imports.
 ENDS = {"cli", "commands", "bench", "__main__", "__init__"}
 #: Packages that are not Python's own, for the parts that have to stay light or pure.
 OUTSIDE = {

@@ -18,7 +18,8 @@ _TEXT, _REAL, _COUNT = pa.string(), pa.float64(), pa.int64()
 
 #: Columns of every result: what became of the study, then its intervals in N/m and N·s/m, one row each; a
 #: study without intervals has one row. `status` is "done", "withheld" (the gate failed: classical rows only),
-#: "refused" (the reader or the analysis says no) or "failed" (the machine did: a later run tries again).
+#: "refused" (the reader or the analysis says no) or "failed" (the machine, or a file that cannot be read: a
+#: later run tries again).
 SCHEMA = pa.schema(
     [
         ("study", _TEXT), ("key", _TEXT), ("status", _TEXT), ("message", _TEXT), ("subjects", _COUNT),

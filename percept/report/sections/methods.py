@@ -82,7 +82,7 @@ def _model(document: Mapping[str, Any]) -> str:
         scatter += ", in proportion to the reference but for each environment’s own deviation"
     parts.append(scatter)
     by_itself = " (stiffness and damping each by itself)" if pair and not sessions else ""
-    return _listed(parts) + by_itself
+    return ", ".join(parts[:-1]) + f", and {parts[-1]}" + by_itself
 
 
 def _listed(parts: list[str]) -> str:
