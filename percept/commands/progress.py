@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["Working"]
 
 _WAIT = 2.0  # seconds before anything is shown
+_WIDE = 80  # columns that leave room for a bar beside the words
 
 
 class Working:
@@ -50,9 +51,9 @@ class Working:
                 self._bar.stop()
 
     def __call__(self, state: Progress) -> None:
-        """Show the state of the sampler: steps, the worst error against the tolerance, and the time left."""
+        """Show the sampler's steps, its worst error (of a half-width) and what is asked, and the time left."""
         total = max(state.expected_steps, state.steps)
-        error = f"error {state.worst_error:.2%} of half-width, asked {state.tolerance:.2%}"
+        error = f"error {state.worst_error:.2%}, asked {state.tolerance:.2%}"
         with self._lock:
             self._said = {
                 "description": f"{state.steps}/{total} steps, {error}",
@@ -69,12 +70,13 @@ class Working:
         with self._lock:
             if not self._shown:
                 return
+            console = Console(stderr=True)
             self._bar = Progress(
                 TextColumn("{task.description}"),
-                BarColumn(bar_width=16),
+                *([BarColumn(bar_width=16)] if console.width >= _WIDE else []),
                 TimeRemainingColumn(),
                 TimeElapsedColumn(),
-                console=Console(stderr=True),
+                console=console,
                 # What the command prints belongs on standard output, whatever is shown beside it.
                 redirect_stdout=False,
             )
