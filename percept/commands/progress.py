@@ -51,7 +51,7 @@ class Working:
                 self._bar.stop()
 
     def __call__(self, state: Progress) -> None:
-        """Show the sampler's steps, its worst error (of a half-width) and what is asked, and the time left."""
+        """Show the sampler's steps, its worst error, of a half-width, what is asked, and the time left."""
         total = max(state.expected_steps, state.steps)
         error = f"error {state.worst_error:.2%}, asked {state.tolerance:.2%}"
         with self._lock:
