@@ -168,6 +168,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
         )
     notes = (_SAME,) if same else _in_common(first.sessions, second.sessions)
     notes += tuple(_left_out(first, second)) + tuple(_other_claims(first, second))
+    notes += () if same else tuple(_other_trials(first.sessions, second.sessions))
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
     pair = [study.intervals[[*keys, "lower", "upper"]] for study in (first, second)]
     intervals = pair[0].merge(pair[1], on=keys, suffixes=("_a", "_b"))
@@ -201,6 +202,22 @@ def _other_claims(first: Study, second: Study) -> Iterator[str]:
             f"{share:g} of users with confidence {confidence:g}" for share, confidence in claims
         )
         yield f"Intervals of kind share hold {said}: their widths differ for that reason too."
+
+
+def _other_trials(first: Sessions, second: Sessions) -> Iterator[str]:
+    """Say where subjects' means hold different amounts of trial noise."""
+    if {first.form, second.form} != {"trials"}:
+        return
+    usual = [
+        float(one.table.groupby(["subject", "environment"], sort=False).size().median())
+        for one in (first, second)
+    ]
+    if usual[0] != usual[1]:
+        made = f"{usual[0]:g} trials of an environment in A and {usual[1]:g} in B"
+        yield (
+            f"Subjects typically made {made}: more of the trial noise is left in the classical spreads of "
+            "the study with fewer."
+        )
 
 
 def _same_sessions(first: Sessions, second: Sessions) -> bool:
