@@ -268,7 +268,7 @@ def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> st
     return environments[int(gone[0])] if gone.size == 1 else None
 
 
-_NAMES = {"weber": "Weber’s law", "offset": "the law with an offset", "power": "the power law"}
+_NAMES = {"weber": "Weber's law", "offset": "the law with an offset", "power": "the power law"}
 
 
 def _sentence(

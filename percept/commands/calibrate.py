@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
     from percept.calibration.plan import CoveragePlan, fitted_values
     from percept.errors import RefusalError
-    from percept.study.units import NAMES
+    from percept.study.responses import refuse_no_ratio
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
@@ -106,13 +106,7 @@ def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
             "calibration simulates stiffness and damping together; one of them is missing.",
             hint="Give sessions of both, and leave [inference] parameters out.",
         )
-    for (parameter, environment), reference in study.reference.items():
-        if not reference > 0:
-            raise RefusalError(
-                f"the reference {NAMES[parameter]} of {environment} is {reference:g}, and simulated "
-                "responses are ratios to it.",
-                hint="Leave the environment out in the scene.",
-            )
+    refuse_no_ratio(study.reference, why="and simulated responses are ratios to it")
     asked, device = study.scene.inference, study.scene.device
     rigid, period = _DEVICE, _PERIOD
     if device is not None and device.mass is not None and device.damping is not None:

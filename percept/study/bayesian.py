@@ -261,7 +261,8 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     """Model each parameter of published limits by itself: limits hold no correlation."""
     environments = sessions.environments
     reference = references(sessions, parameters, environments)
-    refuse_no_ratio(reference, parameters, environments)
+    named = [(p, e) for p in parameters for e in environments]
+    refuse_no_ratio(dict(zip(named, reference.ravel().tolist(), strict=True)))
     x = decades(reference)
     family = scene.inference.family
     found = {(cell.parameter, cell.environment): cell for cell in cell_moments(sessions, parameters, family)}

@@ -16,8 +16,8 @@ from percept.errors import RefusalError
 from percept.inference.classical.moments import Moments
 from percept.inference.covers import percent
 from percept.study.classical import cell_moments
-from percept.study.prediction import Prediction, expected_users, predict
-from percept.study.units import NAMES
+from percept.study.prediction import NO_PLACE, Prediction, expected_users, predict
+from percept.study.responses import refuse_no_ratio
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.laws import Laws
@@ -101,14 +101,7 @@ def leave_one_environment_out(study: Study) -> LeftOut:
             "the classical method has no model of environments nobody tested.",
             hint='Set method = "both" or "bayesian".',
         )
-    for (parameter, environment), reference in study.reference.items():
-        if not reference > 0:
-            raise RefusalError(
-                f"the reference {NAMES[parameter]} of {environment} is {reference:g}: it has no place on the "
-                "scale that environments are compared on.",
-                column=f"{parameter}_ref",
-                hint="Leave the environment or the parameter out in the scene.",
-            )
+    refuse_no_ratio(study.reference, why=NO_PLACE)
     asked = study.scene.inference
     observed = {
         (cell.parameter, cell.environment): cell.moments

@@ -21,18 +21,20 @@ from percept.study.bayesian import Fit
 from percept.study.boundaries import Bench, Range, environment_boundaries
 from percept.study.posterior import thinned_points
 from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
-from percept.study.responses import ResponseScale
+from percept.study.responses import ResponseScale, refuse_no_ratio
 from percept.study.streams import Stream, generator
 from percept.study.units import NAMES, UNITS
 
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-__all__ = ["Prediction", "expected_users", "predict"]
+__all__ = ["NO_PLACE", "Prediction", "expected_users", "predict"]
 
 Array = NDArray[np.float64]
 _DRAWS = 16_384
 _BATCHES = 20
+#: Why a reference of zero cannot be predicted from, nor for.
+NO_PLACE = "and has no place on the scale that environments are compared on"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,8 +138,7 @@ def predict(
                 hint="Leave it out.",
             )
     reference = np.array([_positive(p, given[p]) for p in study.parameters])
-    if any(value <= 0 for value in study.reference.values()):
-        raise RefusalError("a reference of zero has no place on the scale that environments are compared on.")
+    refuse_no_ratio(study.reference, why=NO_PLACE)
     fit = _fit(study)
     # Those the fit is of: an environment where some parameter was never adjusted is not among them.
     environments = tuple(dict.fromkeys(e for _, e in fit.prepared.model.cells))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Self
 
 import numpy as np
@@ -185,9 +185,7 @@ def _units(
             continue
         if scene.inference.family == "lognormal" or name not in scales:
             refuse_no_ratio(
-                reference[[p]],
-                (name,),
-                environments,
+                {(name, e): value for e, value in zip(environments, reference[p].tolist(), strict=True)},
                 hint=f'Set family = "normal" and [model] scale.{name}, or analyse the other parameter '
                 f"alone with [inference] parameters.",
             )
@@ -196,35 +194,32 @@ def _units(
 
 
 def refuse_no_ratio(
-    reference: Array,
-    parameters: tuple[str, ...],
-    environments: tuple[str, ...],
+    references: Mapping[tuple[str, str], float],
     *,
-    hint: str = "Leave the environment or the parameter out.",
+    why: str = "which has no ratio",
+    hint: str = "Leave the environment or the parameter out in the scene.",
 ) -> None:
-    """Refuse a reference that is not positive, and so has no ratio.
+    """Refuse a reference that is not positive.
 
     Parameters
     ----------
-    reference : ndarray, shape (P, J)
-        N/m or N·s/m; NaN where there is none.
-    parameters, environments : tuple of str
-        Which.
-    hint : str
-        What to do.
+    references : mapping of (str, str) to float
+        By parameter and environment, N/m or N·s/m; NaN where there is none.
+    why, hint : str
+        What is wrong with it, and what to do.
 
     Raises
     ------
     RefusalError
         Naming the first.
     """
-    for p, j in np.argwhere(reference <= 0):
-        raise RefusalError(
-            f"the reference {NAMES[parameters[p]]} of {environments[j]} is {reference[p, j]:g}, which has no "
-            "ratio.",
-            column=f"{parameters[p]}_ref",
-            hint=hint,
-        )
+    for (parameter, environment), reference in references.items():
+        if reference <= 0:
+            raise RefusalError(
+                f"the reference {NAMES[parameter]} of {environment} is {reference:g}, {why}.",
+                column=f"{parameter}_ref",
+                hint=hint,
+            )
 
 
 def _refuse_not_positive(

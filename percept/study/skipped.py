@@ -86,23 +86,31 @@ def _unpooled(study: Study) -> bool:
 
 
 def _haptics(study: Study) -> Iterator[Reason]:
-    table, device = study.scene.device, study.device
-    if table is not None and device is not None and not covers_range(device, table.period):
-        yield "couplings that would do", "the device’s table leaves out a part of the range up to Nyquist"
-    elif device is not None and study.parameters == ("k", "b") and "user" not in study.scene.inference.kinds:
-        yield "couplings that would do", "they are judged by intervals of kind user, which were not asked for"
-    if device is not None and (table is None or table.response is not None):
-        yield "sensitivity to the device’s mass and damping", "a measured response has neither"
-    elif device is not None and study.scene.inference.method == "bayesian":
-        yield "sensitivity to the device’s mass and damping", "it is worked out for classical intervals"
     if len(study.parameters) == 1:
         yield "boundaries and band", f"only {NAMES[study.parameters[0]]} was adjusted"
     elif study.device is None:
         yield "boundaries of Z_h", "the scene has no [device]"
+    else:
+        yield from _devices(study)
     if study.scene.coupling is None:
         yield "coupling: Z_h_vc and stability", "the scene has no [coupling]"
     elif study.device is None:
         yield "coupling: Z_h_vc and stability", "the scene has no [device]"
+
+
+def _devices(study: Study) -> Iterator[Reason]:
+    """Other couplings, and other devices."""
+    table, device, asked = study.scene.device, study.device, study.scene.inference
+    assert table is not None
+    assert device is not None
+    if not covers_range(device, table.period):
+        yield "couplings that would do", "the device's table leaves out a part of the range up to Nyquist"
+    elif "user" not in asked.kinds:
+        yield "couplings that would do", "they are judged by intervals of kind user, which were not asked for"
+    if table.response is not None:
+        yield "sensitivity to the device's mass and damping", "a measured response has neither"
+    elif asked.method == "bayesian":
+        yield "sensitivity to the device's mass and damping", "it is worked out for classical intervals"
 
 
 def _curves(study: Study) -> Iterator[Reason]:

@@ -104,7 +104,7 @@ def test_sentences_speak_of_their_own_law() -> None:
     draws = 0.3 * Z * np.exp(0.05 * np.random.default_rng(8).normal(size=(200, Z.size)))
     weber, offset, power = band_laws(names, Z, 0.3 * Z, draws, **said)
     assert weber.sentence.startswith(
-        "The band is 0.3 times the impedance. With one environment left out, Weber’s law "
+        "The band is 0.3 times the impedance. With one environment left out, Weber's law "
     )
     assert offset.sentence.startswith("The offset vanishes, and the band is 0.3 times the impedance. ")
     assert "the law with an offset is typically off by a factor " in offset.sentence

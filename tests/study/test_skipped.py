@@ -63,7 +63,7 @@ def test_free_space_has_boundaries_and_no_band():
     assert found.band.laws == without.laws != ()
     assert "free" in {boundary.environment for boundary in found.boundaries}
     both = study(data, **{**scene, "inference": {**scene["inference"], "method": "both"}})
-    with pytest.raises(RefusalError, match="the reference stiffness of free is 0: it has no place"):
+    with pytest.raises(RefusalError, match="the reference stiffness of free is 0, and has no place"):
         leave_one_environment_out(both)
 
 
@@ -132,7 +132,7 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
         (
             {"inference": {"method": "bayesian", "tolerance": 0.3}, "device": DEVICE},
             lambda t: t,
-            "sensitivity to the device’s mass and damping",
+            "sensitivity to the device's mass and damping",
             "it is worked out for classical intervals",
         ),
     ],
@@ -160,5 +160,21 @@ def test_a_table_of_a_part_of_the_range(tmp_path):
     assert found.coupling.verdict == "undecided"
     assert found.coupling_design == {}
     said = dict(found.skipped)
-    assert said["couplings that would do"].startswith("the device’s table leaves out a part")
-    assert said["sensitivity to the device’s mass and damping"] == "a measured response has neither"
+    assert said["couplings that would do"].startswith("the device's table leaves out a part")
+    assert said["sensitivity to the device's mass and damping"] == "a measured response has neither"
+
+
+@pytest.mark.parametrize("value", [0.0, -10.0])
+@pytest.mark.parametrize("family", ["lognormal", "normal"])
+def test_published_limits_about_a_reference_without_a_ratio(family, value):
+    rows = [
+        ["VE1", "k", value, 8.0, 12.0, 10, 0.99],
+        ["VE2", "k", 100.0, 90.0, 120.0, 10, 0.99],
+    ]
+    columns = ["environment", "parameter", "reference", "lower", "upper", "n", "level"]
+    published = Sessions.from_frame(pd.DataFrame(rows, columns=columns))
+    found = Study(published, Scene.from_tables({"inference": {"method": "bayesian", "family": family}}))
+    with pytest.raises(
+        RefusalError, match=f"the reference stiffness of VE1 is {value:g}, which has no ratio"
+    ):
+        _ = found.intervals

@@ -1,0 +1,59 @@
+"""What a comparison of two studies says beside its numbers, and whom it refuses to divide."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept import Scene, Study, read_sessions
+from percept.errors import UsageError
+from percept.sessions import ReadOptions, Sessions
+from percept.study.pairs import compare_studies, split_by
+
+
+def sessions(prefix, *, trials=1, seed=0):
+    rng = np.random.default_rng(seed)
+    rows = [
+        [f"{prefix}{s}", "VE1", 15.0, t, 15.0 * np.exp(0.1 * rng.standard_normal())]
+        for s in range(5)
+        for t in range(trials)
+    ]
+    return Sessions.from_frame(
+        pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "trial", "k_adj"])
+    )
+
+
+def study(which, **inference):
+    return Study(which, Scene.from_tables({"inference": {"method": "classical", **inference}}))
+
+
+def test_intervals_that_claim_different_shares_are_said_to():
+    a = study(sessions("A"), share=0.99, confidence=0.95)
+    b = study(sessions("B", seed=1), share=0.5, confidence=0.6)
+    (note,) = compare_studies(a, b).notes
+    assert note == (
+        "Intervals of kind share hold 0.99 of users with confidence 0.95 and 0.5 of users with confidence "
+        "0.6: their widths differ for that reason too."
+    )
+    assert compare_studies(a, study(sessions("B", seed=1), share=0.99, confidence=0.95)).notes == ()
+    assert compare_studies(a, study(sessions("B", seed=1), share=0.5, kinds=["mean"])).notes == ()
+
+
+def test_different_numbers_of_trials_are_said():
+    (note,) = compare_studies(study(sessions("A", trials=3)), study(sessions("B", seed=1))).notes
+    assert note.startswith(
+        "Subjects typically made 3 trials of an environment in A and 1 in B: more of the trial noise"
+    )
+
+
+def test_published_limits_and_blank_groups_are_not_divided():
+    table = read_sessions("datasets/hbfd_table1.csv")
+    with pytest.raises(UsageError, match="column 'environment': published limits hold no subjects to divide"):
+        split_by(table, "environment")
+    frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])
+    options = ReadOptions.from_mapping({"sessions": {"groups": ["hand"]}})
+    with pytest.raises(
+        UsageError, match=r"<frame>:5, column 'hand': 1 rows have no value, and belong to no group"
+    ):
+        split_by(Sessions.from_frame(frame, options=options), "hand")
