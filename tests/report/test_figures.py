@@ -382,6 +382,7 @@ def test_a_map_of_couplings_shows_what_qualifies_however_far_the_one_in_use():
     (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == pytest.approx((8.4, 4.2))
     assert not mark.get_clip_on()
+    assert [text.get_text() for text in ax.texts] == ["at 500 kN/m,\n900 N·s/m"]
     empty = axes()
     draw_design(empty, np.array([0.0, 1.0]), [np.empty((0, 2))] * 2, coupling=(5e3, 4.0))
     assert [text.get_text() for text in empty.texts] == ["none qualifies"]

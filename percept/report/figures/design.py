@@ -68,16 +68,21 @@ def draw_design(
     edge = [(float(stable[0].max()) / 1e3, float(stable[1].max()))] if stable is not None else []
     right, top = _reach(bars, [*marks, *edge])
     for stiffness, height in marks:
+        at = (min(stiffness, right), min(height, top))
         ax.plot(
-            [min(stiffness, right)],
-            [min(height, top)],
+            *([place] for place in at),
             marker="X",
             markersize=5,
             linestyle="none",
             color=COLOURS["warn"],
             clip_on=False,
-            label="coupling in use (at the edge: beyond it)",
+            label="coupling in use",
         )
+        if at != (stiffness, height):
+            said = f"at {stiffness:.4g} kN/m,\n{height:.4g} N·s/m"
+            ax.annotate(
+                said, at, xytext=(-6, -4), textcoords="offset points", ha="right", va="top", fontsize=6
+            )
     ax.set_xlim(0, right)
     ax.set_ylim(0, top)
     ax.set_xlabel("coupling stiffness (kN/m)")
