@@ -269,3 +269,11 @@ def test_figures_come_with_their_words(both):
     page = render_page(both, {"band": plate}, date="2026-01-01")
     assert "A &lt;b&gt; title of |Z<sub>h</sub>|" in page
     assert "What Z<sub>h,vc</sub> shows." in page
+
+
+def test_probabilities_of_published_limits_say_what_they_assume(both):
+    said = "Published limits hold no correlation: stiffness and damping vary independently here."
+    assert said not in page_of(both)
+    document = copy.deepcopy(both)
+    document["data"]["form"] = "summary"
+    assert said in page_of(document)

@@ -35,6 +35,7 @@ def build(document: Mapping[str, Any]) -> Part | None:
             "passivity": _placed(coupling, "passivity"),
             "effective": list({row["environment"]: row for row in _placed(coupling, "realism")}.values()),
             "probability": _placed(coupling, "probability"),
+            "summary": document["data"]["form"] == "summary",
         },
     )
 
