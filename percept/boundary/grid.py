@@ -141,8 +141,8 @@ def adaptive_grids(
     owner, omega = np.repeat(np.arange(count), start.size), np.tile(start, count)
     values = curves(owner, omega)
     rows = np.ones(len(values), dtype=bool) if followed is None else followed
-    ending = np.isfinite(values).all(axis=0)
-    owner, omega, values = owner[ending], omega[ending], values[:, ending]
+    finite = np.isfinite(values).all(axis=0)
+    owner, omega, values = owner[finite], omega[finite], values[:, finite]
     logs = _followed(omega, values[rows])
     left = np.flatnonzero(owner[:-1] == owner[1:])
     size, farthest = np.bincount(owner, minlength=count), np.zeros(count)
@@ -161,8 +161,8 @@ def adaptive_grids(
         values, logs = np.insert(values, at, found, axis=1), np.insert(logs, at, true, axis=1)
         new = left + np.arange(left.size)
         left = np.sort(np.concatenate([new[split], new[split] + 1]))
-    ending = np.isfinite(values).all(axis=0)
-    owner, omega, values = owner[ending], omega[ending], values[:, ending]
+    finite = np.isfinite(values).all(axis=0)
+    owner, omega, values = owner[finite], omega[finite], values[:, finite]
     ends = np.cumsum(np.bincount(owner, minlength=count))[:-1]
     parts = zip(np.split(omega, ends), np.split(values, ends, axis=1), farthest.tolist(), strict=True)
     return [Grid(*part) for part in parts]
@@ -177,8 +177,8 @@ def _start(lower: float, upper: float, including: Array | None) -> Array:
 
 def _followed(omega: Array, values: Array) -> Array:
     """Logarithms of omega and, below it, of the curves; those below `FLOOR` of the largest count as that."""
-    ending = np.minimum(values, _ENDLESS)
-    return np.log(np.vstack([omega, np.maximum(ending, FLOOR * ending.max(axis=0))]))
+    finite = np.minimum(values, _ENDLESS)
+    return np.log(np.vstack([omega, np.maximum(finite, FLOOR * finite.max(axis=0))]))
 
 
 def _departure(left: Array, right: Array, true: Array) -> Array:

@@ -16,8 +16,9 @@ from percept.inference.hierarchy.pooled import Pooled
 from percept.simulate.model import Hyperparameters, TrueValues
 from percept.study import Study
 from percept.study.posterior import thinned_points
+from percept.study.responses import refuse_no_ratio
 
-__all__ = ["CoveragePlan", "fitted_values"]
+__all__ = ["CoveragePlan", "fitted_values", "refuse_unfit"]
 
 Array = NDArray[np.float64]
 Family = Literal["lognormal", "normal"]
@@ -96,6 +97,26 @@ class CoveragePlan:
         return TrueValues(hyper=Hyperparameters(**parts), **rest)
 
 
+def refuse_unfit(study: Study) -> None:
+    """Refuse a study whose like cannot be simulated, before anything is sampled.
+
+    Parameters
+    ----------
+    study : Study
+
+    Raises
+    ------
+    RefusalError
+        One parameter alone, or a reference that is not positive.
+    """
+    if study.parameters != ("k", "b"):
+        raise RefusalError(
+            "calibration simulates stiffness and damping together; one of them is missing.",
+            hint="Give sessions of both, and leave [inference] parameters out.",
+        )
+    refuse_no_ratio(study.reference, why="and simulated responses are ratios to it")
+
+
 def fitted_values(study: Study) -> dict[str, Any]:
     """Take the posterior means of a study as the truth to simulate from.
 
@@ -113,16 +134,15 @@ def fitted_values(study: Study) -> dict[str, Any]:
     Raises
     ------
     RefusalError
-        Without such a fit.
+        Without such a fit, and as `refuse_unfit`.
     """
+    refuse_unfit(study)
     fit = study.fit
     if fit is None or not fit.run.gate.passed or not isinstance(fit.prepared.model, Pooled):
         raise RefusalError(
             "calibration needs a passed Bayesian fit of the sessions.",
             hint='Set method = "both" and pooling = "partial", or calibrate from the prior.',
         )
-    if study.parameters != ("k", "b"):
-        raise RefusalError("calibration simulates stiffness and damping together; one of them is missing.")
     model = fit.prepared.model
     points, _ = thinned_points(fit)
     named = {name: values for name, (_, values) in model.scales(points).items()}

@@ -94,19 +94,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
-    from percept.calibration.plan import CoveragePlan, fitted_values
-    from percept.errors import RefusalError
-    from percept.study.responses import refuse_no_ratio
+    from percept.calibration.plan import CoveragePlan, fitted_values, refuse_unfit
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
+        refuse_unfit(study)
         values = fitted_values(study) if arguments.source == "fit" else None
-    if study.parameters != ("k", "b"):
-        raise RefusalError(
-            "calibration simulates stiffness and damping together; one of them is missing.",
-            hint="Give sessions of both, and leave [inference] parameters out.",
-        )
-    refuse_no_ratio(study.reference, why="and simulated responses are ratios to it")
     asked, device = study.scene.inference, study.scene.device
     rigid, period = _DEVICE, _PERIOD
     if device is not None and device.mass is not None and device.damping is not None:

@@ -38,9 +38,11 @@ def run(arguments: argparse.Namespace) -> int:
     with _rare_collections(), Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         page = write_report(study, arguments.out, formats=arguments.formats, pdf=arguments.pdf)
-    for what, why in study.skipped:
-        if what == "Bayesian intervals":
-            print(f"percept: {what} are withheld: {why}", file=sys.stderr)
+    if study.fit is not None and not study.fit.run.gate.passed:
+        print(
+            f"percept: Bayesian intervals are withheld: {' '.join(study.fit.run.gate.reasons)}",
+            file=sys.stderr,
+        )
     print(page)
     return 0
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from percept.sessions.cell_sums import Reduced
 from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
 from percept.sessions.problems import ReadError
 from percept.sessions.read import read_sessions
 from percept.sessions.records import Exclusion, Notice, Sessions, Source
-from percept.sessions.reduce import Reduced, reduce_sessions
+from percept.sessions.reduce import reduce_sessions
 from percept.sessions.validation import Validation, format_validation, propose_columns, validate
 
 __all__ = [

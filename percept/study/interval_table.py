@@ -11,6 +11,7 @@ from percept.errors import RefusalError
 from percept.inference.intervals import Interval
 from percept.scene import Scene
 from percept.study.classical import FAMILIES, Cell, cell_interval, cell_moments
+from percept.study.placed import References
 from percept.study.responses import refuse_lone_subject
 from percept.study.units import NAMES, UNITS
 
@@ -18,9 +19,8 @@ if TYPE_CHECKING:
     from percept.study.bayesian import Fit
     from percept.study.study import Study
 
-__all__ = ["COLUMNS", "References", "bayesian_rows", "classical_rows", "interval_table", "refuse_nothing"]
+__all__ = ["COLUMNS", "bayesian_rows", "classical_rows", "interval_table", "refuse_nothing"]
 
-References = Mapping[tuple[str, str], float]
 COLUMNS = [
     "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
     "lower", "upper", "estimate", "n", "unit", "reference", "covers",

@@ -107,7 +107,7 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
         )
     blank = sessions.table[column].astype(str).str.strip() == ""
     if blank.any():
-        file, row = sessions.locate(int(np.flatnonzero(blank)[0]))
+        file, row = sessions.locate(int(sessions.table.index[blank][0]))
         raise UsageError(
             f"{int(blank.sum())} rows have no value, and belong to no group.",
             file=file,

@@ -19,7 +19,8 @@ from percept.sessions import Reduced
 from percept.study.bayesian import Prepared, RunStore, fit, pooled
 from percept.study.chosen import analysed
 from percept.study.classical import TOO_FEW, Cell
-from percept.study.interval_table import COLUMNS, References, bayesian_rows, classical_rows, refuse_nothing
+from percept.study.interval_table import COLUMNS, bayesian_rows, classical_rows, refuse_nothing
+from percept.study.placed import References
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
 __all__ = ["prepare_reduced", "reduced_intervals"]
@@ -72,7 +73,7 @@ def reduced_intervals(
     }
     refuse_lone_subject(reduced.cells["subject"][reduced.cells["n"] > 0].unique().tolist())
     rows: list[dict[str, Any]] = []
-    skipped: list[tuple[str, str]] = []
+    skipped: tuple[tuple[str, str], ...] = ()
     if scene.inference.method != "bayesian":
         cells = _cells(reduced, reference)
         rows += classical_rows({reduced.family: cells}, scene, reference)
@@ -80,14 +81,15 @@ def reduced_intervals(
             refuse_nothing(cells)
     if scene.inference.method != "classical":
         found = fit(prepare_reduced(reduced, scene), scene, progress=progress, store=store, share=share)
-        gate = found.run.gate
-        if gate.passed:
+        why = " ".join(found.run.gate.reasons)
+        if found.run.gate.passed:
             rows += bayesian_rows(found, scene, reference)
-        elif not rows:
-            raise RefusalError(f"the Bayesian intervals are withheld: {' '.join(gate.reasons)}")
-        skipped += [("Bayesian intervals", " ".join(gate.reasons))] if not gate.passed else []
+        elif rows:
+            skipped = (("Bayesian intervals", why),)
+        else:
+            raise RefusalError(f"the Bayesian intervals are withheld: {why}")
     table = pd.DataFrame(rows, columns=COLUMNS)
-    table.attrs["skipped"] = tuple(skipped)
+    table.attrs["skipped"] = skipped
     return table
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError
 from percept.scene import Scene
 from percept.sessions import Sessions
+from percept.study.placed import References
 from percept.study.units import NAMES
 
 __all__ = ["ResponseScale", "Trials", "references", "refuse_lone_subject", "refuse_no_ratio", "trials"]
@@ -58,8 +59,6 @@ class Trials:
     ----------
     response : ndarray, shape (M, P)
         Unit-free responses.
-    adjusted : ndarray, shape (M, P)
-        Adjusted values, N/m or N·s/m.
     subject, environment : ndarray of int, shape (M,)
         Codes.
     subjects, environments : tuple of str
@@ -75,7 +74,6 @@ class Trials:
     """
 
     response: Array
-    adjusted: Array
     subject: NDArray[np.intp]
     environment: NDArray[np.intp]
     subjects: tuple[str, ...]
@@ -169,7 +167,7 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Tri
     response = np.log(adjusted / at) if lognormal else (adjusted - at) / unit[:, environment].T
     scale = ResponseScale.of(reference, scene.inference.family, unit)
     return Trials(
-        response, adjusted, subject, environment, subjects, environments,
+        response, subject, environment, subjects, environments,
         reference, decades(reference), scale, int((~complete).sum()),
     )  # fmt: skip
 
@@ -194,7 +192,7 @@ def _units(
 
 
 def refuse_no_ratio(
-    references: Mapping[tuple[str, str], float],
+    references: References,
     *,
     why: str = "which has no ratio",
     hint: str = "Leave the environment or the parameter out in the scene.",

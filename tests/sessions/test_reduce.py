@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 
 from percept.errors import RefusalError, UsageError
-from percept.sessions import ReadOptions, read_sessions, reduce_sessions
-from percept.sessions import reduce as reduce_module
+from percept.sessions import ReadOptions, cell_sums, read_sessions, reduce_sessions
 from percept.sessions import stream as stream_module
 
 HEAD = "subject,session,environment,k_ref,b_ref,trial,k_adj,b_adj"
@@ -361,6 +360,6 @@ def test_a_reference_that_comes_too_late(tmp_path):
 
 
 def test_too_many_ids(tmp_path, monkeypatch):
-    monkeypatch.setattr(reduce_module, "_ID", 5)
+    monkeypatch.setattr(cell_sums, "_ID", 5)
     with pytest.raises(UsageError, match=r"column 'subject': more than 5 subjects"):
         reduce_sessions(write(tmp_path / "f.csv", rows()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -53,7 +55,12 @@ def test_published_limits_and_blank_groups_are_not_divided():
         split_by(table, "environment")
     frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])
     options = ReadOptions.from_mapping({"sessions": {"groups": ["hand"]}})
+    whole = Sessions.from_frame(frame, options=options)
     with pytest.raises(
         UsageError, match=r"<frame>:5, column 'hand': 1 rows have no value, and belong to no group"
     ):
-        split_by(Sessions.from_frame(frame, options=options), "hand")
+        split_by(whole, "hand")
+    # Of a part of the table the labels are those of the whole.
+    some = dataclasses.replace(whole, table=whole.table.iloc[2:])
+    with pytest.raises(UsageError, match=r"<frame>:5, column 'hand'"):
+        split_by(some, "hand")
