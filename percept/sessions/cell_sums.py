@@ -12,7 +12,13 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import RefusalError, UsageError
-from percept.sessions.checks import drop_unfinished, look_alikes, refuse_twin, unit_doubt
+from percept.sessions.checks import (
+    drop_unfinished,
+    look_alikes,
+    refuse_twin,
+    repeats_over_sessions,
+    unit_doubt,
+)
 from percept.sessions.numbering import Registry, codes_of, distinct, grown
 from percept.sessions.options import IDS, ReadOptions
 from percept.sessions.part import Part
@@ -285,6 +291,7 @@ class CellSums:
                 "n": self.n.astype(np.int64),
             }
         )
+        cells["sessions"] = self._sessions_of(packed)
         where = {p: at for at, p in enumerate(self.parameters)}
         # Zeros of a cell that holds no trial would read as data.
         sums = np.where(self.n > 0, np.concatenate([self.means, self.scatters]), np.nan)
@@ -308,6 +315,7 @@ class CellSums:
         }
         for what, names in ids.items():
             self.notices += look_alikes(names, what)
+        self.notices += repeats_over_sessions(cells.pop("sessions"))
         return Reduced(
             cells,
             pd.DataFrame(references),
@@ -316,6 +324,13 @@ class CellSums:
             tuple(dict.fromkeys(self.notices)),
             dict(self.counts),
         )
+
+    def _sessions_of(self, cells: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
+        """Count the sessions that each cell's trials are from."""
+        visits = np.array(self.visits.names, dtype=np.int64)
+        of_visit = (visits >> 2 * _BITS << _BITS) | (visits & _ID)
+        known, counts = np.unique(of_visit, return_counts=True)
+        return counts[np.searchsorted(known, cells)]
 
     def _check_units(self) -> None:
         """Compare adjustments with references as `check_plausible` does, trials by their cell's mean."""

@@ -23,6 +23,7 @@ __all__ = [
     "drop_unfinished",
     "look_alikes",
     "refuse_twin",
+    "repeats_over_sessions",
     "settle_references",
     "unit_doubt",
 ]
@@ -155,6 +156,32 @@ def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
     if padded:
         notices.append(Notice(f"{what}s {shown(padded)} begin or end with space, which is kept"))
     return notices
+
+
+def repeats_over_sessions(sessions: npt.ArrayLike) -> list[Notice]:
+    """Notice cells whose trials are from several sessions.
+
+    Parameters
+    ----------
+    sessions : array_like of int
+        Sessions that each subject's trials of an environment are from.
+
+    Returns
+    -------
+    list of Notice
+        What a change of the subject between visits is taken for; none where every cell has one session.
+    """
+    counts = np.asarray(sessions)
+    several = int((counts > 1).sum())
+    if not several:
+        return []
+    return [
+        Notice(
+            f"in {several} of {counts.size} cells (a subject in an environment) trials are from several "
+            "sessions; all count as repeats, so that changes of a subject between sessions are part of the "
+            "scatter of trials"
+        )
+    ]
 
 
 def check_plausible(

@@ -291,6 +291,9 @@ def _trials(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Session
         table = kept.reset_index(drop=True)
     for what in IDS:
         study.notices += checks.look_alikes(table[what].unique(), what)
+    if table["session"].nunique() > 1:
+        by_cell = table.groupby(["subject", "environment"], sort=False, observed=True)["session"]
+        study.notices += checks.repeats_over_sessions(by_cell.nunique())
     counts.update(checks.count_grid(table, parameters))
     groups = [c for c in table.columns if c not in TRIAL_COLUMNS and c not in ("row", "file")]
     return _finish(study, table, "trials", [*TRIAL_COLUMNS, *groups], exclusions, counts)

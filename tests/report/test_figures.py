@@ -288,6 +288,23 @@ def test_ratios_are_over_the_reference_and_turn_logarithmic_when_wide():
     assert 0 < wide.get_ylim()[0] < 100 < wide.get_ylim()[1]
 
 
+@pytest.mark.parametrize(
+    ("factor", "cut"),
+    [(1.0, ""), (2e4, "mean, user, share"), (0.5e-4, "")],
+)
+def test_a_caption_says_where_an_axis_ends_before_the_curves(classical, factor, cut):
+    document = copy.deepcopy(classical)
+    for row in document["boundaries"]:
+        row["upper"] = [factor * value for value in row["upper"]]
+    found = {one.name: one for one in drawings(document)}["boundary_1_ratio"]
+    said = f" Cut off below 0.0001 and above 10000: {cut}; boundaries.csv has all of it." if cut else ""
+    assert found.description.partition("the reference through the coupling.")[2] == said
+    figure = Figure()
+    found.draw(figure)
+    # Of limits far below the reference all is seen: their axis is not logarithmic.
+    assert all((ax.get_ylim()[1] > 1e4) == bool(cut) for ax in figure.axes)
+
+
 def test_bars_span_their_limits_and_a_negative_one_runs_to_the_edge():
     ax = axes()
     bars = [

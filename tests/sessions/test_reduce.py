@@ -296,6 +296,8 @@ def one_file_each(tmp_path, records):
         "one far off",
         "never named",
         "one parameter",
+        "two visits",
+        "unfinished, two visits",
     ],
 )
 def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, several, streamed):
@@ -303,9 +305,11 @@ def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, severa
     monkeypatch.setattr(stream_module, "_BLOCK", 3000)
     records, tables = rows(subjects=3, trials=4), {}
     if "unfinished" in kind:
-        lacking = {"001": "VE1"} if kind == "unfinished" else {"000": "VE0", "001": "VE1", "002": "VE2"}
+        lacking = {"001": "VE1"} if kind != "all unfinished" else {"000": "VE0", "001": "VE1", "002": "VE2"}
         records = [r for r in records if lacking.get(r[0]) != r[2]]
         tables["sessions"] = {"unfinished": "exclude"}
+    if "two visits" in kind:
+        records = [[r[0], "2", *r[2:]] if r[0] != "000" and float(r[5]) % 2 else r for r in records]
     if "units" in kind:
         records = [[*r[:6], repr(1200 * float(r[6])), r[7]] for r in records]
         if kind == "declared units":

@@ -219,6 +219,25 @@ def test_small_units_divide(tmp_path):
     assert convert(np.array([3.0]), "mN/m", "k").tolist() == [0.003]
 
 
+def test_trials_of_several_sessions_are_announced_as_repeats(tmp_path):
+    header = "subject,session,environment,trial,k_ref,k_adj\n"
+    rows = [
+        "1,1,a,1,10,11",
+        "1,2,a,1,10,12",
+        "2,1,a,1,10,9",
+        "2,1,a,2,10,9.5",
+        "3,1,a,1,10,9",
+        "3,2,b,1,20,9",
+    ]
+    announced = [
+        n.text for n in read(tmp_path, header + "\n".join(rows) + "\n").notices if "sessions" in n.text
+    ]
+    (text,) = announced
+    assert text.startswith("in 1 of 4 cells (a subject in an environment) trials are from several sessions;")
+    apart = read(tmp_path, header + "\n".join(rows[2:]) + "\n")
+    assert not any("several sessions" in notice.text for notice in apart.notices)
+
+
 def test_columns_are_found_announced_or_asked_for(tmp_path):
     sessions = read(tmp_path, "Participant,Env,Stiffness Ref,k_final,color\n7,a,10,11,red\n")
     texts = [notice.text for notice in sessions.notices]

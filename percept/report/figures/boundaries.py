@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from percept.report.figures.canvas import COLOURS, Axes
 
-__all__ = ["Limits", "draw_magnitude", "draw_ratio"]
+__all__ = ["SHOWN_RATIOS", "Limits", "beyond_axis", "draw_magnitude", "draw_ratio"]
 
 FloatArray = NDArray[np.float64]
+#: Ratios to the reference that an axis shows at most: few subjects let limits run away.
+SHOWN_RATIOS = (1e-4, 1e4)
+#: A larger ratio than this asks for a logarithmic axis.
+_LINEAR = 8.0
 _REFERENCE = (0, (7, 3))
 _COUPLED = (0, (2.5, 1.5))
 
@@ -103,9 +107,7 @@ def draw_ratio(
     reference, coupled : ndarray, shape (n,)
         N·s/m.
     """
-    ratios = [
-        replace(one, lower=one.lower / one.reference, upper=one.upper / one.reference) for one in limits
-    ]
+    ratios = _ratios(limits)
     _draw_limits(ax, ratios)
     ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
     if coupled is not None:
@@ -114,16 +116,43 @@ def draw_ratio(
     _log_axis(ax)
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("ω (rad/s)")
-    curves = np.concatenate([curve for one in ratios for curve in (one.lower, one.upper)])
-    seen = curves[np.isfinite(curves) & (curves > 0)]
-    if seen.size and seen.max() > 8:
+    seen = _positive(ratios)
+    if seen.max(initial=0.0) > _LINEAR:
         # A boundary may reach zero, which has no place on a log axis.
         ax.set_yscale("log", nonpositive="clip")
-        # The reference, at 1, and four decades to either side: few subjects let limits run away.
-        ax.set_ylim(max(min(seen.min(), 1.0), 1e-4) / 1.3, min(max(seen.max(), 1.0), 1e4) * 1.3)
+        least, most = SHOWN_RATIOS
+        ax.set_ylim(max(min(seen.min(), 1.0), least) / 1.3, min(max(seen.max(), 1.0), most) * 1.3)
         ax.yaxis.minorticks_off()
     else:
         ax.locator_params(axis="y", nbins=6)
+
+
+def beyond_axis(limits: Sequence[Limits]) -> bool:
+    """Say whether `draw_ratio` cuts some of the curves off.
+
+    Parameters
+    ----------
+    limits : sequence of Limits
+        N·s/m.
+
+    Returns
+    -------
+    bool
+        Whether a ratio lies outside `SHOWN_RATIOS` on a logarithmic axis.
+    """
+    seen = _positive(_ratios(limits))
+    least, most = SHOWN_RATIOS
+    return bool(seen.max(initial=0.0) > _LINEAR and (seen.min() < least or seen.max() > most))
+
+
+def _ratios(limits: Sequence[Limits]) -> list[Limits]:
+    return [replace(one, lower=one.lower / one.reference, upper=one.upper / one.reference) for one in limits]
+
+
+def _positive(limits: Sequence[Limits]) -> FloatArray:
+    curves = [curve for one in limits for curve in (one.lower, one.upper)]
+    values = np.concatenate(curves) if curves else np.empty(0)
+    return values[np.isfinite(values) & (values > 0)]
 
 
 def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:

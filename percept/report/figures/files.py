@@ -65,7 +65,7 @@ _NO_METADATA: dict[str, dict[str, Any]] = {
 }
 _SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 # rem per mm: at the most a figure's lettering is as large as the page's small print, at the least readable.
-_LEAST, _MOST = 0.165, 0.3
+_LEAST, _MOST = 0.2, 0.3
 # matplotlib's rule for every element would hold for the whole page; the outer element hands it down instead.
 _OWN_STYLE = re.compile(r"<defs>\s*<style.*?</style>\s*</defs>", re.DOTALL)
 _HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio
+from percept.report.figures.boundaries import SHOWN_RATIOS, Limits, beyond_axis, draw_magnitude, draw_ratio
 from percept.report.figures.canvas import Drawing, Figure, legend_below, panels, row_labels
 from percept.report.select import (
     KINDS,
@@ -90,7 +90,8 @@ def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
                 f"boundary_{index}_ratio",
                 f"{environment}: limits divided by the reference's |Z_h|",
                 "One family and one shape for each kind. Dashed, at 1: the reference"
-                + ("; dotted: the reference through the coupling." if coupling else "."),
+                + ("; dotted: the reference through the coupling." if coupling else ".")
+                + _cut(by_kind),
                 (175.0, 64.0),
                 partial(_draw_ratios, whole, by_kind),
             )
@@ -102,6 +103,17 @@ def _whom(rows: list[Any]) -> str:
     """Say whom the curves of the whole range are for."""
     (kind, *_) = [kind for kind in KINDS if matching(rows, kind=kind)]
     return _WHOM[kind]
+
+
+def _cut(by_kind: Mapping[str, list[Limits]]) -> str:
+    """Say where axes end before the curves do."""
+    cut = [kind for kind, limits in by_kind.items() if beyond_axis(limits)]
+    least, most = (f"{ratio:g}" for ratio in SHOWN_RATIOS)
+    return (
+        f" Cut off below {least} and above {most}: {', '.join(cut)}; boundaries.csv has all of it."
+        if cut
+        else ""
+    )
 
 
 def _close(curves: _Curves) -> bool:
