@@ -1,8 +1,8 @@
 """Fit many studies on the cores of this machine or on a dask cluster; one bad study is reported, not fatal.
 
 Each STUDY is a session file, a folder of them (with a scene.toml of its own where it differs), or a quoted
-pattern. DIR/batch.parquet has the intervals of all; an interrupted batch goes on when started again.
-Exit code 1: some study was refused, now or in an earlier run, or failed.
+pattern, whose files together are one study. DIR/batch.parquet has the intervals of all; an interrupted batch
+goes on when started again. Exit code 1: some study was refused, now or in an earlier run, or failed.
 """
 
 from __future__ import annotations
