@@ -5,35 +5,19 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup, escape
 
 from percept.report.numbers import number
+from percept.report.rendering import NO_NUMBER, Plate, asset, figures, templates
 from percept.report.sections import build_parts
 
-__all__ = ["Plate", "render_page"]
+__all__ = ["render_page"]
 
-
-@dataclass(frozen=True)
-class Plate:
-    """A figure for the page.
-
-    Attributes
-    ----------
-    title, description : str
-        Text, not yet escaped.
-    svg : str
-        An ``<svg>`` element as `percept.report.figures.files.Picture.inline` writes it.
-    """
-
-    title: str
-    description: str
-    svg: str
+_PACKAGE = "percept.report"
 
 
 def render_page(document: Mapping[str, Any], plates: Mapping[str, Plate], *, date: str) -> str:
@@ -57,11 +41,8 @@ def render_page(document: Mapping[str, Any], plates: Mapping[str, Plate], *, dat
     def shown(place: str, *, digits: int = 5, style: str = "plain") -> Markup:
         found = number(document, place, digits=digits, style=style)
         if not found.exact:
-            return Markup('<span class="none">–</span>')
+            return NO_NUMBER
         return Markup('<data value="{}" data-at="{}">{}</data>').format(found.exact, found.place, found.text)
-
-    def figure(name: str) -> Markup:
-        return Markup(plates[name].svg)
 
     template = _environment().get_template("page.html.j2")
     return template.render(
@@ -69,30 +50,18 @@ def render_page(document: Mapping[str, Any], plates: Mapping[str, Plate], *, dat
         parts=build_parts(document),
         date=date,
         n=shown,
-        figure=figure,
+        figure=figures(plates),
         plates=plates,
-        style=_asset("page.css"),
-        script=_asset("page.js"),
+        style=asset(_PACKAGE, "page.css"),
+        script=asset(_PACKAGE, "page.js"),
     )
 
 
 @cache
 def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("percept.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["embedded"] = _embedded
-    environment.filters["symbols"] = _symbols
+    environment = templates(_PACKAGE).overlay()
+    environment.filters = {**environment.filters, "embedded": _embedded, "symbols": _symbols}
     return environment
-
-
-def _asset(name: str) -> Markup:
-    text = resources.files("percept.report").joinpath("templates", name).read_text(encoding="utf-8")
-    return Markup(text)
 
 
 def _embedded(value: Any) -> Markup:

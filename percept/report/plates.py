@@ -8,7 +8,7 @@ from pathlib import Path
 
 from percept.report.figures.canvas import Drawing
 from percept.report.figures.files import Picture
-from percept.report.page import Plate
+from percept.report.rendering import Plate
 
 __all__ = ["Drawn", "draw_plates", "drawn"]
 

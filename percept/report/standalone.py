@@ -1,19 +1,18 @@
-"""What every self-contained page of percept shares: templates, style sheet, figures and rounded numbers."""
+"""Pages of their own beside the report's, in its style: rounded numbers with their exact values."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
-from importlib import resources
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from percept.report.numbers import rounded
-from percept.report.page import Plate
+from percept.report.rendering import NO_NUMBER, Plate, asset, figures, templates
 
-__all__ = ["render_standalone", "sheet"]
+__all__ = ["render_standalone"]
+
+_REPORT = "percept.report"
 
 
 def render_standalone(
@@ -52,34 +51,14 @@ def render_standalone(
         HTML.
     """
 
-    def figure(name: str) -> Markup:
-        return Markup(plates[name].svg)
-
     def shown(value: float | str | None, digits: int = digits) -> Markup:
         if value is None:
-            return Markup('<span class="none">–</span>')
+            return NO_NUMBER
         return Markup('<data value="{}">{}</data>').format(value, rounded(float(value), digits))
 
-    style = sheet("percept.report", "page.css") + Markup("").join(sheet(package, name) for name in styles)
-    environment = _environment(package).overlay()
+    style = asset(_REPORT, "page.css") + Markup("").join(asset(package, name) for name in styles)
+    environment = templates(package, _REPORT).overlay()
     environment.filters = {**environment.filters, "symbols": symbols}
     return environment.get_template(template).render(
-        plates=plates, figure=figure, n=shown, style=style, **values
-    )
-
-
-@cache
-def sheet(package: str, name: str) -> Markup:
-    """Return a style sheet of a package's templates, as it stands."""
-    return Markup(resources.files(package).joinpath("templates", name).read_text(encoding="utf-8"))
-
-
-@cache
-def _environment(package: str) -> Environment:
-    return Environment(
-        loader=ChoiceLoader([PackageLoader(package), PackageLoader("percept.report")]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        plates=plates, figure=figures(plates), n=shown, style=style, **values
     )

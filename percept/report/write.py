@@ -16,8 +16,8 @@ from percept.report.plain import Digits, dumps
 
 if TYPE_CHECKING:
     from percept.processes import Processes
-    from percept.report.page import Plate
     from percept.report.plates import Drawn
+    from percept.report.rendering import Plate
     from percept.study import Study
 
 __all__ = ["write_report"]

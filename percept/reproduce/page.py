@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from percept.report.page import Plate
+from percept.report.rendering import Plate
 from percept.report.standalone import render_standalone
 from percept.reproduce.claims import Claim
 

@@ -9,7 +9,8 @@ import pytest
 from percept import Study, read_sessions
 from percept.report import build_document
 from percept.report.numbers import number
-from percept.report.page import Plate, render_page
+from percept.report.page import render_page
+from percept.report.rendering import Plate
 from percept.report.sections import build_parts
 from percept.sessions import Sessions
 

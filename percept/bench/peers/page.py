@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from percept.report.page import Plate
+from percept.report.rendering import Plate
 from percept.report.standalone import render_standalone
 
 __all__ = ["render"]
