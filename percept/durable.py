@@ -26,7 +26,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     Parameters
     ----------
     path : Path
-        File to make or to replace; its folder exists.
+        File to make or to replace; its folder exists. Of a link, the file it leads to.
 
     Yields
     ------
@@ -38,6 +38,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     OSError
         Where it cannot be written; what stood there before stays, as it does after any error inside.
     """
+    path = path.resolve()
     aside = path.with_name(f".{path.name}-{secrets.token_hex(8)}{_SUFFIX}")
     aside.touch(exist_ok=False)  # with the permissions any new file has, which `tempfile` would not give
     try:

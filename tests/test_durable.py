@@ -1,6 +1,7 @@
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -22,6 +23,16 @@ def test_others_may_read_a_file_as_any_new_one(tmp_path):
     write_whole(tmp_path / "a.txt", b"x")
     (tmp_path / "plain.txt").write_bytes(b"x")
     assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain.txt").stat().st_mode
+
+
+@posix
+def test_a_link_stays_one(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "b.txt").write_text("old")
+    (tmp_path / "a.txt").symlink_to(Path("there") / "b.txt")
+    write_whole(tmp_path / "a.txt", b"new")
+    assert (tmp_path / "a.txt").is_symlink()
+    assert (tmp_path / "there" / "b.txt").read_bytes() == b"new"
 
 
 def test_an_error_while_writing_leaves_what_was_there(tmp_path):

@@ -27,7 +27,7 @@ ALLOWED = {
     "workers": {"cache", "cores", "errors"},
     "planning": {"inference", "errors"},
     "simulate": {"sessions", "inference", "durable", "errors"},
-    "calibration": _ANALYSIS | {"simulate", "workers"},
+    "calibration": _ANALYSIS | {"simulate", "workers", "durable"},
     "batch": {"study", "sessions", "scene", "workers", "cache", "durable", "errors"},
     "report": _ANALYSIS | {"processes", "durable", "browser", "__version__"},
     "reproduce": _ANALYSIS | {"report", "simulate"},

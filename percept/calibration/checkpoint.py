@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from percept.durable import exclusive
 from percept.errors import UsageError
 
 __all__ = ["Checkpoint"]
@@ -65,19 +66,10 @@ class Checkpoint(Generic[Result]):
         """
         if self._path is None or not self._path.exists():
             return {}
-        try:
-            whole, newline, rest = self._path.read_text(encoding="utf-8").rpartition("\n")
-        except (OSError, UnicodeDecodeError) as error:
-            raise UsageError(
-                f"no file of {self._what} studies.", file=str(self._path), hint="Choose another folder."
-            ) from error
-        if rest:
-            if not (rest.startswith(_START) or _START.startswith(rest)):
-                raise self._strange(1 + whole.count("\n") + len(newline))
-            # Cut off, or the next line would be written behind it.
-            self._path.write_text(whole + newline, encoding="utf-8")
+        with exclusive(self._path.parent):
+            lines = self._whole_lines(self._path)
         results = {}
-        for row, line in enumerate(whole.splitlines(), start=1):
+        for row, line in enumerate(lines, start=1):
             try:
                 found = json.loads(line)
                 if found["plan"] == self._plan and int(found["index"]) < studies:
@@ -92,8 +84,24 @@ class Checkpoint(Generic[Result]):
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         line = {"plan": self._plan, "index": index, **self._pack(result)}
-        with self._path.open("a", encoding="utf-8") as file:
+        with exclusive(self._path.parent), self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
+
+    def _whole_lines(self, path: Path) -> list[str]:
+        """Read the lines, and cut off a last one that is not whole: the next would be written behind it."""
+        try:
+            data = path.read_bytes()
+            whole, newline, rest = data.decode().rpartition("\n")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(
+                f"no file of {self._what} studies.", file=str(path), hint="Choose another folder."
+            ) from error
+        if rest:
+            if not (rest.startswith(_START) or _START.startswith(rest)):
+                raise self._strange(1 + whole.count("\n") + len(newline))
+            # Nothing is written anew, which a full disk would not take.
+            os.truncate(path, data.rfind(b"\n") + 1)
+        return whole.splitlines()
 
     def _strange(self, row: int) -> UsageError:
         return UsageError(f"not a line of {self._what} studies.", file=str(self._path), row=row)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import shutil
 import tempfile
@@ -15,6 +14,7 @@ from percept.errors import UsageError
 
 __all__ = ["filled_folder"]
 
+_ASIDE = ".percept-unfinished-"
 _HINT = "Rename it, or choose another folder."
 
 
@@ -25,7 +25,7 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     An error inside leaves `out_dir` as it was. A list of the files and their hashes, in the form of
     ``sha256sum`` and named after `last`, goes with them: a file of an earlier list that is not written again
     is removed if it still is what was written then. Every other file stays. Of two runs into one folder the
-    one that ends later leaves all its files; what a killed run left beside the folder goes with the next one.
+    one that ends later leaves all its files; what a killed run left goes with the next one.
 
     Parameters
     ----------
@@ -47,15 +47,17 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     """
     if not str(out_dir):
         raise UsageError("the name of the folder to write is empty.", hint="Name one, or leave it out.")
-    out = Path(out_dir)
+    out = Path(out_dir).resolve()
     if out.exists() and not out.is_dir():
         raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))
     missing = [parent for parent in out.parents if not parent.exists()]
     held = ExitStack()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        _remove_abandoned(out)
-        aside = _make_aside(out, held)
+        # Only within one file system is a move all or nothing, and a folder may be where another begins.
+        place = out if out.is_dir() else out.parent
+        _remove_abandoned(place)
+        aside = _make_aside(place, held)
     except OSError as error:
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
     try:
@@ -75,26 +77,22 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
                 parent.rmdir()  # only where nothing came of it: a folder with something in it stays
 
 
-def _make_aside(out: Path, held: ExitStack) -> Path:
-    """Make a folder beside `out`, because only within one file system is a move all or nothing."""
+def _make_aside(place: Path, held: ExitStack) -> Path:
+    """Make a folder in `place` and hold it."""
     while True:
-        aside = Path(tempfile.mkdtemp(prefix=_aside_prefix(out), dir=out.parent))
+        aside = Path(tempfile.mkdtemp(prefix=_ASIDE, dir=place))
         with suppress(FileNotFoundError):
             held.enter_context(shared(aside))
             if aside.exists():  # nobody took it for an abandoned one before it was held
                 return aside
 
 
-def _remove_abandoned(out: Path) -> None:
-    """Remove folders beside `out` of runs that were killed: nobody holds them any more."""
-    for aside in out.parent.glob(f"{glob.escape(_aside_prefix(out))}*"):
+def _remove_abandoned(place: Path) -> None:
+    """Remove folders of runs that were killed: nobody holds them any more."""
+    for aside in place.glob(f"{_ASIDE}*"):
         with suppress(OSError), exclusive(aside, wait=False) as held:
             if held:
                 shutil.rmtree(aside)
-
-
-def _aside_prefix(out: Path) -> str:
-    return f".{out.name}-unfinished-"
 
 
 def _move(aside: Path, out: Path, last: str) -> None:

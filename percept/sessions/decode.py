@@ -37,7 +37,8 @@ def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
     file : str
         Its name, for messages.
     encoding : str, optional
-        A declared encoding, used strictly and alone (a byte-order mark is still dropped).
+        A declared encoding, used strictly and alone; a byte-order mark is dropped, and says which half of the
+        encoding it is where that is left open ("utf-16").
 
     Returns
     -------
@@ -51,7 +52,7 @@ def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
     """
     mark, found = next(((m, name) for m, name in _MARKS if data.startswith(m)), (b"", None))
     body = data[len(mark) :]
-    name = encoding or found or "utf-8"
+    name = _settled(encoding, found)
     if encoding or found:
         text = _strict(body, name, file)
     else:
@@ -69,6 +70,17 @@ def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
             hint='Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".',
         )
     return Decoded(text, name)
+
+
+def _settled(declared: str | None, marked: str | None) -> str:
+    """Return the declared encoding, its byte order by the mark; else the marked one."""
+    if declared is None or marked is None:
+        return declared or marked or "utf-8"
+    try:
+        family = codecs.lookup(declared).name
+    except LookupError:
+        return declared
+    return marked if marked.startswith(f"{family}-") else declared
 
 
 def _line_of(text: str, position: int) -> int:

@@ -194,7 +194,7 @@ class _Reader:
         return self._frame(numbers)
 
     def _is_trial(self, at: int) -> bool:
-        return all(self.text.get(c, ["x"] * (at + 1))[at].strip() for c in ("subject", "environment"))
+        return all(self.text[c][at].strip() for c in ("subject", "environment"))
 
     def _exclude(self, out: Sequence[bool], why: str, log: Callable[[int], bool] = lambda _: True) -> None:
         for at in (at for at, gone in enumerate(out) if gone and log(at)):

@@ -190,7 +190,7 @@ class _Study:
         if file == "-":
             return False
         problems = Problems()
-        named = names_from_file(file, self.options.filename)
+        named = names_from_file(file, self.options.filename, file=file)
         stream = open_stream(file, options=self.options, named=named, problems=problems)
         if stream is None:
             return False
@@ -214,7 +214,7 @@ class _Study:
         """Read one input."""
         checks.refuse_twin(self.sources, entry.name, entry.sha256)
         self.sources.append(Source(entry.name, entry.sha256, 0))
-        named = names_from_file(entry.name, self.options.filename)
+        named = names_from_file(entry.path, self.options.filename, file=entry.name)
         self.take(read_grid_of(entry, self.options, self.notices), entry.name, entry.sha256, named)
 
     def take(self, grid: Grid, name: str, sha256: str, named: Mapping[str, str]) -> None:

@@ -61,7 +61,7 @@ def reduce_sessions(
 def _with_stream(before: CellSums, file: str) -> CellSums | None:
     """Reduce a large plain file; None where it has to be read as a whole."""
     problems = Problems()
-    named = names_from_file(file, before.options.filename)
+    named = names_from_file(file, before.options.filename, file=file)
     stream = open_stream(file, options=before.options, named=named, problems=problems)
     if stream is None:
         return None

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 from typing import NamedTuple
 
 from percept.errors import UsageError
@@ -30,10 +30,11 @@ LIMIT = 1 << 30
 
 @dataclass(frozen=True)
 class Input:
-    """One table to read: its name for messages, and its bytes."""
+    """One table to read: its name for messages, its bytes, and the path of the file or archive member."""
 
     name: str
     data: bytes
+    path: str
 
     @cached_property
     def sha256(self) -> str:
@@ -92,15 +93,10 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
         if text == "-":
             found = ["-"]
         elif path.is_dir():
-            filled = {p.parent for name in _RESULTS for p in path.rglob(name)} - {path}
-            results += sorted(map(str, filled))
-            inside = sorted(
-                p
-                for p in path.rglob("*")
-                if p.is_file() and not _hidden(p, path) and filled.isdisjoint(p.parents)
-            )
-            found = [str(p) for p in inside if p.suffix.lower() in _SUFFIXES]
-            ignored += [str(p) for p in inside if p.suffix.lower() not in _SUFFIXES]
+            inside = _inside(path)
+            found = inside.files
+            ignored += inside.ignored
+            results += inside.results
             if not found:
                 raise UsageError(
                     f"the folder holds no table ({', '.join(_SUFFIXES)}).", file=text, hint="Check the path."
@@ -108,7 +104,8 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
         elif path.exists():
             found = [text]
         elif any(sign in text for sign in "*?["):
-            found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207 - a pattern may be absolute
+            fitting = sorted(glob.glob(text, recursive=True))  # noqa: PTH207 - a pattern may be absolute
+            found = [name for name in fitting if not Path(name).is_dir()]
             if not found:
                 raise UsageError(
                     "no file fits the pattern.", file=text, hint="Check it, and quote it in a shell."
@@ -118,6 +115,22 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
         for name in found:
             files.setdefault(name if name == "-" else str(Path(name).resolve()), name)
     return Expanded(list(files.values()), ignored, results)
+
+
+def _inside(folder: Path) -> Expanded:
+    """Look for tables in a folder and those below it."""
+    filled = {p.parent for name in _RESULTS for p in folder.rglob(name)} - {folder}
+    inside = sorted(
+        p
+        for p in folder.rglob("*")
+        if p.is_file() and not _hidden(p, folder) and filled.isdisjoint(p.parents)
+    )
+    tables = [p.suffix.lower() in _SUFFIXES for p in inside]
+    return Expanded(
+        [str(p) for p, table in zip(inside, tables, strict=True) if table],
+        [str(p) for p, table in zip(inside, tables, strict=True) if not table],
+        sorted(map(str, filled)),
+    )
 
 
 def _hidden(path: Path, folder: Path) -> bool:
@@ -138,11 +151,11 @@ def load(name: str) -> Iterator[Input]:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
     label = "standard input" if name == "-" else name
     if data.startswith(b"\x1f\x8b"):
-        yield Input(label, _flat(_gunzip(data, label), label))
+        yield Input(label, _flat(_gunzip(data, label), label), name)
     elif data.startswith(b"PK\x03\x04") and not is_workbook(data, label):
         yield from _members(data, label)
     else:
-        yield Input(label, data)
+        yield Input(label, data, name)
 
 
 def is_workbook(data: bytes, name: str) -> bool:
@@ -193,7 +206,8 @@ def _members(data: bytes, name: str) -> Iterator[Input]:
                 raise UsageError(
                     f"a broken zip member: {error}.", file=label, hint="Pack it again."
                 ) from None
-            yield Input(label, _flat(content, label))
+            # Some archivers write backslashes.
+            yield Input(label, _flat(content, label), member.filename.replace("\\", "/"))
 
 
 def _flat(content: bytes, name: str) -> bytes:
@@ -222,15 +236,17 @@ def _gunzip(data: bytes, name: str) -> bytes:
     return content
 
 
-def names_from_file(name: str, pattern: str | None) -> dict[str, str]:
+def names_from_file(path: str, pattern: str | None, *, file: str) -> dict[str, str]:
     """Ids in a file's name, by the scene's pattern.
 
     Parameters
     ----------
-    name : str
-        Path or archive member; its folder and suffixes are left out.
+    path : str
+        Path of a file or archive member; its folder and suffixes are left out.
     pattern : str or None
         Such as "sub-{subject}_ses-{session}".
+    file : str
+        The name for messages.
 
     Returns
     -------
@@ -243,7 +259,7 @@ def names_from_file(name: str, pattern: str | None) -> dict[str, str]:
     """
     if pattern is None:
         return {}
-    stem = PurePosixPath(re.split(r"[!/\\]", name)[-1]).name
+    stem = PurePath(path).name
     while (lower := stem.lower()).endswith(_SUFFIXES):
         stem = stem[: lower.rindex(".")]
     text = re.escape(pattern)
@@ -253,12 +269,12 @@ def names_from_file(name: str, pattern: str | None) -> dict[str, str]:
         readings.append(found.groupdict() if found else {})
     if not readings[0]:
         raise UsageError(
-            f"the name does not fit the pattern {pattern!r}.", file=name, hint="Correct [sessions] filename."
+            f"the name does not fit the pattern {pattern!r}.", file=file, hint="Correct [sessions] filename."
         )
     if readings[0] != readings[1]:
         raise UsageError(
             f"the name fits the pattern {pattern!r} in more than one way.",
-            file=name,
+            file=file,
             hint="Put separators into [sessions] filename that do not occur in the ids.",
         )
     return readings[0]

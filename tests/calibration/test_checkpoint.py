@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import errno
+import sys
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -7,7 +10,10 @@ from typing import Any
 import pytest
 
 from percept.calibration.checkpoint import Checkpoint
+from percept.durable import exclusive
 from percept.errors import UsageError
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="folders have no locks there")
 
 
 def kept(path: Path | None, plan: str = "a") -> Checkpoint[float]:
@@ -40,6 +46,43 @@ def test_a_line_cut_short_anywhere_is_dropped_and_writing_goes_on(tmp_path: Path
     path.write_text(whole + whole[:length])
     assert kept(path).read(9) == {0: 1.5}
     assert path.read_text() == whole
+
+
+def test_what_is_cut_off_needs_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "tried.jsonl"
+    kept(path).append(0, 1.5)
+    whole = path.read_text()
+    path.write_text(whole + whole[:20])
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert kept(path).read(9) == {0: 1.5}
+    assert path.read_text() == whole
+
+
+@posix
+def test_two_runs_do_not_cut_each_other_s_lines(tmp_path: Path) -> None:
+    path = tmp_path / "tried.jsonl"
+    kept(path).append(0, 1.5)
+    with exclusive(tmp_path):
+        threads = [
+            threading.Thread(target=kept(path).append, args=(1, 2.5)),
+            threading.Thread(target=kept(path).read, args=(9,)),
+        ]
+        for thread in threads:
+            thread.start()
+        # Half a line of somebody who holds the folder.
+        with path.open("a") as file:
+            file.write('{"plan": "a", "in')
+            file.flush()
+            threads[0].join(0.2)
+            file.write('dex": 2, "value": 3.5}\n')
+    for thread in threads:
+        thread.join(10)
+    assert kept(path).read(9) == {0: 1.5, 1: 2.5, 2: 3.5}
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from percept.bench.session_dialects import WRITERS, delimited, example, frame
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
+from percept.sessions.decode import Decoded, decode
 
 PSYCHOPY_HEADER = "environment,k_ref,k_adj,note,participant,expName,psychopyVersion,"
 
@@ -60,6 +61,18 @@ def test_archives_are_read_in_memory(tmp_path, pack):
     assert [p.name for p in tmp_path.iterdir()] == [file.name]
 
 
+@pytest.mark.parametrize("order", ["utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("declared", [None, "utf-16", "UTF16"])
+def test_a_byte_order_mark_says_which_half_of_an_encoding_it_is(order, declared):
+    text = "subject,environment\nä,1\n"
+    decoded = decode("\ufeff".join(["", text]).encode(order), file="f", encoding=declared)
+    assert decoded == Decoded(text, order)
+
+
+def test_a_byte_order_mark_does_not_change_another_encoding_that_is_declared():
+    assert decode(b"\xef\xbb\xbfa", file="f", encoding="latin-1") == Decoded("a", "latin-1")
+
+
 def test_standard_input(monkeypatch):
     data = WRITERS["plain"].write(example())["plain.csv"]
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
@@ -73,6 +86,8 @@ def test_folders_and_patterns_name_what_they_leave_out(tmp_path):
     folder = read_sessions(tmp_path, options=options)
     pattern = read_sessions(tmp_path / "sub-*.csv", options=options)
     twice = read_sessions(tmp_path, tmp_path / "sub-*.csv", options=options)
+    (tmp_path / "sub-folder.csv").mkdir()
+    assert read_sessions(tmp_path / "sub-*.csv", options=options).table.equals(pattern.table)
     assert "1 files of other kinds in the folders are not read" in {n.text for n in folder.notices}
     assert folder.table.equals(pattern.table)
     assert folder.table.equals(twice.table)

@@ -20,7 +20,7 @@ HEAD = "subject,environment,k_ref,k_adj\n"
 def test_markup_is_escaped(tmp_path):
     file = tmp_path / "f.csv"
     script = "<script>alert(1)</script>"
-    file.write_text(HEAD.replace("k_ref", "k_ref") + f"{script},../../etc,10,11\n0{script},../../etc,10,11\n")
+    file.write_text(HEAD + f"{script},../../etc,10,11\n0{script},../../etc,10,11\n")
     html = read_sessions(file)._repr_html_()
     assert "<script>" not in html
     assert "&lt;script&gt;" in html
@@ -126,6 +126,7 @@ def test_broken_archives(tmp_path, data, message):
         "x_raw,y" * 14_000,
         "\ufeff" * 33_000,
         "[" * 100_000,
+        ",,,\n" * 100_000,
     ],
 )
 @pytest.mark.parametrize("head", [HEAD, "subject,environment,k_ref,k_adj,expName\n", ""])

@@ -285,6 +285,7 @@ def test_ids_from_file_names(tmp_path):
     tables = {"sessions": {"filename": "s{subject}_v{session}"}}
     table = read(tmp_path, text, tables, name="s007_v02.csv").table
     assert table[["subject", "session"]].to_numpy().tolist() == [["007", "02"]]
+    assert read(tmp_path, text, tables, name="s!7_v1.csv").subjects == ("!7",)
     both = read(tmp_path, "subject," + text.replace("a,", "x,a,"), tables, name="s8_v1.csv")
     assert both.subjects == ("8",)
     assert "subject is taken from the file's name; column 'subject' is not used" in [

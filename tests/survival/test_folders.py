@@ -3,8 +3,10 @@
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -134,17 +136,35 @@ def test_moves_of_two_runs_do_not_mix(tmp_path):
         assert process.stdout.readline() == "filled\n"
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(0.5)
-        assert list(out.iterdir()) == []
+        assert all(path.name.startswith(".percept-unfinished-") for path in out.iterdir())
     process.communicate()
     assert process.returncode == 0
     assert sorted(path.name for path in out.iterdir()) == ["a.txt", "z.sha256", "z.txt"]
 
 
-def test_only_what_nobody_holds_is_removed_beside_the_folder(tmp_path):
-    abandoned = tmp_path / ".out-unfinished-dead"
-    foreign = tmp_path / ".out-mine"
+def test_a_folder_on_another_disk_or_of_a_long_name_is_filled(tmp_path):
+    """Nothing can be moved in one go from beside a link or a mount point to what is behind it."""
+    disk = Path(tempfile.mkdtemp(dir="/dev/shm" if Path("/dev/shm").is_dir() else tmp_path))
+    try:
+        (tmp_path / "link").symlink_to(disk)
+        for out in (tmp_path / "link", tmp_path / "link" / "new", tmp_path / ("long" * 60)):
+            with filled_folder(out, last="a.txt") as aside:
+                (aside / "a.txt").write_text("x")
+            assert (out / "a.txt").read_text() == "x"
+        assert (tmp_path / "link").is_symlink()
+        assert sorted(path.name for path in disk.iterdir()) == ["a.sha256", "a.txt", "new"]
+    finally:
+        shutil.rmtree(disk)
+
+
+@pytest.mark.parametrize("made", [False, True])
+def test_only_what_nobody_holds_is_removed(tmp_path, made):
+    """What a killed run left is beside a folder that it had still to make, and in one that was there."""
+    place = tmp_path / "out" if made else tmp_path
+    abandoned = place / ".percept-unfinished-dead"
+    foreign = place / ".mine-unfinished-dead"
     for folder in (abandoned, foreign):
-        folder.mkdir()
+        folder.mkdir(parents=True)
         (folder / "half.json").write_text("{")
     with filled_folder(tmp_path / "out", last="a.txt") as first:
         assert not abandoned.exists()
