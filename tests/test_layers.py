@@ -22,7 +22,7 @@ ALLOWED = {
     "boundary": {"haptics", "inference", "errors"},
     "sessions": {"cores", "errors"},
     "scene": {"inference", "errors"},
-    "study": _ANALYSIS - {"study"},
+    "study": _ANALYSIS - {"study"} | {"processes"},
     "cache": {"inference", "durable", "errors"},
     "workers": {"cache", "cores", "errors"},
     "planning": {"inference", "errors"},

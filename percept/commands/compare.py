@@ -38,19 +38,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the methods' comparison for one path, the difference of the studies for two."""
+    from percept.study.divided import divided, for_sampling
+    from percept.study.pairs import compare_studies
+
     with Working("comparing", shown=not arguments.quiet) as progress:
         pair = _pair(arguments, progress)
         if pair is None:
-            return _methods(open_study(arguments, progress), as_json=arguments.json)
-        from percept.study.pairs import compare_studies
-
-        (first, second), names = pair
-        found = compare_studies(first, second)
+            study = open_study(arguments, progress)
+            with divided(study, count=for_sampling(study)):
+                return _methods(study, as_json=arguments.json)
+        studies, names = pair
+        with divided(*studies, count=for_sampling(*studies)):
+            found = compare_studies(*studies)
     if arguments.json:
         parts = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
         _print_json({"studies": names, "notes": found.notes, **parts})
         return 0
-    unit = "ratio B/A" if first.scene.inference.family == "lognormal" else "difference B - A"
+    unit = "ratio B/A" if studies[0].scene.inference.family == "lognormal" else "difference B - A"
     print("\n".join([f"A: {names['a']}", f"B: {names['b']}", *found.notes]))
     if len(found.differences):
         print(f"\nAverage users, {unit}; spread between users, ratio B/A:")

@@ -5,18 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from percept.report.divided import divided
 from percept.report.document import build_document
 from percept.report.folder import filled_folder
 from percept.report.plain import dumps
+from percept.study.divided import divided, for_sampling
 
 if TYPE_CHECKING:
     from percept.study import Study
 
 __all__ = ["write_fit"]
-
-#: Runs to such a tolerance are mostly over before another process has imported what it needs.
-_SOON = 0.02
 
 
 def write_fit(study: Study, out_dir: str | Path, *, processes: int | None = None) -> Path:
@@ -46,9 +43,8 @@ def write_fit(study: Study, out_dir: str | Path, *, processes: int | None = None
     """
     from percept.study.posterior_file import write_posterior
 
-    asked = study.scene.inference
-    short = asked.method == "classical" or asked.tolerance >= _SOON
-    with filled_folder(out_dir, last="fit.json") as folder, divided(study, 1 if short else processes):
+    count = for_sampling(study, count=processes)
+    with filled_folder(out_dir, last="fit.json") as folder, divided(study, count=count):
         (folder / "fit.json").write_text(dumps(build_document(study, curves=False)), encoding="utf-8")
         if study.posterior_groups is not None:
             write_posterior(study.posterior_groups, folder / "posterior.nc")

@@ -72,7 +72,7 @@ def write_report(
     PerceptError
         What the study refuses.
     """
-    from percept.report.divided import divided
+    from percept.study.divided import divided
 
     step = progress or (lambda _: None)
     check_formats(formats)
@@ -80,7 +80,7 @@ def write_report(
         needed_browser()
     with (
         filled_folder(out_dir, last="report.html") as folder,
-        divided(study, processes, also=_DRAWING) as beside,
+        divided(study, count=processes, also=_DRAWING) as beside,
     ):
         step("results")
         figures = _Figures(beside, formats)

@@ -11,6 +11,7 @@ import pandas as pd
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.scales import Options
 from percept.inference.sampling.records import Progress
+from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.bayesian import RunStore, fit, prepare
@@ -63,6 +64,7 @@ def compare_models(
     models: tuple[str, ...] = tuple(MODELS),
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
+    share: Share = ALONE,
 ) -> ModelChoice:
     """Fit models of `MODELS` and compare them by leave-one-subject-out predictive density.
 
@@ -81,6 +83,8 @@ def compare_models(
         Told the state of every sampling.
     store : RunStore, optional
         Asked for finished runs first.
+    share : Share
+        Who works on the samplings.
 
     Returns
     -------
@@ -109,14 +113,14 @@ def compare_models(
     found: dict[str, SubjectChecks] = {}
     failed = []
     for name in models:
-        tables = scene.model_dump(exclude_none=True)
-        tables["model"] |= dataclasses.asdict(MODELS[name])
-        asked = Scene.from_tables(tables)
-        sampled = fit(prepare(sessions, asked, parameters), asked, progress=progress, store=store)
+        model = scene.model.model_dump(exclude_none=True) | dataclasses.asdict(MODELS[name])
+        asked = scene.with_tables(model=model)
+        prepared = prepare(sessions, asked, parameters)
+        sampled = fit(prepared, asked, progress=progress, store=store, share=share)
         if sampled.run.gate.passed:
             subjects = subject_density(sampled)
             assert subjects is not None
-            found[name] = check_subjects(sampled, subjects, asked, progress=progress)
+            found[name] = check_subjects(sampled, subjects, asked, progress=progress, share=share)
         else:
             failed.append(f"{name}: {' '.join(sampled.run.gate.reasons)}")
     if not found:

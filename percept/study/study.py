@@ -60,11 +60,9 @@ class Study:
         Told the state of the sampler after every round.
     store : RunStore, optional
         Where finished runs of the sampler are kept, such as `percept.cache.PosteriorCache`; none by default.
-
-    Attributes
-    ----------
     share : Share
-        Who works on what can be divided, such as `percept.processes.Processes`; by default this process.
+        Who works on what can be divided, such as `percept.processes.Processes`; by default this process. An
+        attribute too: `percept.study.divided` lends others for a while.
 
     Raises
     ------
@@ -81,6 +79,7 @@ class Study:
         *,
         progress: Callable[[Progress], None] | None = None,
         store: RunStore | None = None,
+        share: Share = ALONE,
     ) -> None:
         if not isinstance(sessions, Sessions):
             raise UsageError(
@@ -89,13 +88,13 @@ class Study:
             )
         self.sessions = sessions
         self.scene = scene or Scene()
-        self.share: Share = ALONE
+        self.share = share
         self._progress = progress
         self._store = store
 
     def over(self, sessions: Sessions) -> Study:
-        """Analyse other sessions under the same scene, with the same progress and store."""
-        return Study(sessions, self.scene, progress=self._progress, store=self._store)
+        """Analyse other sessions under the same scene, with the same progress, store and share."""
+        return Study(sessions, self.scene, progress=self._progress, store=self._store, share=self.share)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -160,7 +159,7 @@ class Study:
             return None
         from percept.study.model_checks import model_checks
 
-        return model_checks(self.fit, self.scene, progress=self._progress)
+        return model_checks(self.fit, self.scene, progress=self._progress, share=self.share)
 
     @cached_property
     def model_choice(self) -> ModelChoice:
@@ -168,7 +167,12 @@ class Study:
         from percept.study.model_choice import compare_models
 
         return compare_models(
-            self.sessions, self.scene, self.parameters, progress=self._progress, store=self._store
+            self.sessions,
+            self.scene,
+            self.parameters,
+            progress=self._progress,
+            store=self._store,
+            share=self.share,
         )
 
     @property

@@ -20,6 +20,7 @@ from percept.inference.checks.predictive import (
 )
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress, Settings
+from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
@@ -74,6 +75,7 @@ def check_subjects(
     scene: Scene,
     *,
     progress: Callable[[Progress], None] | None = None,
+    share: Share = ALONE,
 ) -> SubjectChecks:
     """Leave every subject out.
 
@@ -88,6 +90,8 @@ def check_subjects(
         caps of that.
     progress : callable, optional
         Told the state of that sampling.
+    share : Share
+        Who works on it.
 
     Returns
     -------
@@ -99,7 +103,7 @@ def check_subjects(
     refitted = np.zeros(subjects.subjects, dtype=bool)
     refit = scene.checks is not None and scene.checks.refit
     if refit:
-        loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress)
+        loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress, share)
     return _tables(fit, subjects, loo, predicted, refitted, refit=refit)
 
 
@@ -109,6 +113,7 @@ def _refit(
     predicted: Predicted,
     scene: Scene,
     progress: Callable[[Progress], None] | None,
+    share: Share,
 ) -> tuple[Loo, Predicted, NDArray[np.bool_]]:
     """Replace what reweighting cannot tell; a run that fails its gate changes nothing."""
     from percept.inference.checks.refit import sample_without
@@ -121,7 +126,7 @@ def _refit(
     done = np.zeros(subjects.subjects, dtype=bool)
     names = subjects.density.statistics.subjects
     for i in np.flatnonzero(loo.influential):
-        anew = sample_without(subjects, int(i), names[i], settings, progress=progress)
+        anew = sample_without(subjects, int(i), names[i], settings, progress=progress, share=share)
         if anew is None:
             continue
         done[i] = anew.error <= _ROUGH

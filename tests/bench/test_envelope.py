@@ -12,13 +12,14 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.bench.envelope import _ellipse, _rectangle, envelope_costs
 from percept.study.regions import Region
+from tests import DATASETS
 
 
 @pytest.fixture(scope="module")
 def study() -> Study:
-    sessions = read_sessions("datasets/hbfd_sessions.csv")
+    sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
     two = sessions.table[sessions.table["environment"].isin(["VE1", "VE4"])]
-    scene = Scene.load("datasets/hbfd.toml").with_inference(tolerance=0.2)
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2)
     return Study(dataclasses.replace(sessions, table=two), scene)
 
 

@@ -6,6 +6,7 @@ from percept import Scene, Study, read_sessions
 from percept.bench.propagation import propagation_costs, propagation_memory, study_propagation
 from percept.haptics import Device
 from percept.sessions import Sessions
+from tests import DATASETS
 
 
 def test_fewer_draws_and_frequencies_cost_what_is_reported() -> None:
@@ -37,8 +38,8 @@ def test_a_task_in_its_own_process_stays_in_the_stated_bound() -> None:
 
 
 def test_every_environment_of_a_study_is_timed() -> None:
-    scene = Scene.load("datasets/hbfd.toml").with_inference(tolerance=0.2)
-    table = read_sessions("datasets/hbfd_sessions.csv").table
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2)
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
     study = Study(Sessions.from_frame(table[table["environment"].isin(["VE2", "VE4"])]), scene)
     found = study_propagation(study, frequencies=(0.1, 100.0, 20), repeats=1)
     assert {cost.environment for cost in found} == {"VE2", "VE4"}

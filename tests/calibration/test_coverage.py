@@ -15,6 +15,7 @@ from percept.calibration.judge import judge_study
 from percept.calibration.plan import CoveragePlan, fitted_values
 from percept.calibration.truth import Population
 from percept.workers import OnCluster
+from tests import DATASETS
 from tests.workers.clusters import QUIET, in_threads
 
 PLAN = CoveragePlan(
@@ -145,15 +146,15 @@ def test_normal_users_below_zero_are_refused_by_a_lognormal_model_and_said_so() 
 
 
 def test_fitted_values_need_a_fit() -> None:
-    scene = Scene.load("datasets/hbfd.toml").with_inference(method="classical")
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
     with pytest.raises(RefusalError, match="needs a passed Bayesian fit"):
-        fitted_values(Study(read_sessions("datasets/hbfd_sessions.csv"), scene))
+        fitted_values(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene))
 
 
 def test_fitted_values_need_both_parameters() -> None:
-    scene = Scene.load("datasets/hbfd.toml").with_inference(parameters=("k",), tolerance=0.3)
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(parameters=("k",), tolerance=0.3)
     with pytest.raises(RefusalError, match="stiffness and damping together; one of them is missing"):
-        fitted_values(Study(read_sessions("datasets/hbfd_sessions.csv"), scene))
+        fitted_values(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene))
 
 
 def test_wrong_plans() -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from percept.cli import main
+from tests import DATASETS
 
-DATASETS = Path(__file__).resolve().parents[2] / "datasets"
 SESSIONS = str(DATASETS / "hbfd_sessions.csv")
 
 

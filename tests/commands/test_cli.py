@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from percept.cli import COMMANDS, build_parser, main
+from tests import DATASETS
 
-DATASETS = Path(__file__).resolve().parents[2] / "datasets"
 SESSIONS = str(DATASETS / "hbfd_sessions.csv")
 HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
 ROWS = ["S1,A,10,1,9,1.1", "S1,B,100,2,95,2.2", "S2,A,10,1,11,0.8", "S2,B,100,2,99,1.7", "S3,A,10,1,8,1.3"]
@@ -181,7 +181,8 @@ def test_a_device_that_cannot_be_read_is_said_before_anything_is_sampled(tmp_pat
     scene = tmp_path / "scene.toml"
     scene.write_text('[device]\nresponse = "zd.csv"\nperiod = 0.001\n')
     out = tmp_path / "out"
-    words = ["fit", "datasets/hbfd_sessions.csv", "--scene", str(scene), "--no-cache", "--out", str(out)]
+    study = str(DATASETS / "hbfd_sessions.csv")
+    words = ["fit", study, "--scene", str(scene), "--no-cache", "--out", str(out)]
     assert main(words) == 2
     assert f"{tmp_path / 'zd.csv'}: cannot be read" in capsys.readouterr().err
     assert not out.exists()

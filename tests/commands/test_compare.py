@@ -7,8 +7,9 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.cli import main
 from percept.study.pairs import compare_studies
+from tests import DATASETS
 
-SESSIONS = "datasets/hbfd_sessions.csv"
+SESSIONS = str(DATASETS / "hbfd_sessions.csv")
 
 
 @pytest.fixture(scope="module")

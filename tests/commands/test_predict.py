@@ -3,11 +3,12 @@ import json
 import pytest
 
 from percept.cli import main
+from tests import DATASETS
 
-SESSIONS = "datasets/hbfd_sessions.csv"
+SESSIONS = str(DATASETS / "hbfd_sessions.csv")
 LESS = ["--tolerance", "0.05", "--no-cache", "--quiet"]
-TABLE = "datasets/hbfd_table1.csv"
-LOOSE = [TABLE, "--scene", "datasets/hbfd.toml", "--tolerance", "0.2", "--quiet"]
+TABLE = str(DATASETS / "hbfd_table1.csv")
+LOOSE = [TABLE, "--scene", str(DATASETS / "hbfd.toml"), "--tolerance", "0.2", "--quiet"]
 
 
 def test_extrapolation_is_said_in_both_forms(capsys):

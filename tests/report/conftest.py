@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.report import build_document, write_report
 from percept.sessions import Sessions
-
-DATASETS = Path(__file__).parents[2] / "datasets"
+from tests import DATASETS
 
 
 def scene_of(**inference):

@@ -1,11 +1,8 @@
-from pathlib import Path
-
 import pandas as pd
 import pytest
 
 from percept.sessions import Sessions, read_sessions
-
-DATASETS = Path(__file__).resolve().parents[2] / "datasets"
+from tests import DATASETS
 
 
 def test_simulated_sessions_say_so():

@@ -11,8 +11,8 @@ import pytest
 
 from percept.simulate import realised_correlations, simulate_like_csv, write_sessions
 from percept.simulate.like import BETWEEN, CORRELATION
+from tests import DATASETS
 
-DATASETS = Path(__file__).parents[2] / "datasets"
 SESSIONS = DATASETS / "hbfd_sessions.csv"
 
 # Table 1 of the paper, typed from its page.

@@ -21,8 +21,9 @@ from percept.simulate import (
     write_sessions,
 )
 from percept.simulate.like import _match
+from tests import DATASETS
 
-TABLE1 = Path(__file__).parents[2] / "datasets" / "hbfd_table1.csv"
+TABLE1 = DATASETS / "hbfd_table1.csv"
 
 
 def rows(*cells: tuple[object, ...]) -> pd.DataFrame:

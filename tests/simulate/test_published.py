@@ -14,6 +14,7 @@ from percept.cli import main
 from percept.errors import UsageError
 from percept.sessions import ReadOptions
 from percept.simulate import PublishedLimits, read_summary
+from tests import DATASETS
 
 HEADER = "environment,parameter,reference,lower,upper,n,level\n"
 
@@ -25,7 +26,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_means_and_sds_behind_table_1() -> None:
-    table = read_summary(Path(__file__).parents[2] / "datasets" / "hbfd_table1.csv")
+    table = read_summary(DATASETS / "hbfd_table1.csv")
     # Worked out from the printed limits with t(.995; 9) = 3.249836, to the digits shown.
     assert_allclose(table.factor, 3.249836 / 10**0.5, rtol=2e-7)
     assert_allclose(table.mean[[0, 0, 4], [0, 1, 1]], [14.914, 0.68455, 96.1365], rtol=1e-12)

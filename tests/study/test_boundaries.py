@@ -15,6 +15,7 @@ from percept.inference.classical.joint import ellipse_region
 from percept.study.boundaries import Range, environment_boundaries, region_curves
 from percept.study.coupling import study_coupling
 from percept.study.study import DEFAULT_POINTS
+from tests import DATASETS
 
 SHOWN = {"reference": False, "coupled": True}
 
@@ -36,8 +37,8 @@ def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study)
 
 
 def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
-    scene = Scene.load("datasets/hbfd.toml").with_inference(method="classical")
-    study = Study(read_sessions("datasets/hbfd_table1.csv"), scene)
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
+    study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
     assert {(joint, shape) for _, _, joint, shape in keys(study, np.array([1.0, 2.0]))} == {
         (joint, shape) for joint in ("marginal", "bonferroni") for shape in ("corner", "envelope")
     }

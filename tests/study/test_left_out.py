@@ -11,14 +11,15 @@ from percept import RefusalError, Scene, Study, read_sessions
 from percept.report.left_out import left_out_document, left_out_markdown
 from percept.study.left_out import LeftOut, leave_one_environment_out
 from percept.study.prediction import predict
+from tests import DATASETS
 
 KEPT = ("VE2", "VE3", "VE4")
 
 
 def published(*environments: str, **inference: object) -> Study:
-    sessions = read_sessions("datasets/hbfd_table1.csv")
+    sessions = read_sessions(DATASETS / "hbfd_table1.csv")
     table = sessions.table[sessions.table["environment"].isin(environments)]
-    scene = Scene.load("datasets/hbfd.toml").with_inference(**{"tolerance": 0.3, "level": 0.9, **inference})
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(**{"tolerance": 0.3, "level": 0.9, **inference})
     return Study(dataclasses.replace(sessions, table=table), scene)
 
 
@@ -57,7 +58,7 @@ def test_each_row_is_the_prediction_of_a_study_without_it(found: LeftOut, others
 def test_observed_mean_and_users_by_hand(found: LeftOut) -> None:
     row = found.rows.set_index(["environment", "parameter"]).loc[("VE3", "b")]
     # Back from the limits 8.1880 and 13.1459 at 99 %, n = 10, then from mean and SD to their logarithms.
-    limits = read_sessions("datasets/hbfd_table1.csv").table.set_index(["environment", "parameter"])
+    limits = read_sessions(DATASETS / "hbfd_table1.csv").table.set_index(["environment", "parameter"])
     lower, upper = limits.loc[("VE3", "b"), ["lower", "upper"]].astype(float)
     mean = 0.5 * (lower + upper)
     sd = 0.5 * (upper - lower) / stats.t.isf(0.005, 9) * np.sqrt(10)

@@ -14,6 +14,7 @@ from percept.study.model_choice import compare_models
 from percept.study.posterior import data_tree, full_groups, posterior_groups, subject_density
 from percept.study.posterior_file import write_posterior
 from percept.study.sensitivity import power_scaling
+from tests import DATASETS
 from tests.study.checked import study_of, table_of
 
 
@@ -209,7 +210,7 @@ def test_published_limits_have_no_subjects_to_leave_out():
     scene = Scene.from_tables(
         {"inference": {"tolerance": 0.3, "method": "bayesian", "parameters": ["k"]}, "checks": {}}
     )
-    study = Study(read_sessions("datasets/hbfd_table1.csv"), scene)
+    study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
     assert subject_density(study.fit) is None
     assert study.checks is None
     assert "log_likelihood" not in study.posterior.children

@@ -12,6 +12,7 @@ from percept import Scene, Study, read_sessions
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions
 from percept.study.pairs import compare_studies, split_by
+from tests import DATASETS
 
 
 def sessions(prefix, *, trials=1, seed=0):
@@ -50,7 +51,7 @@ def test_different_numbers_of_trials_are_said():
 
 
 def test_published_limits_and_blank_groups_are_not_divided():
-    table = read_sessions("datasets/hbfd_table1.csv")
+    table = read_sessions(DATASETS / "hbfd_table1.csv")
     with pytest.raises(UsageError, match="column 'environment': published limits hold no subjects to divide"):
         split_by(table, "environment")
     frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])

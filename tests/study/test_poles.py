@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from percept import Scene, Study, read_sessions
+from tests import DATASETS
 
 MODE = {"mass": 0.5, "stiffness": 2500.0}  # at 70.7 rad/s
 
 
 def study(**tables):
-    scene = Scene.load("datasets/hbfd.toml").with_inference(method="classical").to_dict()
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
     scene["device"]["modes"] = [MODE]
-    return Study(read_sessions("datasets/hbfd_sessions.csv"), Scene.from_tables({**scene, **tables}))
+    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene.from_tables({**scene, **tables}))
 
 
 @pytest.mark.parametrize("points", [None, 41])
@@ -32,8 +33,8 @@ def test_an_undamped_mode_leaves_no_hole_in_the_numbers(points):
 
 
 def test_at_nyquist_all_curves_are_endless():
-    scene = Scene.load("datasets/hbfd.toml").with_inference(method="classical")
-    found = Study(read_sessions("datasets/hbfd_sessions.csv"), scene)
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
+    found = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
     omega = np.array([1.0, 10.0, 3000.0, np.pi / 1e-3])
     for boundary in found.boundaries_at(omega, ("VE1",)):
         assert np.isinf([boundary.lower[-1], boundary.upper[-1], boundary.reference[-1]]).all()

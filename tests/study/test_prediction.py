@@ -13,6 +13,7 @@ from percept.inference.hierarchy.product import Product
 from percept.sessions import Sessions
 from percept.study.posterior import thinned_points
 from percept.study.prediction import predict
+from tests import DATASETS
 
 
 def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +103,7 @@ def test_wider_than_at_a_tested_environment_and_flagged_outside(fitted: Study) -
 
 def test_an_environment_the_fit_does_not_know_has_no_say() -> None:
     """Damping was never adjusted in VE3: it is neither fitted nor in the tested range, nor the nearest."""
-    table = read_sessions("datasets/hbfd_sessions.csv").table
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
     table = table[table["environment"].isin(["VE1", "VE2", "VE3"])].copy()
     without = table[table["environment"] != "VE3"]
     table.loc[table["environment"] == "VE3", "b_adj"] = np.nan
@@ -134,8 +135,8 @@ def test_boundaries_hold_draws_of_their_kind(fitted: Study) -> None:
 
 @pytest.fixture(scope="module")
 def published() -> Study:
-    scene = Scene.load("datasets/hbfd.toml").with_inference(tolerance=0.05)
-    return Study(read_sessions("datasets/hbfd_table1.csv"), scene)
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.05)
+    return Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
 
 
 def test_published_limits_are_predicted_parameter_by_parameter(published: Study) -> None:

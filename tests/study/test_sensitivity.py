@@ -6,14 +6,15 @@ import pytest
 from percept import Scene, Study, haptics, read_sessions
 from percept.sessions import Sessions
 from percept.study.device_sensitivity import DeviceSensitivity
+from tests import DATASETS
 
 PERIOD = 0.001
-DATASET = "datasets/hbfd_sessions.csv"
+DATASET = str(DATASETS / "hbfd_sessions.csv")
 
 
 def scene_of(**tables: dict[str, object] | None) -> Scene:
     """The published scene, classical, with fewer frequencies; tables replaced, or left out for None."""
-    given = Scene.load("datasets/hbfd.toml").with_inference(method="classical").to_dict()
+    given = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
     given["frequency"]["points"] = 31
     return Scene.from_tables(
         {name: table for name, table in {**given, **tables}.items() if table is not None}

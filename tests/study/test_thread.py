@@ -2,7 +2,6 @@
 
 import dataclasses
 from decimal import Decimal
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,8 +9,8 @@ import pytest
 
 from percept import RefusalError, Scene, Study, read_sessions
 from percept.sessions import Sessions
+from tests import DATASETS
 
-DATASETS = Path(__file__).resolve().parents[2] / "datasets"
 TABLE = pd.read_csv(DATASETS / "hbfd_table1.csv", dtype=str)
 
 

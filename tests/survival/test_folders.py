@@ -13,10 +13,11 @@ import pytest
 
 from percept.durable import exclusive
 from percept.report.folder import filled_folder
+from tests import DATASETS
 from tests.survival.kill import contents
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="limits, locks and mounts are POSIX")
-STUDY = str(Path(__file__).resolve().parents[2] / "datasets" / "hbfd_sessions.csv")
+STUDY = str(DATASETS / "hbfd_sessions.csv")
 _SIZE = 1 << 20
 # The command under a limit on the size of files, which fails as a full disk does: in the middle of a write.
 LIMITED = """

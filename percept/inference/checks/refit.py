@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.records import Progress, Settings
+from percept.inference.share import ALONE, Share
 
 __all__ = ["Anew", "Without", "sample_without"]
 
@@ -45,6 +46,10 @@ class Without:
             for cut in batches(len(points), self._subjects)
         ]
         return np.concatenate([part.log_density[:, 0] for part in found])
+
+    def watched(self, points: Array) -> Array:
+        """`left_out` as a column, shape (W, 1)."""
+        return self.left_out(points)[:, None]
 
     def __call__(self, points: Array) -> Array:
         """Log posterior density without the subject at coordinates (W, d), shape (W,)."""
@@ -83,6 +88,7 @@ def sample_without(
     settings: Settings,
     *,
     progress: Callable[[Progress], None] | None = None,
+    share: Share = ALONE,
 ) -> Anew | None:
     """Sample the posterior without one subject.
 
@@ -99,6 +105,8 @@ def sample_without(
         log of the mean density may have no finite error to stop at.)
     progress : callable, optional
         Told the state after every round.
+    share : Share
+        Who works on the ensembles.
 
     Returns
     -------
@@ -108,8 +116,8 @@ def sample_without(
     from percept.inference.sampling.run import sample
 
     target = Without(subjects, member)
-    watched = Means((f"log density of {name} left out",), lambda points: target.left_out(points)[:, None])
-    run = sample(target, watched, settings, progress=progress)
+    watched = Means((f"log density of {name} left out",), target.watched)
+    run = sample(target, watched, settings, progress=progress, share=share)
     if not run.gate.passed:
         return None
     points = np.concatenate(run.independent())

@@ -1,7 +1,5 @@
 """Posteriors known in closed form or published to many digits, through the same sampler and gate."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mpmath import mp
@@ -13,8 +11,9 @@ from percept.inference.hierarchy.laws import Laws
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error
 from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.run import Settings, sample
+from tests import DATASETS
 
-SESSIONS = Path(__file__).parents[3] / "datasets" / "hbfd_sessions.csv"
+SESSIONS = DATASETS / "hbfd_sessions.csv"
 REFERENCE = {"pooling": "none", "prior": "reference"}
 
 

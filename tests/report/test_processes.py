@@ -5,9 +5,7 @@ from __future__ import annotations
 import pytest
 
 from percept import Study, read_sessions
-from percept.inference.share import ALONE
 from percept.report import write_report
-from percept.report.divided import divided
 from percept.sessions import Sessions
 
 from .conftest import DATASETS, scene_of
@@ -30,20 +28,3 @@ def test_two_processes_write_the_files_of_one(sessions, tmp_path):
         )
     assert len(written[0]) > 20
     assert written[0] == written[1]
-
-
-def test_the_other_process_takes_a_part(sessions):
-    study = Study(sessions, scene_of())
-    alone = Study(sessions, scene_of()).boundaries
-    with divided(study, 2) as beside:
-        assert study.share is beside
-        # An answer tells that the other process has imported what it was told to.
-        beside.ask(abs, -1)()
-        together = study.boundaries
-        assert beside.answered == 2
-    assert study.share is ALONE
-    assert len(together) == len(alone) > 4
-    for one, other in zip(together, alone, strict=True):
-        assert (one.environment, one.kind, one.shape) == (other.environment, other.kind, other.shape)
-        assert one.lower.tobytes() == other.lower.tobytes()
-        assert one.upper.tobytes() == other.upper.tobytes()
