@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import select
 import sys
 from collections.abc import Collection, Sequence
 
 from percept import __version__
-from percept.errors import PerceptError
+from percept.errors import PerceptError, printable
 
 __all__ = ["COMMANDS", "build_parser", "main"]
 
@@ -95,6 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 done; 1 the analysis refuses; 2 wrong usage or unreadable input; 130 interrupted; 141 nobody
         reads the output any more.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A locale without ω or × is no reason to print nothing.
+        sys.stdout.reconfigure(errors="backslashreplace")
     words = sys.argv[1:] if arguments is None else arguments
     # The first word that names a command is the command: no option before it takes a value.
     parsed = build_parser([word for word in words if word in COMMANDS][:1]).parse_args(words)
@@ -107,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PerceptError as error:
         if parsed.debug:
             raise
-        print(f"percept: {error}", file=sys.stderr)
+        _complain(str(error))
         return error.exit_code
     except KeyboardInterrupt:
         print("percept: interrupted.", file=sys.stderr)
@@ -118,8 +122,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if parsed.debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
-        print(f"percept: {place}{error.strerror or error}.", file=sys.stderr)
+        _complain(f"{place}{error.strerror or error}.")
         return 2
+
+
+def _complain(message: str) -> None:
+    """Print what is wrong; of names in it nothing reaches the terminal that would do more than be seen."""
+    lines = f"percept: {message}".split("\n")
+    print("\n".join(printable(line) for line in lines), file=sys.stderr)
 
 
 def _output_is_closed() -> bool:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-__all__ = ["PerceptError", "RefusalError", "UsageError"]
+__all__ = ["PerceptError", "RefusalError", "UsageError", "printable"]
+
+
+def printable(text: str) -> str:
+    """Escape what could move a terminal's cursor or hide text: control and bidirectional characters."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 class PerceptError(ValueError):

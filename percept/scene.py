@@ -309,7 +309,7 @@ class Scene(_Table):
             raise
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain nested tables, without those that are empty or None."""
+        """Return plain nested tables with all defaults, without keys and tables that are None."""
         return self.model_dump(mode="json", exclude_none=True)
 
     def with_inference(self, **changes: Any) -> Scene:

@@ -88,7 +88,7 @@ def open_study(arguments: argparse.Namespace, progress: Working | None = None) -
 
 def _tell(notices: Sequence[Notice]) -> None:
     """Print notices on standard error, of many the first."""
-    from percept.sessions.validation import printable
+    from percept.errors import printable
 
     for notice in notices[:_NOTICES]:
         print(f"notice: {printable(str(notice))}", file=sys.stderr)

@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     for part in parts:
         print(f"measuring {part}", file=sys.stderr)
         begun, before = time.perf_counter(), os.getloadavg()[0]
-        records = _PARTS[part](arguments)
+        records = _measured(part, arguments)
         if arguments.out:
             loads, seconds = (before, os.getloadavg()[0]), time.perf_counter() - begun
             path = _write(part, records, arguments, loads, seconds)
@@ -90,6 +90,18 @@ def run(arguments: argparse.Namespace) -> int:
     for part, rows in found.items():
         print(f"\n{part}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}")
     return 0
+
+
+def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
+    from percept.errors import UsageError
+
+    try:
+        return _PARTS[part](arguments)
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"{part} needs {error.name}, which is not installed.",
+            hint="Install percept with its extra: percept[bench].",
+        ) from error
 
 
 def _write(

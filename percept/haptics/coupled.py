@@ -77,7 +77,7 @@ def effective_impedance(
     Returns
     -------
     EffectiveImpedance
-        Its arrays have the broadcast shape of all arguments.
+        Stiffness and damping have the broadcast shape of all arguments, `omega` its own.
 
     Raises
     ------

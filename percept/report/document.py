@@ -14,7 +14,7 @@ from percept.report.design import design_of
 from percept.report.findings import findings
 from percept.report.plain import plain
 from percept.report.select import distinct
-from percept.study.units import UNITS
+from percept.study.adjustments import adjustments
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -145,33 +145,10 @@ def _data(study: Study) -> dict[str, Any]:
         "counts": plain(sessions.counts),
         "notices": [_located(notice, "text") for notice in sessions.notices],
         "exclusions": [_located(row, "who", "what", "why") for row in sessions.exclusions],
-        "cells": _cells(sessions),
+        "cells": plain(list(adjustments(sessions))),
     }
 
 
 def _located(record: Any, *names: str) -> dict[str, Any]:
     place = {"file": PurePath(record.file).name if record.file else None, "row": record.row}
     return {name: plain(getattr(record, name)) for name in names} | place
-
-
-def _cells(sessions: Any) -> list[dict[str, Any]]:
-    """Return the adjustments of each environment and parameter, one mean per subject."""
-    if sessions.form != "trials":
-        return []
-    cells = []
-    for environment, rows in sessions.table.groupby("environment", sort=False):
-        for parameter in sessions.parameters:
-            values = rows.groupby("subject", sort=False)[f"{parameter}_adj"].mean().dropna()
-            cells.append(
-                {
-                    "environment": environment,
-                    "parameter": parameter,
-                    "reference": plain(rows[f"{parameter}_ref"].iloc[0]),
-                    "n": len(values),
-                    "mean": plain(values.mean()),
-                    "sd": plain(values.std(ddof=1)),
-                    "values": plain(values.to_numpy()),
-                    "unit": UNITS[parameter],
-                }
-            )
-    return cells

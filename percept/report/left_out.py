@@ -69,7 +69,7 @@ def left_out_markdown(document: Mapping[str, Any]) -> str:
     for row in document["rows"]:
         beyond = row["beyond"]
         cells = [
-            row["environment"],
+            _cell(row["environment"]),
             row["parameter"],
             f"{row['reference']:g}",
             f"{row['observed']:.5g}",
@@ -83,6 +83,11 @@ def left_out_markdown(document: Mapping[str, Any]) -> str:
         lines.append("| " + " | ".join(cells) + " |")
     lines += [f"\nNo prediction of {name}: {why}" for name, why in document["skipped"]]
     return "\n".join([*lines, "", _LEGEND])
+
+
+def _cell(text: str) -> str:
+    """Keep a name within its cell of a table."""
+    return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|")
 
 
 _LEGEND = (

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from percept.errors import PerceptError
+from percept.errors import PerceptError, printable
 from percept.sessions.columns import resolve
 from percept.sessions.options import CANONICAL, ReadOptions
 from percept.sessions.problems import ReadError
@@ -17,7 +17,7 @@ from percept.sessions.records import Exclusion, Notice, Sessions, Source
 from percept.sessions.sources import expand, load
 from percept.sessions.units import UNITS
 
-__all__ = ["Validation", "format_validation", "printable", "propose_columns", "validate"]
+__all__ = ["Validation", "format_validation", "propose_columns", "validate"]
 
 
 @dataclass(frozen=True)
@@ -124,11 +124,6 @@ def format_validation(record: Validation) -> str:
         2: f"{record.total} problem{'' if record.total == 1 else 's'}",
     }
     return "\n".join([*lines, verdict[record.exit_code]])
-
-
-def printable(text: str) -> str:
-    """Escape what could move a terminal's cursor or hide text: control and bidirectional characters."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _problem(problem: PerceptError) -> dict[str, Any]:

@@ -35,8 +35,9 @@ def design_by_method(
     Returns
     -------
     dict of str to CouplingDesign
-        By method; `each` in the order of the bench's references. None for a device whose table leaves out a
-        part of the range, since no coupling can be shown stable there.
+        By method, those left out that lack limits of an environment; `each` in the order of the bench's
+        references. Empty for a device whose table leaves out a part of the range, since no coupling can be
+        shown stable there.
     """
     if not covers_range(bench.device, bench.period):
         return {}

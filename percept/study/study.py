@@ -116,9 +116,13 @@ class Study:
             for j, e in enumerate(self.environments)
         }
 
-    @cached_property
+    @property
     def intervals(self) -> pd.DataFrame:
-        """Intervals of every method, kind and family, one row each, in N/m and N·s/m."""
+        """Intervals of every method, kind and family, one row each, in N/m and N·s/m; a copy."""
+        return self._intervals.copy()
+
+    @cached_property
+    def _intervals(self) -> pd.DataFrame:
         from percept.study.interval_table import interval_table
 
         return interval_table(self)
@@ -398,9 +402,13 @@ class Study:
 
         return device_sensitivity(self)
 
-    @cached_property
+    @property
     def comparison(self) -> pd.DataFrame | None:
-        """Intervals of both methods in equal family and kind, with the reasons; None with one method."""
+        """The methods' intervals in equal family and kind, with reasons; a copy, None with one method."""
+        return None if self._comparison is None else self._comparison.copy()
+
+    @cached_property
+    def _comparison(self) -> pd.DataFrame | None:
         if self.fit is None or self.scene.inference.method != "both" or not self.fit.run.gate.passed:
             return None
         from percept.study.comparison import compare_intervals, sample_sds
@@ -408,9 +416,13 @@ class Study:
         sds = sample_sds(self.sessions, self.parameters, self.scene.inference.family)
         return compare_intervals(self.intervals, self.fit, self.scene, sds)
 
-    @cached_property
+    @property
     def curve_comparison(self) -> pd.DataFrame:
-        """Boundaries of both methods in equal environment, kind, family, joint treatment and shape."""
+        """Both methods' boundaries in equal environment, kind, family, joint treatment and shape; a copy."""
+        return self._curve_comparison.copy()
+
+    @cached_property
+    def _curve_comparison(self) -> pd.DataFrame:
         from percept.study.comparison import compare_curves
 
         return compare_curves(self.boundaries)

@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -48,6 +49,31 @@ def test_bad_input_says_where_and_leaves_nothing(tmp_path, capsys, lines, header
         assert part in message
     assert not out.exists()
     assert [path.name for path in tmp_path.iterdir()] == ["study.csv"]
+
+
+def test_names_reach_the_terminal_as_text(tmp_path, capsys):
+    path = tmp_path / "a\x1b[2J\u202e.csv"
+    path.write_text("subject,environment,k_ref,k_adj\n1,a,10,x\n")
+    _, message = refused(["fit", str(path)], capsys)
+    assert r"a\x1b[2J\u202e.csv:2" in message
+    _, message = refused(["fit", str(tmp_path / "b\x1b.csv")], capsys)
+    assert r"b\x1b.csv: there is no such file" in message
+    assert "\x1b" not in message
+
+
+def test_a_locale_of_ascii_loses_no_line():
+    command = [sys.executable, "-m", "percept", "predict", "--help"]
+    ran = subprocess.run(
+        command, env=os.environ | {"PYTHONIOENCODING": "ascii"}, capture_output=True, check=True, text=True
+    )
+    assert r"N\xb7s/m" in ran.stdout
+
+
+def test_what_is_not_installed_is_named_with_its_extra(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mpmath", None)
+    code, message = refused(["bench", "tolerance"], capsys)
+    assert code == 2
+    assert "tolerance needs mpmath, which is not installed. Install percept with its extra" in message
 
 
 def test_level_outside_its_range_is_wrong_usage(tmp_path, capsys):

@@ -90,6 +90,15 @@ def test_curves_are_compared_in_pairs(fitted: Study) -> None:
     assert (table["area_lower"] <= table["largest_lower"].abs() + 1e-12).all()
 
 
+def test_tables_are_the_caller_s_own(fitted: Study) -> None:
+    """What is changed in a table asked for changes nothing of the study."""
+    for name in ("intervals", "comparison", "curve_comparison"):
+        before = getattr(fitted, name)
+        changed = getattr(fitted, name)
+        changed.iloc[:, 0] = "changed"
+        pd.testing.assert_frame_equal(getattr(fitted, name), before)
+
+
 def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
     table = fitted.sessions.table.copy()
     table["k_adj"] *= 1.25

@@ -104,6 +104,13 @@ def test_document_and_page_say_the_same(study: Study, found: LeftOut) -> None:
     assert "0.4 decades above" in next(line for line in lines if line.startswith("| VE4 | k"))
 
 
+def test_a_name_stays_in_its_cell(study: Study, found: LeftOut) -> None:
+    document = left_out_document(study, found)
+    document["rows"][0]["environment"] = "V|1\n\\x"
+    (line,) = (line for line in left_out_markdown(document).splitlines() if line.startswith("| V\\|1"))
+    assert line.startswith("| V\\|1 \\\\x | k |")
+
+
 def test_what_lies_outside_is_named(found: LeftOut) -> None:
     rows = found.rows.assign(inside=[True, True, False, True, True, False])
     said = dataclasses.replace(found, rows=rows).sentence

@@ -73,7 +73,8 @@ def tolerance_factor(
     Raises
     ------
     UsageError
-        A share or confidence outside (0, 1), an n that is not whole, shapes that do not fit.
+        A share or confidence outside (0, 1), or so close to 1 that the factor is lost to doubles; an n that
+        is not whole, shapes that do not fit.
     RefusalError
         Fewer than 2 subjects.
 
@@ -136,7 +137,16 @@ def _per_distinct(
     of_code[code.reshape(-1)] = np.arange(code.size)  # any one of the requests that are alike
     distinct = np.stack([part.reshape(-1)[of_code] for part in requests])
     blocks = [distinct[:, start : start + _BLOCK] for start in range(0, distinct.shape[1], _BLOCK)]
-    factors = np.concatenate([factor(*block) for block in blocks])
+    with np.errstate(all="ignore"):
+        factors = np.concatenate([factor(*block) for block in blocks])
+    if not np.isfinite(factors).all():
+        at = int(np.argmin(np.isfinite(factors)))
+        raise UsageError(
+            "no factor can be worked out in double precision.",
+            value=f"n = {distinct[0, at]:g}, 1 - share = {distinct[1, at]:g}, "
+            f"1 - confidence = {distinct[2, at]:g}",
+            hint="Ask for a share or confidence less close to 1.",
+        )
     return plain(factors[code])
 
 

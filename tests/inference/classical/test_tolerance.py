@@ -87,6 +87,15 @@ def test_one_sided_against_scipys_noncentral_t():
     assert tolerance_factor(n, share, confidence, sided="one") == pytest.approx(quantile, rel=1e-9)
 
 
+def test_a_factor_lost_to_doubles_is_refused():
+    share, confidence = OneMinus(1e-28), OneMinus(1e-165)
+    with pytest.raises(
+        UsageError, match=r"n = 2, 1 - share = 1e-28, 1 - confidence = 1e-165.: no factor can"
+    ):
+        tolerance_factor([9, 2], share, confidence)
+    assert tolerance_factor(9, share, confidence) > 1e10
+
+
 @pytest.mark.parametrize("tail", [1e-6, 1e-12])
 def test_tails_that_a_double_cannot_say_from_one(tail):
     # one-sided at the median is Student's t, here in 30 digits

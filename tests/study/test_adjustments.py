@@ -1,0 +1,48 @@
+"""Adjustments as they are, against exact arithmetic."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pandas as pd
+import pytest
+
+from percept import read_sessions
+from percept.sessions import Sessions
+from percept.study.adjustments import adjustments
+from tests import DATASETS
+
+
+def sessions_of(rows):
+    columns = ["subject", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"]
+    table = pd.DataFrame(rows, columns=columns)
+    return Sessions.from_frame(table)
+
+
+def test_subjects_count_once_by_the_mean_of_their_trials():
+    offset = 2.0**50
+    rows = [
+        ("2", "A", offset, 1.0, 1, offset + 1, 3.0),
+        ("2", "A", offset, 1.0, 2, offset + 4, None),
+        ("1", "A", offset, 1.0, 1, offset + 2, None),
+        ("3", "A", offset, 1.0, 1, offset + 6, None),
+        ("3", "B", 20.0, 2.0, 1, 7.0, None),
+    ]
+    found = {(one["environment"], one["parameter"]): one for one in adjustments(sessions_of(rows))}
+    assert list(found) == [("A", "k"), ("A", "b"), ("B", "k"), ("B", "b")]
+    stiff = found["A", "k"]
+    assert stiff["values"] == [offset + 2.5, offset + 2, offset + 6]
+    exact = [Fraction(value) for value in stiff["values"]]
+    mean = sum(exact) / 3
+    assert stiff["mean"] == float(mean)
+    assert stiff["sd"] == pytest.approx(float(sum((x - mean) ** 2 for x in exact) / 2) ** 0.5, rel=1e-15)
+    assert (stiff["reference"], stiff["n"], stiff["unit"]) == (offset, 3, "N/m")
+    assert found["A", "b"] | {"values": None} == {
+        "environment": "A", "parameter": "b", "reference": 1.0, "n": 1, "mean": 3.0, "sd": None,
+        "values": None, "unit": "N·s/m",
+    }  # fmt: skip
+    assert (found["B", "b"]["n"], found["B", "b"]["mean"], found["B", "b"]["values"]) == (0, None, [])
+
+
+def test_a_published_summary_has_none():
+    assert list(adjustments(read_sessions(DATASETS / "hbfd_table1.csv"))) == []
