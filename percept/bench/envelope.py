@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from percept.bench.timed import timed
 from percept.haptics import perceived_magnitude
-from percept.study.boundaries import Bench, region_curves
+from percept.study.apparatus import Apparatus
+from percept.study.boundaries import region_curves
 from percept.study.regions import Region
 
 if TYPE_CHECKING:
@@ -83,23 +84,27 @@ def envelope_costs(study: Study, *, frequencies: int = 500, repeats: int = 5) ->
     list of EnvelopeCost
         By environment and region: percept's, then points, from few to many.
     """
-    bench = study.bench
-    assert bench is not None
+    apparatus = study.apparatus
+    assert apparatus is not None
     omega = np.geomspace(0.1, 100.0, frequencies)
     found: list[EnvelopeCost] = []
     for region in study.regions:
         if (region.method, region.kind, region.joint) in _COMPARED:
-            found += _costs(region, bench, omega, repeats)
+            found += _costs(region, apparatus, omega, repeats)
     return found
 
 
-def _costs(region: Region, bench: Bench, omega: Array, repeats: int) -> list[EnvelopeCost]:
+def _costs(region: Region, apparatus: Apparatus, omega: Array, repeats: int) -> list[EnvelopeCost]:
     def exact() -> tuple[Array, Array]:
-        return region_curves(region, "envelope", omega, bench.device, bench.period, hold=bench.hold)
+        return region_curves(
+            region, "envelope", omega, apparatus.device, apparatus.period, hold=apparatus.hold
+        )
 
     def among(points: Array) -> tuple[Array, Array]:
         k, b = points
-        every = perceived_magnitude(omega[:, None], bench.device, k, b, bench.period, hold=bench.hold)
+        every = perceived_magnitude(
+            omega[:, None], apparatus.device, k, b, apparatus.period, hold=apparatus.hold
+        )
         return every.min(axis=1), every.max(axis=1)
 
     ways: list[tuple[int | None, Callable[[], tuple[Array, Array]]]] = [(None, exact)]

@@ -189,9 +189,9 @@ def study_propagation(
     list of PropagationCost
         By environment: up to the draws that boundaries go through, against one draw at every kept point.
     """
-    fit, bench = study.fit, study.bench
+    fit, apparatus = study.fit, study.apparatus
     assert fit is not None
-    assert bench is not None
+    assert apparatus is not None
     ours = next(d for d in study.curve_draws if (d.method, d.kind) == ("bayesian", "user"))
     points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
     rng = np.random.default_rng(study.scene.inference.seed)
@@ -202,7 +202,7 @@ def study_propagation(
         rest = (every[:, column[parameter, name]] for parameter in ("k", "b"))
         k, b = (np.concatenate(pair) for pair in zip(kept, rest, strict=True))
         found += propagation_costs(
-            bench.device, k, b, bench.period,
+            apparatus.device, k, b, apparatus.period,
             kept=kept[0].size, name=name, level=ours.level, frequencies=frequencies, repeats=repeats,
         )  # fmt: skip
     return found

@@ -1,12 +1,69 @@
-"""The scene's device and coupling, as records of `percept.haptics`."""
+"""The scene's device and coupling, as records of `percept.haptics`, and the references beside them."""
 
 from __future__ import annotations
 
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
 from percept import haptics
 from percept.errors import UsageError
+from percept.haptics import AnyDevice, Coupling, Environment
 from percept.scene import Scene
 
-__all__ = ["coupling_of", "device_of"]
+__all__ = ["Apparatus", "coupling_of", "device_of"]
+
+Array = NDArray[np.float64]
+# Rows of a measured device that a grid starts from, at most twice as many.
+_MOST_ROWS = 128
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Apparatus:
+    """Device, period and references that curves are drawn for.
+
+    Attributes
+    ----------
+    device : Device or TabulatedDevice
+        The device.
+    period : float
+        Sampling period, s.
+    hold : str
+        "average" (Eq. 8) or "true".
+    references : dict of str to Environment
+        Reference environments by name.
+    coupling : Coupling or None
+        The virtual coupling.
+    """
+
+    device: AnyDevice
+    period: float
+    hold: str
+    references: dict[str, Environment]
+    coupling: Coupling | None
+
+    def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
+        """abs(Z_h) of a reference at frequencies (M,), rad/s, without or through the coupling, N·s/m."""
+        return np.abs(
+            haptics.perceived_impedance(
+                omega,
+                self.device,
+                self.references[environment],
+                self.period,
+                coupling=self.coupling if coupled else None,
+                hold=self.hold,
+            )
+        )
+
+    def resonances(self, environment: str) -> Array:
+        """Frequencies, rad/s, near which curves bend most: the device's mass on the reference, its modes."""
+        device = self.device
+        if not isinstance(device, haptics.Device):
+            return device.omega[:: max(1, device.omega.size // _MOST_ROWS)]
+        pairs = [(mode.stiffness, mode.mass) for mode in device.modes]
+        pairs.append((self.references[environment].stiffness, device.mass))
+        return np.array([float(np.sqrt(k / m)) for k, m in pairs if m])
 
 
 def device_of(scene: Scene) -> haptics.AnyDevice | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, Self
 
 import numpy as np
@@ -14,10 +14,12 @@ from percept.boundary.draws import DrawBands, DrawCurves
 from percept.boundary.grid import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
-from percept.haptics import AnyDevice, Coupling, Environment
+from percept.haptics import AnyDevice
+from percept.inference.share import Share
+from percept.study.apparatus import Apparatus
 from percept.study.regions import Draws, Region
 
-__all__ = ["JOINTS", "Bench", "Range", "environment_boundaries", "region_curves"]
+__all__ = ["JOINTS", "Range", "boundaries_of", "environment_boundaries", "region_curves"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -25,58 +27,9 @@ Indices = NDArray[np.intp]
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
 # The proxies that a band through draws is followed by lie this many SDs out: about its usual reach.
 _PROXY = 3.0
-# Rows of a measured device that a grid starts from, at most twice as many.
-_MOST_ROWS = 128
 _BOXES = {"corner": haptics.corner_curves, "envelope": haptics.magnitude_envelope}
 # Stands where an ellipse has no limits of k and b; nothing is drawn from it.
 _NO_LIMITS = ((np.nan, np.nan), (np.nan, np.nan))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Bench:
-    """Device, period and references that curves are drawn for.
-
-    Attributes
-    ----------
-    device : Device or TabulatedDevice
-        The device.
-    period : float
-        Sampling period, s.
-    hold : str
-        "average" (Eq. 8) or "true".
-    references : dict of str to Environment
-        Reference environments by name.
-    coupling : Coupling or None
-        The virtual coupling.
-    """
-
-    device: AnyDevice
-    period: float
-    hold: str
-    references: dict[str, Environment]
-    coupling: Coupling | None
-
-    def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
-        """abs(Z_h) of a reference at frequencies (M,), rad/s, without or through the coupling, N·s/m."""
-        return np.abs(
-            haptics.perceived_impedance(
-                omega,
-                self.device,
-                self.references[environment],
-                self.period,
-                coupling=self.coupling if coupled else None,
-                hold=self.hold,
-            )
-        )
-
-    def resonances(self, environment: str) -> Array:
-        """Frequencies, rad/s, near which curves bend most: the device's mass on the reference, its modes."""
-        device = self.device
-        if not isinstance(device, haptics.Device):
-            return device.omega[:: max(1, device.omega.size // _MOST_ROWS)]
-        pairs = [(mode.stiffness, mode.mass) for mode in device.modes]
-        pairs.append((self.references[environment].stiffness, device.mass))
-        return np.array([float(np.sqrt(k / m)) for k, m in pairs if m])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,13 +66,13 @@ class Range:
 
 
 def environment_boundaries(
-    bench: Bench, environment: str, regions: list[Region], draws: list[Draws], frequencies: Range
+    apparatus: Apparatus, environment: str, regions: list[Region], draws: list[Draws], frequencies: Range
 ) -> list[Boundary]:
     """Draw every boundary of one environment.
 
     Parameters
     ----------
-    bench : Bench
+    apparatus : Apparatus
         Device and references.
     environment : str
         Which environment.
@@ -134,7 +87,7 @@ def environment_boundaries(
     -------
     list of Boundary
     """
-    place = _Place(bench, environment, frequencies)
+    place = _Place(apparatus, environment, frequencies)
     through = [drawn for drawn in draws if environment in drawn.pairs]
     return [*_around(place, regions), *_through(place, through)]
 
@@ -174,11 +127,50 @@ def region_curves(
     return _BOXES[shape](omega, device, *region.limits, period, hold=hold)
 
 
+def boundaries_of(
+    apparatus: Apparatus,
+    environments: Collection[str],
+    regions: Collection[Region],
+    draws: Collection[Draws],
+    frequencies: Range,
+    share: Share,
+) -> tuple[Boundary, ...]:
+    """Draw the boundaries of several environments.
+
+    Parameters
+    ----------
+    apparatus : Apparatus
+        Device and references.
+    environments : collection of str
+        Of the apparatus's references.
+    regions : collection of Region
+        Of any environments.
+    draws : collection of Draws
+        Of any environments.
+    frequencies : Range
+        Where.
+    share : Share
+        Who works on it, environment by environment.
+
+    Returns
+    -------
+    tuple of Boundary
+        In the order of the environments.
+    """
+    parts = []
+    for environment in environments:
+        around = [region for region in regions if region.environment == environment]
+        through = [one.within(environment) for one in draws if environment in one.pairs]
+        parts.append((apparatus, environment, around, through, frequencies))
+    found = share(environment_boundaries, parts)
+    return tuple(boundary for boundaries in found for boundary in boundaries)
+
+
 @dataclasses.dataclass(frozen=True)
 class _Place:
-    """One environment on a bench: its own curves are followed beside every boundary's."""
+    """One environment on an apparatus: its own curves are followed beside every boundary's."""
 
-    bench: Bench
+    apparatus: Apparatus
     environment: str
     frequencies: Range
 
@@ -189,10 +181,10 @@ class _Place:
 
         Yields of each set what all boundaries share, and its curves.
         """
-        bench, wanted = self.bench, self.frequencies
+        apparatus, wanted = self.apparatus, self.frequencies
 
         def stacked(which: Indices, omega: Array) -> Array:
-            own = [bench.curve(self.environment, omega, coupled=coupled) for coupled in (False, True)]
+            own = [apparatus.curve(self.environment, omega, coupled=coupled) for coupled in (False, True)]
             return np.concatenate([own, curves(which, omega)])
 
         if not count:
@@ -208,7 +200,7 @@ class _Place:
                 wanted.lower,
                 wanted.upper,
                 tolerance=wanted.tolerance,
-                including=bench.resonances(self.environment),
+                including=apparatus.resonances(self.environment),
                 followed=np.array((True, True, *smooth)),
             )
         for grid in grids:
@@ -217,7 +209,7 @@ class _Place:
                 "environment": self.environment,
                 "omega": grid.omega,
                 "reference": reference,
-                "coupled": coupled if bench.coupling is not None else None,
+                "coupled": coupled if apparatus.coupling is not None else None,
                 "departure": grid.departure if wanted.omega is None else None,
             }
             yield shared, grid.values[2:]
@@ -229,7 +221,7 @@ def _around(place: _Place, regions: list[Region]) -> Iterator[Boundary]:
         if region.ellipse is None:
             outlines.append((region, "corner"))
         outlines.append((region, "envelope"))
-    drawn = place.sampled(_Outlines(place.bench, outlines).at, len(outlines), (True, True))
+    drawn = place.sampled(_Outlines(place.apparatus, outlines).at, len(outlines), (True, True))
     for (region, shape), (shared, (lower, upper)) in zip(outlines, drawn, strict=True):
         yield Boundary(
             lower=lower,
@@ -247,8 +239,8 @@ def _around(place: _Place, regions: list[Region]) -> Iterator[Boundary]:
 class _Outlines:
     """Lower and upper curves around several regions: all rectangles of one shape are drawn at once."""
 
-    def __init__(self, bench: Bench, outlines: list[tuple[Region, Shape]]) -> None:
-        self._bench, self._outlines = bench, outlines
+    def __init__(self, apparatus: Apparatus, outlines: list[tuple[Region, Shape]]) -> None:
+        self._apparatus, self._outlines = apparatus, outlines
         self._boxes = {
             shape: np.array([one is shape and region.ellipse is None for region, one in outlines])
             for shape in _BOXES
@@ -257,19 +249,21 @@ class _Outlines:
 
     def at(self, which: Indices, omega: Array) -> Array:
         """Evaluate the outlines `which` (M,) at frequencies (M,), rad/s, each; shape (2, M), N·s/m."""
-        bench = self._bench
+        apparatus = self._apparatus
         curves = np.empty((2, omega.size))
         for shape, around in _BOXES.items():
             here = np.flatnonzero(self._boxes[shape][which])
             if here.size:
                 stiffness, damping = np.moveaxis(self._limits[which[here]], 0, -1)
                 limits = tuple(stiffness), tuple(damping)
-                curves[:, here] = around(omega[here], bench.device, *limits, bench.period, hold=bench.hold)
+                curves[:, here] = around(
+                    omega[here], apparatus.device, *limits, apparatus.period, hold=apparatus.hold
+                )
         for one, part in _runs(which):
             region, shape = self._outlines[one]
             if region.ellipse is not None:
                 curves[:, part] = region_curves(
-                    region, shape, omega[part], bench.device, bench.period, hold=bench.hold
+                    region, shape, omega[part], apparatus.device, apparatus.period, hold=apparatus.hold
                 )
         return curves
 
@@ -282,10 +276,14 @@ def _runs(which: Indices) -> Iterator[tuple[int, slice]]:
 
 
 def _through(place: _Place, draws: list[Draws]) -> Iterator[Boundary]:
-    bench = place.bench
+    apparatus = place.apparatus
     ensembles = [
         DrawCurves(
-            bench.device, *one.pairs[place.environment], bench.period, level=one.level, hold=bench.hold
+            apparatus.device,
+            *one.pairs[place.environment],
+            apparatus.period,
+            level=one.level,
+            hold=apparatus.hold,
         )
         for one in draws
     ]

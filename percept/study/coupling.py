@@ -16,7 +16,7 @@ from percept.boundary.realism import Realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, Coupling, Environment
-from percept.study.boundaries import Bench
+from percept.study.apparatus import Apparatus
 from percept.study.regions import Region
 
 __all__ = ["CouplingStudy", "study_coupling"]
@@ -84,7 +84,7 @@ class CouplingStudy:
 
 
 def study_coupling(
-    bench: Bench,
+    apparatus: Apparatus,
     boundaries: tuple[Boundary, ...],
     regions: tuple[Region, ...],
     realisms: Iterable[tuple[str, bool, Realism]] = (),
@@ -95,7 +95,7 @@ def study_coupling(
 
     Parameters
     ----------
-    bench : Bench
+    apparatus : Apparatus
         Device, references and coupling.
     boundaries : tuple of Boundary
         Boundaries with `coupled` curves.
@@ -115,7 +115,7 @@ def study_coupling(
     UsageError
         Without a coupling.
     """
-    device, coupling, period, hold = bench.device, bench.coupling, bench.period, bench.hold
+    device, coupling, period, hold = apparatus.device, apparatus.coupling, apparatus.period, apparatus.hold
     if coupling is None:
         raise UsageError("there is no coupling to judge.", hint="Give the scene a [coupling].")
     verdict = haptics.absolute_stability(device, coupling, period, hold=hold)
@@ -137,15 +137,15 @@ def study_coupling(
         omega=omega,
         bound=haptics.coupling_bound(omega, device, period, hold=hold),
         admittance=haptics.coupling_admittance(omega, coupling, period).real,
-        realism=_realism(bench, coupling, boundaries, regions, read_at),
+        realism=_realism(apparatus, coupling, boundaries, regions, read_at),
         read_at=read_at,
-        passivity=_passivity(device, period, bench.references),
+        passivity=_passivity(device, period, apparatus.references),
         probability=_probability(realisms, _STABLE.get(verdict.verdict)),
     )
 
 
 def _realism(
-    bench: Bench,
+    apparatus: Apparatus,
     coupling: Coupling,
     boundaries: tuple[Boundary, ...],
     regions: tuple[Region, ...],
@@ -153,14 +153,14 @@ def _realism(
 ) -> pd.DataFrame:
     found = {(r.environment, r.method, r.kind, r.family, r.joint): r for r in regions}
     effective = {
-        name: haptics.effective_impedance(read_at, reference, coupling, bench.period)
-        for name, reference in bench.references.items()
+        name: haptics.effective_impedance(read_at, reference, coupling, apparatus.period)
+        for name, reference in apparatus.references.items()
     }
     rows = []
     for boundary in boundaries:
         if boundary.coupled is None:
             continue
-        reference = bench.references[boundary.environment]
+        reference = apparatus.references[boundary.environment]
         key = (boundary.environment, boundary.method, boundary.kind, boundary.family, boundary.joint)
         row: dict[str, Any] = dict(
             zip(("environment", "method", "kind", "family", "joint"), key, strict=True)
@@ -174,7 +174,7 @@ def _realism(
         row["effective_stiffness"] = float(effective[boundary.environment].stiffness)
         row["effective_damping"] = float(effective[boundary.environment].damping)
         if boundary.shape == "envelope":
-            row |= _plane(found[key], boundary.omega, reference, coupling, bench.period)
+            row |= _plane(found[key], boundary.omega, reference, coupling, apparatus.period)
         rows.append(row)
     return pd.DataFrame(rows)
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from percept import haptics
 from percept.haptics.llewellyn import covers_range
-from percept.study.boundaries import Bench, region_curves
+from percept.study.apparatus import Apparatus
+from percept.study.boundaries import region_curves
 from percept.study.regions import Region
 
 __all__ = ["design_by_method"]
@@ -17,13 +18,13 @@ _POINTS = 81
 
 
 def design_by_method(
-    bench: Bench, regions: tuple[Region, ...], family: str, omega: Array
+    apparatus: Apparatus, regions: tuple[Region, ...], family: str, omega: Array
 ) -> dict[str, haptics.CouplingDesign]:
     """Map the couplings that qualify, by the envelope of kind user of each method.
 
     Parameters
     ----------
-    bench : Bench
+    apparatus : Apparatus
         Device and references.
     regions : tuple of Region
         Of the study.
@@ -35,11 +36,12 @@ def design_by_method(
     Returns
     -------
     dict of str to CouplingDesign
-        By method, those left out that lack limits of an environment; `each` in the order of the bench's
+        By method, those left out that lack limits of an environment; `each` in the order of the apparatus's
         references. Empty for a device whose table leaves out a part of the range, since no coupling can be
         shown stable there.
     """
-    if not covers_range(bench.device, bench.period):
+    device, period, hold = apparatus.device, apparatus.period, apparatus.hold
+    if not covers_range(device, period):
         return {}
     grid = np.geomspace(omega[0], omega[-1], min(_POINTS, omega.size))
     found = {}
@@ -49,14 +51,18 @@ def design_by_method(
             for r in regions
             if (r.method, r.kind, r.family, r.joint) == (method, "user", family, "marginal")
         }
-        if set(chosen) != set(bench.references):
+        if set(chosen) != set(apparatus.references):
             continue
         limits = [
             haptics.EnvironmentBoundary(
                 reference,
-                *region_curves(chosen[name], "envelope", grid, bench.device, bench.period, hold=bench.hold),
+                *region_curves(
+                    chosen[name], "envelope", grid, apparatus.device, apparatus.period, hold=apparatus.hold
+                ),
             )
-            for name, reference in bench.references.items()
+            for name, reference in apparatus.references.items()
         ]
-        found[method] = haptics.design_couplings(grid, bench.device, limits, bench.period, hold=bench.hold)
+        found[method] = haptics.design_couplings(
+            grid, apparatus.device, limits, apparatus.period, hold=apparatus.hold
+        )
     return found

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.haptics import Device, absolute_stability, required_damping
-from percept.study.boundaries import Bench, region_curves
+from percept.study.apparatus import Apparatus
+from percept.study.boundaries import region_curves
 from percept.study.frequencies import thinned
 from percept.study.regions import Region
 
@@ -73,27 +74,27 @@ def device_sensitivity(study: Study) -> DeviceSensitivity | None:
         None without a device, with a measured one, which has neither mass nor damping to vary, or without
         classical intervals.
     """
-    bench = study.bench
-    if bench is None or not isinstance(bench.device, Device):
+    apparatus = study.apparatus
+    if apparatus is None or not isinstance(apparatus.device, Device):
         return None
     limits = {kind: found for kind in study.scene.inference.kinds if (found := _limits(study, kind))}
     if not limits:
         return None
-    own = bench.device
+    own = apparatus.device
     masses, dampings = _about(float(own.mass)), _about(float(own.damping))
-    benches = [
+    moved = [
         [
-            dataclasses.replace(bench, device=dataclasses.replace(own, mass=mass, damping=damping))
+            dataclasses.replace(apparatus, device=dataclasses.replace(own, mass=mass, damping=damping))
             for mass in masses
         ]
         for damping in dampings
     ]
     # All 49 at once: mass along the rows, damping down them.
     every = dataclasses.replace(own, mass=np.array(masses), damping=np.array(dampings)[:, None])
-    together = dataclasses.replace(bench, device=every)
+    together = dataclasses.replace(apparatus, device=every)
     omega = thinned(study.omega, _POINTS)[:, None, None]
-    coupled = bench.coupling is not None
-    felt = {e: together.curve(e, omega, coupled=coupled) for e in bench.references}
+    coupled = apparatus.coupling is not None
+    felt = {e: together.curve(e, omega, coupled=coupled) for e in apparatus.references}
     inside = {
         str(kind): tuple(
             map(tuple, np.sum([_stays_inside(together, one, omega, felt) for one in found], axis=0).tolist())
@@ -101,14 +102,14 @@ def device_sensitivity(study: Study) -> DeviceSensitivity | None:
         for kind, found in limits.items()
     }
     needed = None
-    if bench.coupling is not None:
-        needed = float(required_damping(bench.coupling, bench.period, hold=bench.hold).damping)
+    if apparatus.coupling is not None:
+        needed = float(required_damping(apparatus.coupling, apparatus.period, hold=apparatus.hold).damping)
     some = next(iter(limits.values()))
     return DeviceSensitivity(
         mass=masses,
         damping=dampings,
         own=(dampings.index(float(own.damping)), masses.index(float(own.mass))),
-        verdict=tuple(tuple(_verdict(one) for one in row) for row in benches),
+        verdict=tuple(tuple(_verdict(one) for one in row) for row in moved),
         inside=inside,
         environments=len(some),
         required_damping=needed,
@@ -136,14 +137,22 @@ def _limits(study: Study, kind: str) -> list[Region]:
     return [region for region in found if region is not None]
 
 
-def _verdict(bench: Bench) -> str | None:
-    if bench.coupling is None:
+def _verdict(apparatus: Apparatus) -> str | None:
+    if apparatus.coupling is None:
         return None
-    return str(absolute_stability(bench.device, bench.coupling, bench.period, hold=bench.hold).verdict)
+    return str(
+        absolute_stability(
+            apparatus.device, apparatus.coupling, apparatus.period, hold=apparatus.hold
+        ).verdict
+    )
 
 
-def _stays_inside(bench: Bench, region: Region, omega: Array, felt: Mapping[str, Array]) -> NDArray[np.int_]:
+def _stays_inside(
+    apparatus: Apparatus, region: Region, omega: Array, felt: Mapping[str, Array]
+) -> NDArray[np.int_]:
     """1 for every device with which the environment's curve stays inside at all frequencies."""
-    lower, upper = region_curves(region, "envelope", omega, bench.device, bench.period, hold=bench.hold)
+    lower, upper = region_curves(
+        region, "envelope", omega, apparatus.device, apparatus.period, hold=apparatus.hold
+    )
     shown = felt[region.environment]
     return ((lower <= shown) & (shown <= upper)).all(axis=0).astype(int)

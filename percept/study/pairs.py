@@ -352,7 +352,7 @@ def _row(cell: tuple[str, str], method: str, family: str, ends: Array) -> dict[s
 
 def _curves(first: Study, second: Study) -> pd.DataFrame:
     labels = ("environment", "kind", "method", "family", "joint", "shape")
-    if first.bench is None or second.bench is None:
+    if first.apparatus is None or second.apparatus is None:
         return pd.DataFrame()
     known = {tuple(getattr(b, name) for name in labels): b for b in second.boundaries}
     rows = []

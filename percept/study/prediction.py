@@ -17,8 +17,9 @@ from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
 from percept.inference.intervals import Interval
 from percept.scene import Scene
+from percept.study.apparatus import Apparatus
 from percept.study.bayesian import Fit
-from percept.study.boundaries import Bench, Range, environment_boundaries
+from percept.study.boundaries import Range, environment_boundaries
 from percept.study.posterior import thinned_points
 from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
 from percept.study.responses import ResponseScale, refuse_no_ratio
@@ -284,7 +285,7 @@ def _boundaries(
     reference: Array,
     name: str,
 ) -> tuple[Boundary, ...]:
-    known = study.bench
+    known = study.apparatus
     if known is None:
         return ()
     asked = study.scene.inference
@@ -306,9 +307,9 @@ def _boundaries(
     for part in draws:
         regions += draw_ellipses(part, {name: int(fit.prepared.counts.max())})
     environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
-    bench = Bench(known.device, known.period, known.hold, {name: environment}, known.coupling)
+    apparatus = Apparatus(known.device, known.period, known.hold, {name: environment}, known.coupling)
     frequencies: Range = study.frequencies
-    return tuple(environment_boundaries(bench, name, regions, draws, frequencies))
+    return tuple(environment_boundaries(apparatus, name, regions, draws, frequencies))
 
 
 def _native(scale: ResponseScale, response: Array) -> Array:

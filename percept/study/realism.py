@@ -12,7 +12,7 @@ from scipy import special
 from percept import haptics
 from percept.boundary.realism import Displayed, Populations, Realism, realism
 from percept.scene import Scene
-from percept.study.boundaries import Bench
+from percept.study.apparatus import Apparatus
 from percept.study.posterior import thinned_points
 from percept.study.streams import Stream, generator
 
@@ -54,12 +54,14 @@ def populations(fit: Fit, scene: Scene) -> dict[str, Populations]:
     return {e: Populations(limits("k", e), limits("b", e)) for e in dict.fromkeys(e for _, e in model.cells)}
 
 
-def study_realism(bench: Bench, fit: Fit, scene: Scene, omega: Array) -> Iterator[tuple[str, bool, Realism]]:
+def study_realism(
+    apparatus: Apparatus, fit: Fit, scene: Scene, omega: Array
+) -> Iterator[tuple[str, bool, Realism]]:
     """Judge every reference, without and through the coupling.
 
     Parameters
     ----------
-    bench : Bench
+    apparatus : Apparatus
         Device, references and coupling.
     fit : Fit
         A sampled posterior of both parameters.
@@ -75,13 +77,13 @@ def study_realism(bench: Bench, fit: Fit, scene: Scene, omega: Array) -> Iterato
     realism : Realism
     """
     for environment, users in populations(fit, scene).items():
-        reference = bench.references[environment]
+        reference = apparatus.references[environment]
         direct = (np.full(omega.shape, float(value)) for value in (reference.stiffness, reference.damping))
-        displayed = [Displayed(omega, bench.curve(environment, omega, coupled=False), *direct)]
-        if bench.coupling is not None:
-            shown = haptics.effective_impedance(omega, reference, bench.coupling, bench.period)
-            curve = bench.curve(environment, omega, coupled=True)
+        displayed = [Displayed(omega, apparatus.curve(environment, omega, coupled=False), *direct)]
+        if apparatus.coupling is not None:
+            shown = haptics.effective_impedance(omega, reference, apparatus.coupling, apparatus.period)
+            curve = apparatus.curve(environment, omega, coupled=True)
             displayed.append(Displayed(omega, curve, shown.stiffness, shown.damping))
-        judged = realism(displayed, users, bench.device, bench.period, hold=bench.hold)
+        judged = realism(displayed, users, apparatus.device, apparatus.period, hold=apparatus.hold)
         for coupled, found in zip((False, True), judged, strict=False):
             yield environment, coupled, found

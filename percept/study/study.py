@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
 from percept.errors import UsageError
-from percept.inference.hierarchy.priors import MEANINGS
 from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -27,8 +26,9 @@ if TYPE_CHECKING:
     from percept.boundary.realism import Realism
     from percept.boundary.records import Boundary
     from percept.inference.sampling.run import Progress
+    from percept.study.apparatus import Apparatus
     from percept.study.bayesian import Fit, RunStore
-    from percept.study.boundaries import Bench, Range
+    from percept.study.boundaries import Range
     from percept.study.coupling import CouplingStudy
     from percept.study.device_sensitivity import DeviceSensitivity
     from percept.study.model_checks import ModelChecks
@@ -184,20 +184,9 @@ class Study:
         """Verdict of the gate, what it rests on, and the priors in force; None without a fit."""
         if self.fit is None:
             return None
-        run = self.fit.run
-        ensembles, _, walkers, dimension = run.points.shape
-        return {
-            "gate": run.gate,
-            "steps": run.steps,
-            "ensembles": ensembles,
-            "walkers": walkers,
-            "dimension": dimension,
-            "tolerance": run.settings.tolerance,
-            "priors": [
-                {"prior": name, "value": value, "meaning": MEANINGS[name]}
-                for name, value in self.fit.prepared.model.priors.items()
-            ],
-        }
+        from percept.study.diagnostics import diagnostics
+
+        return diagnostics(self.fit)
 
     @cached_property
     def device(self) -> haptics.AnyDevice | None:
@@ -235,7 +224,9 @@ class Study:
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
-        return self._boundaries(self.frequencies, self.placed)
+        from percept.study.boundaries import JOINTS
+
+        return self._boundaries(self.frequencies, self.placed, self.scene.inference.kinds, JOINTS)
 
     def boundaries_at(
         self,
@@ -280,46 +271,36 @@ class Study:
         self,
         frequencies: Range,
         environments: Collection[str],
-        kinds: Collection[str] | None = None,
-        joints: Collection[str] | None = None,
+        kinds: Collection[str],
+        joints: Collection[str],
     ) -> tuple[Boundary, ...]:
-        if self.bench is None:
+        if self.apparatus is None:
             return ()
-        from percept.study.boundaries import environment_boundaries
-        from percept.study.regions import Region
+        from percept.study.boundaries import boundaries_of
 
-        def wanted(one: Region | Draws) -> bool:
-            joint = one.joint if isinstance(one, Region) else "joint"
-            return (kinds is None or one.kind in kinds) and (joints is None or joint in joints)
-
-        drawn = [draws for draws in self.curve_draws if wanted(draws)]
-        parts = []
-        for environment in environments:
-            regions = [one for one in self.regions if one.environment == environment and wanted(one)]
-            here = [draws.within(environment) for draws in drawn if environment in draws.pairs]
-            parts.append((self.bench, environment, regions, here, frequencies))
-        found = self.share(environment_boundaries, parts)
-        return tuple(boundary for boundaries in found for boundary in boundaries)
+        regions = [one for one in self.regions if one.kind in kinds and one.joint in joints]
+        draws = [one for one in self.curve_draws if one.kind in kinds and "joint" in joints]
+        return boundaries_of(self.apparatus, environments, regions, draws, frequencies, self.share)
 
     @cached_property
-    def bench(self) -> Bench | None:
+    def apparatus(self) -> Apparatus | None:
         """Device and references that curves are drawn for; None without a device or with one parameter."""
         if self.parameters != ("k", "b"):
             return None
-        return self._bench(
+        return self._apparatus(
             {
                 e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
                 for e in self.placed
             }
         )
 
-    def _bench(self, references: dict[str, haptics.Environment]) -> Bench | None:
+    def _apparatus(self, references: dict[str, haptics.Environment]) -> Apparatus | None:
         table = self.scene.device
         if table is None or self.device is None:
             return None
-        from percept.study.boundaries import Bench
+        from percept.study.apparatus import Apparatus
 
-        return Bench(self.device, table.period, table.hold, references, self.coupling_element)
+        return Apparatus(self.device, table.period, table.hold, references, self.coupling_element)
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:
@@ -354,13 +335,13 @@ class Study:
     @cached_property
     def coupling(self) -> CouplingStudy | None:
         """Stability and realism of the coupling; None without a device and a coupling."""
-        bench = self.bench or self._bench({})
-        if bench is None or bench.coupling is None:
+        apparatus = self.apparatus or self._apparatus({})
+        if apparatus is None or apparatus.coupling is None:
             return None
         from percept.study.coupling import study_coupling
 
         return study_coupling(
-            bench,
+            apparatus,
             self.boundaries,
             self.regions,
             ((e, coupled, found) for (e, coupled), found in self.realism.items()),
@@ -374,13 +355,13 @@ class Study:
         Empty without a device, a passed fit, or both parameters.
         """
         fit = self.fit
-        if self.bench is None or fit is None or not fit.run.gate.passed:
+        if self.apparatus is None or fit is None or not fit.run.gate.passed:
             return {}
         from percept.study.realism import study_realism
 
         omega = thinned(self.omega, _REALISM_POINTS)
         return {
-            (e, coupled): found for e, coupled, found in study_realism(self.bench, fit, self.scene, omega)
+            (e, coupled): found for e, coupled, found in study_realism(self.apparatus, fit, self.scene, omega)
         }
 
     @cached_property
@@ -389,11 +370,11 @@ class Study:
 
         Judged by the envelope of kind user in the scene's family; empty without a device or both parameters.
         """
-        if self.bench is None:
+        if self.apparatus is None:
             return {}
         from percept.study.coupling_design import design_by_method
 
-        return design_by_method(self.bench, self.regions, self.scene.inference.family, self.omega)
+        return design_by_method(self.apparatus, self.regions, self.scene.inference.family, self.omega)
 
     @cached_property
     def sensitivity(self) -> DeviceSensitivity | None:

@@ -100,12 +100,12 @@ def departure_of(boundary: Boundary, omega: np.ndarray, true: dict[str, np.ndarr
 
 
 def test_chosen_frequencies_follow_every_boundary_around_a_region(fitted: Study) -> None:
-    assert fitted.bench is not None
+    assert fitted.apparatus is not None
     fine = np.exp(np.sort(np.random.default_rng(1).uniform(np.log(0.1), np.log(100.0), 400)))
     for environment in fitted.environments:
         regions = [r for r in fitted.regions if r.environment == environment]
         found = [b for b in fitted.boundaries if b.environment == environment and b.joint != "joint"]
-        exact = environment_boundaries(fitted.bench, environment, regions, [], Range(0.1, 100.0, fine))
+        exact = environment_boundaries(fitted.apparatus, environment, regions, [], Range(0.1, 100.0, fine))
         assert len(exact) == 42
         for boundary, true in zip(found, exact, strict=True):
             curves = {side: getattr(true, side) for side in ("lower", "upper", "reference", "coupled")}
@@ -118,21 +118,23 @@ def test_chosen_frequencies_follow_every_boundary_around_a_region(fitted: Study)
 
 
 def test_chosen_frequencies_follow_every_band_through_draws(fitted: Study) -> None:
-    assert fitted.bench is not None
+    assert fitted.apparatus is not None
     fine = np.exp(np.sort(np.random.default_rng(2).uniform(np.log(0.1), np.log(100.0), 120)))
     known = {(b.environment, b.kind, b.method, b.family, b.shape): b for b in fitted.boundaries}
     for drawn in fitted.curve_draws:
         tail = 0.5 * (1.0 - drawn.level)
         for environment, pair in drawn.pairs.items():
             key = (environment, drawn.kind, drawn.method, drawn.family)
-            curves = perceived_magnitude(fine[:, None], fitted.bench.device, *pair, fitted.bench.period)
+            curves = perceived_magnitude(
+                fine[:, None], fitted.apparatus.device, *pair, fitted.apparatus.period
+            )
             whole = known[*key, "simultaneous"]
             logs = np.log(curves)
             mean, sd = logs.mean(axis=1), logs.std(axis=1, ddof=1)
             # Its reach in SDs is one number, here that of its own frequencies.
             ends = np.log([whole.lower, whole.upper])
             reach = np.interp(np.log(fine), np.log(whole.omega), 0.5 * (ends[1] - ends[0])) / sd
-            shown = {side: fitted.bench.curve(environment, fine, coupled=c) for side, c in SHOWN.items()}
+            shown = {side: fitted.apparatus.curve(environment, fine, coupled=c) for side, c in SHOWN.items()}
             middle = float(np.median(reach))
             true = {"lower": np.exp(mean - middle * sd), "upper": np.exp(mean + middle * sd), **shown}
             assert departure_of(whole, fine, true) < 1.1e-3
@@ -159,8 +161,8 @@ def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
 
 def test_realism_shares_are_those_of_membership(fitted: Study) -> None:
     boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3", "VE5"))
-    assert fitted.bench is not None
-    table = study_coupling(fitted.bench, boundaries, fitted.regions, read_at=10.0).realism
+    assert fitted.apparatus is not None
+    table = study_coupling(fitted.apparatus, boundaries, fitted.regions, read_at=10.0).realism
     assert len(table) == len(boundaries)
     for boundary, row in zip(boundaries, table.itertuples(), strict=True):
         assert boundary.coupled is not None
@@ -174,9 +176,9 @@ def test_realism_shares_are_those_of_membership(fitted: Study) -> None:
 
 
 def test_probability_of_stable_and_realistic(fitted: Study) -> None:
-    assert fitted.bench is not None
+    assert fitted.apparatus is not None
     found = [(e, coupled, one) for (e, coupled), one in fitted.realism.items()]
-    table = study_coupling(fitted.bench, (), (), found, read_at=10.0).probability
+    table = study_coupling(fitted.apparatus, (), (), found, read_at=10.0).probability
     assert table is not None
     through = table[table["coupled"].astype(bool)].set_index("environment")
     assert (through["stable_and_realistic"] == 0).all()  # the scene's device is too little damped
@@ -187,27 +189,29 @@ def test_probability_of_stable_and_realistic(fitted: Study) -> None:
 
 def test_designed_couplings_keep_the_next_user_inside(fitted: Study) -> None:
     design = fitted.coupling_design["bayesian"]
-    assert fitted.bench is not None
+    assert fitted.apparatus is not None
     coupling = design.each[1].largest
     assert coupling is not None
-    bench = dataclasses.replace(fitted.bench, coupling=coupling)
+    apparatus = dataclasses.replace(fitted.apparatus, coupling=coupling)
     region = next(
         r
         for r in fitted.regions
         if (r.environment, r.method, r.kind, r.joint) == ("VE2", "bayesian", "user", "marginal")
     )
     omega = np.geomspace(0.1, 100.0, 81)
-    lower, upper = region_curves(region, "envelope", omega, bench.device, bench.period, hold=bench.hold)
-    shown = bench.curve("VE2", omega, coupled=True)
+    lower, upper = region_curves(
+        region, "envelope", omega, apparatus.device, apparatus.period, hold=apparatus.hold
+    )
+    shown = apparatus.curve("VE2", omega, coupled=True)
     assert (shown >= lower * (1 - 1e-9)).all()
     assert (shown <= upper * (1 + 1e-9)).all()
-    assert study_coupling(bench, (), (), read_at=10.0).verdict in ("stable", "marginal")
+    assert study_coupling(apparatus, (), (), read_at=10.0).verdict in ("stable", "marginal")
 
 
 def test_no_coupling_to_judge(fitted: Study) -> None:
-    assert fitted.bench is not None
+    assert fitted.apparatus is not None
     with pytest.raises(UsageError, match="no coupling to judge"):
-        study_coupling(dataclasses.replace(fitted.bench, coupling=None), (), (), read_at=10.0)
+        study_coupling(dataclasses.replace(fitted.apparatus, coupling=None), (), (), read_at=10.0)
 
 
 def test_own_frequencies_are_taken_as_they_come(fitted):
