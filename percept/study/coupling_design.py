@@ -40,8 +40,7 @@ def design_by_method(
         references. Empty for a device whose table leaves out a part of the range, since no coupling can be
         shown stable there.
     """
-    device, period, hold = apparatus.device, apparatus.period, apparatus.hold
-    if not covers_range(device, period):
+    if not covers_range(apparatus.device, apparatus.period):
         return {}
     grid = np.geomspace(omega[0], omega[-1], min(_POINTS, omega.size))
     found = {}
