@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import glob
 import hashlib
 import json
 import os
@@ -73,7 +74,7 @@ class StudySource:
     Attributes
     ----------
     path : str
-        A session file, a folder of them, a pattern, or a published summary.
+        A session file, a folder of them, or a published summary.
     scene : Scene
         The batch's scene.
     changes : mapping
@@ -114,7 +115,7 @@ class StudySource:
 def sources(
     paths: Iterable[str], *, scene: Scene | None = None, changes: Mapping[str, Any] | None = None
 ) -> list[StudySource]:
-    """Take each path as a study, those named twice once.
+    """Take each path, and each that a pattern fits, as a study; those named twice once.
 
     Parameters
     ----------
@@ -132,11 +133,21 @@ def sources(
     Raises
     ------
     UsageError
-        Without a path, or for standard input.
+        Without a path, for standard input, or for a pattern that nothing fits.
     """
-    named = list(dict.fromkeys(paths))
+    named = list(dict.fromkeys(one for path in paths for one in _fitting(path)))
     if not named:
         raise UsageError("no study was given.", hint="Name session files or folders, one per study.")
     if "-" in named:
         raise UsageError("a batch does not read standard input.", value="-", hint="Name files or folders.")
     return [StudySource(path, scene or Scene(), changes or {}) for path in named]
+
+
+def _fitting(path: str) -> list[str]:
+    """Return what a pattern fits, as a shell would; anything else as it is."""
+    if Path(path).exists() or not any(sign in path for sign in "*?["):
+        return [path]
+    found = sorted(glob.glob(path, recursive=True))  # noqa: PTH207 - a pattern may be absolute
+    if not found:
+        raise UsageError("nothing fits the pattern.", value=path, hint="Check it: each match is one study.")
+    return found

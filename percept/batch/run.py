@@ -33,7 +33,8 @@ class Summary:
     counts : dict of str to int
         How many of the studies ended in each status, now or in an earlier run.
     failures : tuple of (str, str)
-        Name and message of each study that was refused, now or in an earlier run, or failed.
+        Name and message of each study that was refused or whose Bayesian numbers the gate withheld, now or in
+        an earlier run, or that failed.
     seconds : float
         Sum of the workers' times, now.
     """
@@ -64,7 +65,7 @@ def run_batch(
     mapper : Mapper
         The workers; see `percept.workers.open_mapper`.
     progress : callable, optional
-        Told how many studies are finished, of how many, and how many were refused or failed.
+        Told how many studies are finished, of how many, and how many of them are not done.
 
     Returns
     -------
@@ -141,6 +142,6 @@ class _Batch:
 
     def _count(self, name: str, status: Status, message: str | None) -> None:
         self._counts[status] += 1
-        if status in ("refused", "failed"):
+        if status != "done":
             self._failures.append((name, message or ""))
         self._tell(sum(self._counts.values()), len(self._studies), len(self._failures))

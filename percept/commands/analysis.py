@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from percept.study import Study
     from percept.study.bayesian import RunStore
 
-__all__ = ["add_analysis_arguments", "add_setting_arguments", "open_study", "settings"]
+__all__ = ["add_analysis_arguments", "add_setting_arguments", "open_study", "settings", "verdict"]
 
 _NOTICES = 10
 
@@ -78,8 +78,8 @@ def open_study(arguments: argparse.Namespace, progress: Working | None = None) -
     scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
     sessions = read_sessions(*arguments.sessions, options=options)
-    if sessions.notices and not arguments.quiet:
-        _tell(sessions.notices)
+    if not arguments.quiet:
+        _tell((*sessions.doubts, *sessions.notices))
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
     if scene.device is not None and scene.device.response:
         _ = study.device
@@ -94,6 +94,17 @@ def _tell(notices: Sequence[Notice]) -> None:
         print(f"notice: {printable(str(notice))}", file=sys.stderr)
     if len(notices) > _NOTICES:
         print(f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr)
+
+
+def verdict(study: Study) -> int:
+    """Say on standard error where the gate withholds the Bayesian numbers; return the exit code."""
+    from percept.errors import RefusalError
+
+    fit = study.fit
+    if fit is None or fit.run.gate.passed:
+        return 0
+    print(f"percept: Bayesian intervals are withheld: {' '.join(fit.run.gate.reasons)}", file=sys.stderr)
+    return RefusalError.exit_code
 
 
 def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:

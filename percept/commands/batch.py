@@ -1,8 +1,9 @@
 """Fit many studies on the cores of this machine or on a dask cluster; one bad study is reported, not fatal.
 
-Each STUDY is a session file, a folder of them (with a scene.toml of its own where it differs), or a quoted
-pattern, whose files together are one study. DIR/batch.parquet has the intervals of all; an interrupted batch
-goes on when started again. Exit code 1: some study was refused, now or in an earlier run, or failed.
+Each STUDY is a session file or a folder of them (with a scene.toml of its own where it differs); of a quoted
+pattern each match is one. DIR/batch.parquet has the intervals of all; an interrupted batch goes on when
+started again. Exit code 1: some study was refused or its Bayesian numbers withheld, now or in an earlier run,
+or failed.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.analysis import add_analysis_arguments, open_study, verdict
 from percept.commands.checks import add_check_arguments, print_checks
 from percept.commands.progress import Working
 
@@ -28,11 +28,13 @@ def run(arguments: argparse.Namespace) -> int:
         path = write_fit(study, arguments.out)
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
-        return 0
+        return verdict(study)
     columns = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
-    print(study.intervals[columns].to_string(index=False, float_format="{:.6g}".format))
+    table = study.intervals
+    if len(table):
+        print(table[columns].to_string(index=False, float_format="{:.6g}".format))
     for what, why in study.skipped:
         print(f"Left out: {what} ({why.removesuffix('.')}).")
     print_checks(study)
     print(path)
-    return 0
+    return verdict(study)

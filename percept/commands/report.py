@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import gc
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.analysis import add_analysis_arguments, open_study, verdict
 from percept.commands.checks import add_check_arguments
 from percept.commands.progress import Working
 
@@ -32,19 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the report; the last line printed is the page's path."""
+    """Write the report, with what the gate does not withhold; the last line printed is the page's path."""
     from percept.report import write_report
 
     with _rare_collections(), Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         page = write_report(study, arguments.out, formats=arguments.formats, pdf=arguments.pdf)
-    if study.fit is not None and not study.fit.run.gate.passed:
-        print(
-            f"percept: Bayesian intervals are withheld: {' '.join(study.fit.run.gate.reasons)}",
-            file=sys.stderr,
-        )
     print(page)
-    return 0
+    return verdict(study)
 
 
 @contextmanager

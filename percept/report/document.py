@@ -14,7 +14,7 @@ from percept.report.design import design_of
 from percept.report.findings import findings
 from percept.report.plain import plain
 from percept.report.select import distinct
-from percept.study.adjustments import adjustments
+from percept.study.adjustments import adjustments, design_counts
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -144,7 +144,9 @@ def _data(study: Study) -> dict[str, Any]:
         "parameters": list(sessions.parameters),
         "counts": plain(sessions.counts),
         "notices": [_located(notice, "text") for notice in sessions.notices],
+        "doubts": [_located(doubt, "text") for doubt in sessions.doubts],
         "exclusions": [_located(row, "who", "what", "why") for row in sessions.exclusions],
+        "design": design_counts(sessions),
         "cells": plain(list(adjustments(sessions))),
     }
 

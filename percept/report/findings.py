@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from percept.report.select import METHODS, distinct, matching
 
 __all__ = ["findings"]
+
+#: Fewer subjects than this are called few.
+_FEW = 5
+_SHOWN = 4
 
 
 def findings(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -23,9 +27,45 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
     dict
         ``references``: per method and family, how many references lie ``inside`` their own interval of kind
         mean, ``of`` how many, and which lie ``outside``. ``widths``: per method, family, parameter and
-        kind the ``narrowest`` and ``widest`` interval relative to its reference, and where.
+        kind the ``narrowest`` and ``widest`` interval relative to its reference, and where. ``cautions``:
+        sentences on what the numbers cannot bear.
     """
-    return {"references": _references(document["intervals"]), "widths": _widths(document["intervals"])}
+    intervals = document["intervals"]
+    return {
+        "references": _references(intervals),
+        "widths": _widths(intervals),
+        "cautions": [*_few(intervals), *_below_zero(intervals), *_doubtful(document["data"]["doubts"])],
+    }
+
+
+def _few(intervals: list[dict[str, Any]]) -> Iterator[str]:
+    subjects = max((row["n"] for row in intervals), default=_FEW)
+    if subjects < _FEW:
+        yield (
+            f"{subjects} subjects are few: classical limits rest on {subjects - 1} degree"
+            f"{'s' if subjects > 2 else ''} of freedom, Bayesian ones largely on the priors."
+        )
+
+
+def _below_zero(intervals: list[dict[str, Any]]) -> Iterator[str]:
+    cells: dict[str, list[str]] = {}
+    for row in matching(intervals, family="normal", joint="marginal"):
+        if row["lower"] is not None and float(row["lower"]) < 0 <= (row["reference"] or 0.0):
+            cells.setdefault(row["kind"], []).append(f"{row['parameter']} of {row['environment']}")
+    if cells:
+        where = "; ".join(f"{kind}: {', '.join(dict.fromkeys(names))}" for kind, names in cells.items())
+        yield (
+            "Some limits of the normal family are below zero, where no environment's stiffness or damping is "
+            f"({where}). Those of the lognormal family never are."
+        )
+
+
+def _doubtful(doubts: list[dict[str, Any]]) -> Iterator[str]:
+    for doubt in doubts[:_SHOWN]:
+        place = f"{doubt['file']}:{doubt['row']}: " if doubt["file"] else ""
+        yield f"{place}{doubt['text']}."
+    if len(doubts) > _SHOWN:
+        yield f"{len(doubts) - _SHOWN} more such doubts stand under Data."
 
 
 def _references(intervals: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -133,6 +134,13 @@ class Sessions:
     def environments(self) -> tuple[str, ...]:
         """Environment ids in order of first appearance."""
         return tuple(self.table["environment"].unique())
+
+    @cached_property
+    def doubts(self) -> tuple[Notice, ...]:
+        """What to look at before believing the study: slips, knobs that never moved, cells not tried."""
+        from percept.sessions.doubts import doubts
+
+        return doubts(self)
 
     def locate(self, index: int) -> tuple[str, int]:
         """File name and physical row of an observation.

@@ -90,7 +90,7 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
         exit_code=1 if refused else 0,
         form=sessions.form,
         sources=sessions.sources,
-        notices=sessions.notices + refused,
+        notices=sessions.notices + sessions.doubts + refused,
         exclusions=sessions.exclusions,
         counts=sessions.counts,
     )

@@ -1,4 +1,4 @@
-"""What was adjusted, environment by environment: each subject's value, their mean and SD."""
+"""What was adjusted: how often by whom, and environment by environment each subject's value, mean and SD."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from percept.inference.classical.trials import subject_means
 from percept.sessions import Sessions
 from percept.study.units import UNITS
 
-__all__ = ["adjustments"]
+__all__ = ["adjustments", "design_counts"]
 
 
 def adjustments(sessions: Sessions) -> Iterator[dict[str, Any]]:
@@ -45,6 +45,34 @@ def adjustments(sessions: Sessions) -> Iterator[dict[str, Any]]:
                 continue
             moments = means.moments()
             yield _described(cell, reference, values, float(moments.mean), float(moments.sd))
+
+
+def design_counts(sessions: Sessions) -> dict[str, Any] | None:
+    """Count trials, sessions and cells.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        The study.
+
+    Returns
+    -------
+    dict or None
+        cells (a subject at an environment), missing (of them, without a trial), trials (of a cell) and
+        sessions (of a subject), both [fewest, most]. None for published summaries.
+    """
+    if sessions.form != "trials":
+        return None
+    table = sessions.table
+    trials = table.groupby(["subject", "environment"], sort=False).size()
+    visits = table.groupby("subject", sort=False)["session"].nunique()
+    cells = len(sessions.subjects) * len(sessions.environments)
+    return {
+        "cells": cells,
+        "missing": cells - len(trials),
+        "trials": [int(trials.min()), int(trials.max())],
+        "sessions": [int(visits.min()), int(visits.max())],
+    }
 
 
 def _described(

@@ -34,13 +34,16 @@ def test_a_folder_goes_with_the_files_below_it_and_a_scene_of_its_own(tmp_path):
     assert files.scene["inference"]["seed"] == 7
 
 
-def test_a_pattern_keeps_apart_files_of_one_name(tmp_path):
-    for day in ("a", "b"):
+def test_each_match_of_a_pattern_is_a_study_as_a_shell_would_have_it(tmp_path):
+    for day in ("b", "a"):
         (tmp_path / day).mkdir()
         (tmp_path / day / "s.csv").write_text(day)
-    files = source(tmp_path / "*" / "s.csv").read()
-    assert dict(files.files) == {"a/s.csv": b"a", "b/s.csv": b"b"}
-    assert files.root == f"{tmp_path}/"
+    paths = [str(tmp_path / day / "s.csv") for day in ("a", "b")]
+    assert [one.path for one in sources([str(tmp_path / "*" / "s.csv"), paths[0]])] == paths
+    (tmp_path / "x*").mkdir()
+    assert [one.path for one in sources([str(tmp_path / "x*")])] == [str(tmp_path / "x*")]
+    with pytest.raises(UsageError, match="nothing fits the pattern"):
+        sources([str(tmp_path / "nowhere*")])
 
 
 def test_everything_the_rows_depend_on_is_in_the_key(tmp_path):

@@ -12,6 +12,7 @@ from percept.batch import run_batch, sources
 from percept.batch.work import analyse
 from percept.cli import main
 from percept.workers import InProcess, OnCluster
+from tests.batch.conftest import study_text
 from tests.workers.clusters import QUIET, in_threads, scheduler
 
 CLASSICAL = {"method": "classical"}
@@ -137,3 +138,22 @@ def test_wrong_usage_starts_nothing(studies, tmp_path, capsys, arguments, messag
     assert main(["batch", studies[0], *arguments, "--out", str(tmp_path / "out")]) == 2
     assert re.search(message, capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_withheld_posterior_is_no_success(tmp_path, capsys):
+    path = tmp_path / "s.csv"
+    path.write_text(study_text(1))
+    (tmp_path / "hasty.toml").write_text("[inference]\ntolerance = 1e-4\nmost_steps = 200\n")
+    words = [
+        "batch",
+        str(path),
+        "--scene",
+        str(tmp_path / "hasty.toml"),
+        "--out",
+        str(tmp_path / "out"),
+        "--quiet",
+    ]
+    assert main([*words, "--workers", "1"]) == 1
+    captured = capsys.readouterr()
+    assert "Monte Carlo error" in captured.err
+    assert "1 studies (1 withheld)" in captured.out

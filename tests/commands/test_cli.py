@@ -191,7 +191,7 @@ def test_of_many_notices_the_first_are_said(tmp_path, capsys):
     folder.mkdir()
     for number in range(12):
         rows = "\n".join(
-            f"S{number},{e},{k},1,{k * (1 + 0.01 * number)},1.1,x" for e, k in (("A", 10), ("B", 99))
+            f"S{number},{e},{k},1,{k * (1.01 + 0.01 * number)},1.1,x" for e, k in (("A", 10), ("B", 99))
         )
         (folder / f"s{number}.csv").write_text(
             HEADER.replace("\n", f",extra_{number}\n") + rows + "\n", encoding="utf-8"
@@ -231,7 +231,7 @@ def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
     code = main(
         ["report", sessions, "--scene", str(scene), "--out", str(tmp_path / "out"), "--no-cache", "--quiet"]
     )
-    assert code == 0
+    assert code == 1
     captured = capsys.readouterr()
     assert captured.out.strip() == str(tmp_path / "out" / "report.html")
     assert captured.err.startswith("percept: Bayesian intervals are withheld: ")

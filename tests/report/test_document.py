@@ -130,11 +130,12 @@ def test_widths_are_relative_to_the_reference(classical):
 
 
 def test_what_has_no_reference_or_limit_is_not_counted(classical):
-    document = {"intervals": [dict(row) for row in classical["intervals"]], "boundaries": []}
+    nothing = {"boundaries": [], "data": {"doubts": []}}
+    document = {"intervals": [dict(row) for row in classical["intervals"]], **nothing}
     for row in document["intervals"]:
         row["reference"] = None if row["environment"] == "VE1" else row["reference"]
     assert {row["of"] for row in findings(document)["references"]} == {8}
-    assert findings({"intervals": [], "boundaries": []}) == {"references": [], "widths": []}
+    assert findings({"intervals": [], **nothing}) == {"references": [], "widths": [], "cautions": []}
 
 
 def test_a_summary_and_a_scene_without_device_are_documents_too():

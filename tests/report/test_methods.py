@@ -18,7 +18,11 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
         for p in parameters
     ]
     document = {
-        "data": {"form": form, "environments": [f"VE{j}" for j in range(environments)]},
+        "data": {
+            "form": form,
+            "parameters": [*parameters],
+            "environments": [f"VE{j}" for j in range(environments)],
+        },
         "provenance": {
             "scene": {"inference": {"family": "lognormal"}, "model": model},
             "versions": {"percept": "0"},

@@ -4,6 +4,7 @@ import copy
 import re
 from html.parser import HTMLParser
 
+import pandas as pd
 import pytest
 
 from percept import Study, read_sessions
@@ -198,7 +199,7 @@ def test_a_section_not_needed_is_absent(classical):
     )
     assert names_of(document) == ["summary", "intervals", "band", "data", "methods", "provenance", "skipped"]
     page = page_of(document)
-    assert "Published limits for 5 references" in page
+    assert "Published limits, or means and standard deviations, for 5 references" in page
     assert "Llewellyn" not in page
     assert "emcee" not in re.sub(r'<script.*?</script>|"emcee.*', "", page.split('<h2 id="provenance')[0])
 
@@ -213,13 +214,40 @@ def said_of(sessions):
 def test_one_environment_is_spoken_of_as_one():
     whole = read_sessions(DATASETS / "hbfd_sessions.csv").table
     one = said_of(Sessions.from_frame(whole[whole["environment"] == "VE1"]))
-    assert "until it felt like the one reference, VE1." in one
-    assert "until it felt like the one reference environment." in one
+    assert "until it felt like a reference, once each. The one reference is VE1." in one
+    assert "until it felt like the one reference environment, once each." in one
     assert re.search(r"for stiffness is [\d.]+ % \(VE1\) of the reference wide", one)
     assert "1 reference" not in one
+    assert re.search(r"Intervals\W+1\W+were derived with percept", one)
+    assert "boundaries were derived" not in one
     two = said_of(Sessions.from_frame(whole[whole["environment"].isin(["VE1", "VE2"])]))
-    assert "until it felt like each of 2 references: VE1, VE2." in two
+    assert "until it felt like a reference, once each. References: VE1, VE2." in two
     assert re.search(r"for stiffness is between [\d.]+ % \(VE\d\) and [\d.]+ % \(VE\d\) of", two)
+
+
+def test_trials_sessions_and_cells_not_tried_are_told():
+    whole = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    again = whole[whole["subject"] != whole["subject"].iloc[0]].assign(session="2", trial=2)
+    again[["k_adj", "b_adj"]] *= 1.01
+    said = said_of(Sessions.from_frame(pd.concat([whole.iloc[1:], again])))
+    told = (
+        "in 1 to 2 trials each over 1 to 2 sessions "
+        "(1 of 50 pairs of a subject and a reference were not tried)"
+    )
+    assert f"until it felt like a reference, {told}. References: VE1" in said
+    assert f"one of 5 reference environments, {told}." in said
+    assert "each equal-tailed; a subject counts once, by the mean of the trials." in said
+    assert "Before you rely on it: 1 cell has no trial: " in said
+
+
+def test_few_subjects_and_limits_below_zero_are_cautioned_of():
+    whole = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    two = whole[whole["subject"].isin(whole["subject"].unique()[:2])]
+    said = said_of(Sessions.from_frame(two))
+    assert "2 subjects are few: classical limits rest on 1 degree of freedom" in said
+    assert "Some limits of the normal family are below zero" in said
+    assert "share: k of VE1" in said
+    assert "subjects are few" not in said_of(Sessions.from_frame(whole))
 
 
 def test_curves_of_both_methods_are_compared_on_the_page(both, read):

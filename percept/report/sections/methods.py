@@ -8,6 +8,7 @@ from typing import Any
 from percept.report.references import bibtex, cited
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, family_of
+from percept.study.units import NAMES
 
 __all__ = ["build"]
 
@@ -39,8 +40,10 @@ def build(document: Mapping[str, Any]) -> Part:
         "Methods, ready to paste",
         {
             "data": document["data"],
+            "parameters": [NAMES[name] for name in document["data"]["parameters"]],
+            "boundaries": bool(document["boundaries"]),
             "device": scene.get("device"),
-            "coupling": scene.get("coupling"),
+            "coupling": scene.get("coupling") if document["coupling"] else None,
             "family": family_of(document),
             "kinds": [kind for kind in KINDS if any(row["kind"] == kind for row in intervals)],
             "classical": "classical" in used,

@@ -7,10 +7,9 @@ from typing import Any
 
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, family_of, first, matching
+from percept.study.units import NAMES
 
 __all__ = ["build"]
-
-_PARAMETERS = {"k": "stiffness", "b": "damping"}
 
 
 def build(document: Mapping[str, Any]) -> Part:
@@ -31,12 +30,13 @@ def build(document: Mapping[str, Any]) -> Part:
         "Summary",
         {
             "data": document["data"],
-            "parameters": [_PARAMETERS[name] for name in document["data"]["parameters"]],
+            "parameters": [NAMES[name] for name in document["data"]["parameters"]],
             "references": _references(document),
             "widths": _widths(document),
             "coupling": document["coupling"],
             "scene": scene,
             "law": _law(document),
+            "cautions": document["summary"]["cautions"],
             "gate": gate,
             "missing": [kind for kind in KINDS if kind not in {r["kind"] for r in document["intervals"]}],
         },
@@ -46,7 +46,7 @@ def build(document: Mapping[str, Any]) -> Part:
 def _widths(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return, per parameter, the widths of one kind and method: the next user's, Bayesian if there is one."""
     rows = [
-        {**row, "place": f"/summary/widths/{index}", "name": _PARAMETERS[row["parameter"]]}
+        {**row, "place": f"/summary/widths/{index}", "name": NAMES[row["parameter"]]}
         for index, row in enumerate(document["summary"]["widths"])
     ]
     chosen = (
@@ -56,7 +56,7 @@ def _widths(document: Mapping[str, Any]) -> list[dict[str, Any]]:
             method=("bayesian", "classical"),
             family=(family_of(document), "lognormal", "normal"),
         )
-        for parameter in _PARAMETERS
+        for parameter in NAMES
     )
     return [dict(row) for row in chosen if row is not None]
 

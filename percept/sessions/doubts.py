@@ -1,0 +1,108 @@
+"""What an analyst should look at before believing a study: slips, knobs that never moved, cells not tried."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from percept.sessions.problems import shown
+from percept.sessions.records import Notice
+
+if TYPE_CHECKING:
+    from percept.sessions.records import Sessions
+
+__all__ = ["doubts"]
+
+#: From so many times the median of its environment's adjustments, or as small a part of it, a value is looked
+#: at: a unit's or a digit's slip, and hardly ever a person.
+_FAR = 30.0
+#: Subjects an environment needs for its median to say anything of one of them.
+_FEWEST = 3
+
+
+def doubts(sessions: Sessions) -> tuple[Notice, ...]:
+    """Find what is seldom meant. Nothing is left out: that is for the analyst to declare.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        The study.
+
+    Returns
+    -------
+    tuple of Notice
+        Values far from all others of their environment, values that have no logarithm, subjects who left a
+        parameter at the reference in two or more trials, and environments a subject did not try. None for
+        published summaries.
+    """
+    if sessions.form != "trials":
+        return ()
+    found: list[Notice] = []
+    for parameter in sessions.parameters:
+        found += _slips(sessions, parameter)
+        found += _without_logarithm(sessions, parameter)
+        found += _never_moved(sessions, parameter)
+    return (*found, *_not_tried(sessions))
+
+
+def _slips(sessions: Sessions, parameter: str) -> Iterator[Notice]:
+    table, column = sessions.table, f"{parameter}_adj"
+    positive = table[table[column] > 0]
+    by_environment = positive.groupby("environment", sort=False)
+    typical = by_environment[column].transform("median").to_numpy()
+    enough = by_environment["subject"].transform("nunique").to_numpy() >= _FEWEST
+    values = positive[column].to_numpy(dtype=float)
+    far = enough & ((values > _FAR * typical) | (values < typical / _FAR))
+    for at in np.flatnonzero(far).tolist():
+        row = positive.iloc[at]
+        file, line = sessions.locate(positive.index[at])
+        yield Notice(
+            f"subject {shown([row['subject']])} set {values[at]:.6g} in {shown([row['environment']])}, "
+            f"{values[at] / typical[at]:.2g} times the median of {typical[at]:.6g} there: a slip?",
+            file, line, column,
+        )  # fmt: skip
+
+
+def _without_logarithm(sessions: Sessions, parameter: str) -> Iterator[Notice]:
+    column = f"{parameter}_adj"
+    low = sessions.table.index[sessions.table[column] <= 0]
+    if len(low):
+        file, line = sessions.locate(low[0])
+        count = "1 value is" if len(low) == 1 else f"{len(low)} values are"
+        yield Notice(
+            f"{count} zero or negative, here the first: the lognormal family, the default, refuses them",
+            file, line, column,
+        )  # fmt: skip
+
+
+def _never_moved(sessions: Sessions, parameter: str) -> Iterator[Notice]:
+    column = f"{parameter}_adj"
+    known = sessions.table[sessions.table[column].notna()]
+    still = pd.DataFrame(
+        {"subject": known["subject"], "same": known[column] == known[f"{parameter}_ref"]}
+    ).groupby("subject", sort=False)["same"]
+    told = still.agg(["all", "size"])
+    names = [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]
+    if names:
+        who = "subject" if len(names) == 1 else "subjects"
+        yield Notice(
+            f"{who} {shown(names)} left {parameter} at the reference in every trial: "
+            "was what they set recorded?",
+            column=column,
+        )
+
+
+def _not_tried(sessions: Sessions) -> Iterator[Notice]:
+    tried = set(map(tuple, sessions.table[["subject", "environment"]].drop_duplicates().to_numpy().tolist()))
+    lacking = [
+        f"{subject} at {environment}"
+        for subject in sessions.subjects
+        for environment in sessions.environments
+        if (subject, environment) not in tried
+    ]
+    if lacking:
+        what = "1 cell has" if len(lacking) == 1 else f"{len(lacking)} cells have"
+        yield Notice(f"{what} no trial: {shown(lacking)}")

@@ -1,0 +1,84 @@
+"""What is seldom meant is said, with its place, and nothing is left out."""
+
+from __future__ import annotations
+
+import pytest
+
+from percept import read_sessions
+from percept.sessions import Sessions, format_validation, validate
+from tests import DATASETS
+
+HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj"
+CLEAN = [f"{s},{e},{k},{b},{k * (1 + s / 10)},{b * (1 - s / 20)}" for s in (1, 2, 3, 4) for e, k, b in (
+    ("soft", 100.0, 1.0), ("hard", 2000.0, 10.0))]  # fmt: skip
+
+
+def doubts_of(tmp_path, rows):
+    path = tmp_path / "s.csv"
+    path.write_text("\n".join([HEADER, *rows]) + "\n")
+    return [str(doubt).removeprefix(f"{tmp_path}/") for doubt in read_sessions(path).doubts]
+
+
+def test_ordinary_studies_raise_none(tmp_path):
+    assert doubts_of(tmp_path, CLEAN) == []
+    for name in ("hbfd_sessions.csv", "hbfd_table1.csv"):
+        assert read_sessions(DATASETS / name).doubts == ()
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (71900.0, None),
+        (72100.0, "set 72100 in 'hard', 30 times the median of 2400 there: a slip?"),
+        (77.0, None),
+        (76.0, "set 76 in 'hard', 0.033 times the median of 2300 there: a slip?"),
+    ],
+)
+def test_a_value_far_from_all_others_of_its_environment(tmp_path, value, said):
+    # The median of 2200, 2400, 2400 and a large value is 2400, that with a small one 2300.
+    rows = [f"{s},hard,2000,10,{k},{9 + s}" for s, k in ((1, 2200), (2, 2400), (3, 2400), (4, value))]
+    assert doubts_of(tmp_path, rows) == ([f"s.csv:5:k_adj: subject '4' {said}"] if said else [])
+
+
+def test_two_subjects_say_nothing_of_each_other(tmp_path):
+    assert doubts_of(tmp_path, ["1,a,100,1,9000,1.1", "2,a,100,1,110,0.9"]) == []
+
+
+def test_values_without_a_logarithm(tmp_path):
+    rows = [*CLEAN, "5,soft,100,1,0,1.2", "5,hard,2000,10,-3,11"]
+    assert doubts_of(tmp_path, rows) == [
+        "s.csv:10:k_adj: 2 values are zero or negative, here the first: the lognormal family, the default, "
+        "refuses them"
+    ]
+
+
+def test_a_knob_that_never_moved(tmp_path):
+    still = ["8,soft,100,1,100,1.1", "8,hard,2000,10,2000,10"]
+    once = ["9,soft,100,1,100,0.8", "9,hard,2000,10,1900,11"]
+    assert doubts_of(tmp_path, [*CLEAN, *still, *once]) == [
+        "k_adj: subject '8' left k at the reference in every trial: was what they set recorded?"
+    ]
+
+
+def test_cells_not_tried_are_named(tmp_path):
+    assert doubts_of(tmp_path, CLEAN[:-1]) == ["1 cell has no trial: '4 at hard'"]
+    assert doubts_of(tmp_path, [*CLEAN[1:3], *CLEAN[4:]]) == [
+        "2 cells have no trial: '1 at soft', '2 at hard'"
+    ]
+
+
+def test_rows_of_a_filtered_table_keep_their_places(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("\n".join([HEADER, *CLEAN, "5,soft,100,1,0,1.2"]) + "\n")
+    sessions = read_sessions(path)
+    kept = Sessions(
+        sessions.table[sessions.table["subject"] != "1"], "trials", sessions.sources,
+        provenance=sessions.provenance,
+    )  # fmt: skip
+    assert (kept.doubts[0].row, kept.doubts[0].column) == (10, "k_adj")
+
+
+def test_validate_says_them(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("\n".join([HEADER, *CLEAN[:-1]]) + "\n")
+    assert "notice: 1 cell has no trial: '4 at hard'" in format_validation(validate(path)).splitlines()
