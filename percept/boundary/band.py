@@ -276,7 +276,7 @@ def _sentence(
 ) -> str:
     smallest = min(errors.values())
     alike = [name for name, error in errors.items() if error <= _ALIKE * smallest]
-    rank = "no law of the three does better" if law in alike else "another law does better"
+    rank = "no law of the three does clearly better" if law in alike else "another law does better"
     off = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
     error = f"With one environment left out, {off}; {rank}."
     if not smallest < _OF_NO_USE:

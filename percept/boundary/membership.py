@@ -12,8 +12,9 @@ from percept.errors import UsageError
 __all__ = ["Membership", "depth_membership", "magnitude_membership"]
 
 Array = NDArray[np.float64]
-# A limit of zero has no logarithm; this far below the curve it can no longer be left.
-_NOTHING = 1e-12
+# Limits of zero and of infinity have no logarithm; at this depth (twelve decades) they can no longer be left.
+_DEEP = 12.0 * np.log(10.0)
+_LEAST, _MOST = np.finfo(np.float64).tiny, np.finfo(np.float64).max
 
 
 @dataclass(frozen=True)
@@ -61,13 +62,14 @@ def magnitude_membership(omega: Array, lower: Array, upper: Array, curve: Array)
     """
     shared = np.isinf(lower) & np.isinf(upper) & np.isinf(curve)
     omega, lower, upper, curve = (part[~shared] for part in (omega, lower, upper, curve))
-    # An impedance that vanishes is far below every limit, where its logarithm would be beyond all numbers.
-    log = np.log(np.maximum(curve, np.finfo(np.float64).tiny))
-    floor = log + np.log(_NOTHING)
-    with np.errstate(divide="ignore"):
-        over = log - np.maximum(np.log(lower), floor)
-        under = np.log(upper) - log
-    return depth_membership(omega, np.stack([over, np.minimum(under, -floor + log)]))
+    over = np.where(lower > 0, np.minimum(_log(curve) - _log(lower), _DEEP), _DEEP)
+    under = np.where(upper < np.inf, np.minimum(_log(upper) - _log(curve), _DEEP), _DEEP)
+    return depth_membership(omega, np.stack([over, under]))
+
+
+def _log(values: Array) -> Array:
+    """Logarithms, those of zero and of infinity as far out as doubles reach."""
+    return np.asarray(np.log(np.clip(values, _LEAST, _MOST)))
 
 
 def depth_membership(omega: Array, depths: Array) -> Membership:

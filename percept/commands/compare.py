@@ -52,10 +52,13 @@ def run(arguments: argparse.Namespace) -> int:
             found = compare_studies(*studies)
     if arguments.json:
         parts = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
-        _print_json({"studies": names, "notes": found.notes, **parts})
+        _print_json({"studies": names, **_stated(studies[0]), "notes": found.notes, **parts})
         return 0
     unit = "ratio B/A" if studies[0].scene.inference.family == "lognormal" else "difference B - A"
     print("\n".join([f"A: {names['a']}", f"B: {names['b']}", *found.notes]))
+    from percept.inference.covers import percent
+
+    print(f"Level {percent(studies[0].scene.inference.level)}, {studies[0].scene.inference.family} family.")
     if len(found.differences):
         print(f"\nAverage users, {unit}; spread between users, ratio B/A:")
         _print(found.differences)
@@ -113,10 +116,10 @@ def _methods(study: Study, *, as_json: bool) -> int:
 
     table = study.comparison
     if table is None:
-        asked = study.scene.inference.method
-        if asked != "both":
+        method = study.scene.inference.method
+        if method != "both":
             raise RefusalError(
-                f"only the {asked} method was asked for: there is nothing to compare it with.",
+                f"only the {method} method was asked for: there is nothing to compare it with.",
                 hint='Set method = "both", or give a second study.',
             )
         raise RefusalError(
@@ -130,9 +133,12 @@ def _methods(study: Study, *, as_json: bool) -> int:
         )
     curves = study.curve_comparison
     if as_json:
-        _print_json({"comparison": table, "curves": curves})
+        _print_json({**_stated(study), "comparison": table, "curves": curves})
         return 0
-    print(f"Intervals in pairs, {study.scene.inference.family} family:")
+    from percept.inference.covers import percent
+
+    asked = study.scene.inference
+    print(f"Intervals in pairs, {asked.family} family, level {percent(asked.level)}:")
     _print(table[_CELL + _PAIR])
     reasons = [name for name in _REASONS if name in table]
     print("\nWhy they differ (width ratio on the family's scale: spread_ratio times certainty_ratio):")
@@ -141,6 +147,12 @@ def _methods(study: Study, *, as_json: bool) -> int:
         print(f"The pull of the priors rests on {table['prior_effective'].iloc[0]:.0f} effective draws.")
     _print_curves(curves, "Bayesian/classical")
     return 0
+
+
+def _stated(study: Study) -> dict[str, Any]:
+    """Return what the intervals of a comparison claim."""
+    asked = study.scene.inference
+    return {"level": asked.level, "family": asked.family}
 
 
 def _print_curves(curves: pd.DataFrame, ratio: str) -> None:

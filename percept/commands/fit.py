@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 
 from percept.commands.analysis import add_analysis_arguments, open_study, verdict
 from percept.commands.checks import add_check_arguments, print_checks
@@ -33,8 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
     table = study.intervals
     if len(table):
         print(table[columns].to_string(index=False, float_format="{:.6g}".format))
-    for what, why in study.skipped:
-        print(f"Left out: {what} ({why.removesuffix('.')}).")
+    for row in json.loads(path.read_text(encoding="utf-8"))["skipped"]:
+        print(f"Left out: {row['what']} ({row['why'].removesuffix('.')}).")
     print_checks(study)
     print(path)
     return verdict(study)

@@ -184,7 +184,7 @@ def qualifying_region(
     hold : {"average", "true"}
         Eq. 8, or the true zero-order hold.
     damping : array_like, shape (m,), optional
-        The lines of b_c, N·s/m; by default 161 of them up to the largest that is stable.
+        The lines of b_c, N·s/m; by default some 160 of them up to the largest that is stable.
 
     Returns
     -------

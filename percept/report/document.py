@@ -26,9 +26,9 @@ SCHEMA = "percept-report/1"
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
 # In the order they are written.
 _PARTS = (
-    "schema", "provenance", "data", "intervals", "boundaries", "zoom", "close", "readings", "coupling",
-    "band", "design", "sensitivity", "comparison", "curve_comparison", "diagnostics", "checks", "skipped",
-    "summary",
+    "schema", "provenance", "data", "intervals", "boundaries", "zoom", "close", "readings", "passivity",
+    "coupling", "band", "design", "sensitivity", "comparison", "curve_comparison", "diagnostics", "checks",
+    "skipped", "summary",
 )  # fmt: skip
 
 
@@ -80,8 +80,9 @@ def build_document(
     show(document)
     document |= {
         "coupling": plain(study.coupling) if curves else None,
+        "passivity": plain(study.passivity) if curves else None,
         "band": plain(study.band) if curves else None,
-        "design": design_of(study) if document["boundaries"] else None,
+        "design": design_of(study) if document["boundaries"] and study.scene.coupling else None,
     }
     show(document)
     document |= {
@@ -90,7 +91,7 @@ def build_document(
         "curve_comparison": plain(study.curve_comparison) if curves else [],
         "diagnostics": plain(study.diagnostics),
         "checks": checks_of(study),
-        "skipped": [{"what": what, "why": why} for what, why in study.skipped],
+        "skipped": _skipped(study, curves=curves),
     }
     document["summary"] = findings(document)
     return document
@@ -149,6 +150,21 @@ def _data(study: Study) -> dict[str, Any]:
         "design": design_counts(sessions),
         "cells": plain(list(adjustments(sessions))),
     }
+
+
+def _skipped(study: Study, *, curves: bool) -> list[dict[str, str]]:
+    """Say what is left out, and without curves also what the report would have."""
+    left = {
+        "boundaries and readings": study.apparatus is not None,
+        "coupling, couplings that would do": study.apparatus is not None and study.scene.coupling is not None,
+        "sensitivity to the device": study.apparatus is not None,
+        "band and its law": len(study.parameters) == 2 and len(study.environments) > 1,
+    }
+    known = [] if curves else [name for name, there in left.items() if there]
+    return [
+        *({"what": name, "why": "percept report works it out"} for name in known),
+        *({"what": what, "why": why} for what, why in study.skipped),
+    ]
 
 
 def _located(record: Any, *names: str) -> dict[str, Any]:

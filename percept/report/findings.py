@@ -34,7 +34,12 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "references": _references(intervals),
         "widths": _widths(intervals),
-        "cautions": [*_few(intervals), *_below_zero(intervals), *_doubtful(document["data"]["doubts"])],
+        "cautions": [
+            *_few(intervals),
+            *_below_zero(intervals),
+            *_active(document["passivity"]),
+            *_doubtful(document["data"]["doubts"]),
+        ],
     }
 
 
@@ -57,6 +62,15 @@ def _below_zero(intervals: list[dict[str, Any]]) -> Iterator[str]:
         yield (
             "Some limits of the normal family are below zero, where no environment's stiffness or damping is "
             f"({where}). Those of the lognormal family never are."
+        )
+
+
+def _active(passivity: list[dict[str, Any]] | None) -> Iterator[str]:
+    names = [row["environment"] for row in passivity or () if not row["passive"]]
+    if names:
+        yield (
+            f"Without a coupling this device has too little damping to render {', '.join(names)} passively "
+            "(Colgate and Schenkel): such references may chatter, and adjustments to them may be biased."
         )
 
 

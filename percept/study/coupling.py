@@ -15,7 +15,7 @@ from percept.boundary.membership import depth_membership, magnitude_membership
 from percept.boundary.realism import Realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
-from percept.haptics import AnyDevice, Coupling, Environment
+from percept.haptics import Coupling, Environment
 from percept.study.apparatus import Apparatus
 from percept.study.regions import Region
 
@@ -56,9 +56,6 @@ class CouplingStudy:
         region) and plane_leaves_coupled.
     read_at : float
         Where single values are read, rad/s.
-    passivity : DataFrame
-        environment, needed_colgate, needed_paper (N·s/m), device_damping, passive: one-port passivity
-        of rendering the reference directly.
     probability : DataFrame or None
         environment, coupled, magnitude, plane (posterior probability that the displayed impedance lies
         between the limits of a level of users throughout the range, by abs(Z_h) or by stiffness and damping
@@ -78,7 +75,6 @@ class CouplingStudy:
     bound: Array
     admittance: Array
     realism: pd.DataFrame
-    passivity: pd.DataFrame
     read_at: float
     probability: pd.DataFrame | None = None
 
@@ -139,7 +135,6 @@ def study_coupling(
         admittance=haptics.coupling_admittance(omega, coupling, period).real,
         realism=_realism(apparatus, coupling, boundaries, regions, read_at),
         read_at=read_at,
-        passivity=_passivity(device, period, apparatus.references),
         probability=_probability(realisms, _STABLE.get(verdict.verdict)),
     )
 
@@ -209,22 +204,3 @@ def _probability(realisms: Iterable[tuple[str, bool, Realism]], stable: bool | N
         for environment, coupled, found in realisms
     ]
     return pd.DataFrame(rows) if rows else None
-
-
-def _passivity(device: AnyDevice, period: float, references: dict[str, Environment]) -> pd.DataFrame:
-    if not isinstance(device, haptics.Device):
-        return pd.DataFrame()
-    rows = []
-    for name, environment in references.items():
-        colgate = float(haptics.passivity_damping(environment, period, model="colgate"))
-        paper = float(haptics.passivity_damping(environment, period, model="tustin"))
-        rows.append(
-            {
-                "environment": name,
-                "needed_colgate": colgate,
-                "needed_paper": paper,
-                "device_damping": device.damping,
-                "passive": device.damping > colgate,
-            }
-        )
-    return pd.DataFrame(rows)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import percept
 from percept.inference.checks.prior import draw_prior, log_prior
 from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.hierarchy.pooled import Pooled
@@ -203,4 +204,6 @@ def data_tree(groups: Groups) -> Any:
     tree = arviz_base.from_dict(groups.arrays, coords=groups.coords, dims=groups.dims)
     for node in tree.subtree:
         node.attrs.pop("created_at", None)
+        node.attrs.pop("creation_library_language", None)
+        node.attrs |= {"creation_library": "percept", "creation_library_version": percept.__version__}
     return tree

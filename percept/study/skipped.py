@@ -93,7 +93,7 @@ def _haptics(study: Study) -> Iterator[Reason]:
     else:
         yield from _devices(study)
     if study.scene.coupling is None:
-        yield "coupling: Z_h_vc and stability", "the scene has no [coupling]"
+        yield "coupling: Z_h_vc, stability and couplings that would do", "the scene has no [coupling]"
     elif study.device is None:
         yield "coupling: Z_h_vc and stability", "the scene has no [device]"
 
@@ -103,7 +103,9 @@ def _devices(study: Study) -> Iterator[Reason]:
     table, device, asked = study.scene.device, study.device, study.scene.inference
     assert table is not None
     assert device is not None
-    if not covers_range(device, table.period):
+    if study.scene.coupling is None:
+        pass
+    elif not covers_range(device, table.period):
         yield "couplings that would do", "the device's table leaves out a part of the range up to Nyquist"
     elif "user" not in asked.kinds:
         yield "couplings that would do", "they are judged by intervals of kind user, which were not asked for"

@@ -348,6 +348,15 @@ class Study:
             read_at=self.scene.frequency.read_at,
         )
 
+    @property
+    def passivity(self) -> pd.DataFrame | None:
+        """Whether each reference, rendered without the coupling, is passive; None without a device."""
+        if self.apparatus is None:
+            return None
+        from percept.study.passivity import direct_passivity
+
+        return direct_passivity(self.apparatus)
+
     @cached_property
     def realism(self) -> dict[tuple[str, bool], Realism]:
         """Probability that each reference feels real, without and through the coupling (True).

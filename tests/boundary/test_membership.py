@@ -52,6 +52,31 @@ def test_a_lower_limit_of_zero_cannot_be_left() -> None:
     assert (found.inside, found.leaves) == (1.0, ())
 
 
+@pytest.mark.parametrize(
+    ("lower", "upper", "curve", "inside", "margin"),
+    [
+        # An endless impedance is beyond a finite limit, and within one that is endless too.
+        ([0.1] * 3, [2.0] * 3, [1.0, np.inf, 1.0], (0.0, 0.01), -700.0),
+        ([0.1] * 3, [2.0, np.inf, 2.0], [1.0, np.inf, 1.0], (1.0, 1.0), np.log(2.0)),
+        # Nothing but zero lies between zero and zero; no finite impedance beyond an endless limit.
+        ([0.0] * 3, [2.0, 0.0, 2.0], [1.0] * 3, (0.0, 0.01), -700.0),
+        ([0.0] * 3, [2.0, 0.0, 2.0], [1.0, 0.0, 1.0], (1.0, 1.0), 0.0),
+        ([0.1, np.inf, 0.1], [2.0, np.inf, 2.0], [1.0] * 3, (0.0, 0.01), -700.0),
+        # Poles of curve and limit alone, at one end.
+        ([0.1] * 3, [np.inf, 2.0, 2.0], [np.inf, 1.0, 1.0], (1.0, 1.0), np.log(2.0)),
+    ],
+)
+def test_endless_and_vanishing_limits_and_impedances(lower, upper, curve, inside, margin) -> None:
+    found = magnitude_membership(OMEGA, *(np.array(part) for part in (lower, upper, curve)))
+    assert inside[0] <= found.inside <= inside[1]
+    assert (found.leaves == ()) == (inside == (1.0, 1.0))
+    if margin < 0:
+        assert found.margin < margin
+        assert found.margin_omega == 10.0
+    else:
+        assert found.margin == pytest.approx(margin, abs=1e-15)
+
+
 # Halves and odd quarters: curves cross the limits, but never touch them at a frequency.
 _FOUR = {"min_size": 4, "max_size": 4}
 

@@ -107,7 +107,7 @@ def test_methods_are_printed_with_their_reasons(folder, capsys):
     assert len(found["comparison"]) == 2 * 2 * 3
     assert found["curves"]
     text = printed(words, capsys)
-    assert text.startswith("Intervals in pairs, lognormal family:")
+    assert text.startswith("Intervals in pairs, lognormal family, level 99 %:")
     for row in found["comparison"]:
         assert f"{row['spread_ratio']:.4g}" in text.split("Why they differ")[1]
     assert max(len(line) for line in text.splitlines()) < 160

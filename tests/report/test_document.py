@@ -26,6 +26,7 @@ def test_it_has_every_part_and_only_json_values(both):
         "close",
         "readings",
         "coupling",
+        "passivity",
         "band",
         "design",
         "comparison",
@@ -130,7 +131,7 @@ def test_widths_are_relative_to_the_reference(classical):
 
 
 def test_what_has_no_reference_or_limit_is_not_counted(classical):
-    nothing = {"boundaries": [], "data": {"doubts": []}}
+    nothing = {"boundaries": [], "passivity": None, "data": {"doubts": []}}
     document = {"intervals": [dict(row) for row in classical["intervals"]], **nothing}
     for row in document["intervals"]:
         row["reference"] = None if row["environment"] == "VE1" else row["reference"]

@@ -8,6 +8,7 @@ import pytest
 import xarray
 from scipy import stats
 
+import percept
 from percept import Scene, Study, UsageError, read_sessions
 from percept.study.model_checks import correlation_table
 from percept.study.model_choice import compare_models
@@ -204,6 +205,13 @@ def test_models_must_exist_and_need_several_environments(clean):
     one = study_of(table_of(references=[[100.0]]), tolerance=0.2)
     with pytest.raises(ValueError, match="one environment there is one model only"):
         compare_models(one.sessions, one.scene, ("k",))
+
+
+def test_the_tree_says_who_made_it_and_no_time(clean):
+    tree = clean.posterior
+    for name in tree.children:
+        made = {key: value for key, value in tree[name].attrs.items() if key.startswith("creat")}
+        assert made == {"creation_library": "percept", "creation_library_version": percept.__version__}
 
 
 def test_published_limits_have_no_subjects_to_leave_out():

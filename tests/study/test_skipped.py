@@ -77,7 +77,7 @@ def test_an_environment_without_one_reference():
     assert found.placed == ("VE1", "VE3", "VE4")
     assert {boundary.environment for boundary in found.boundaries} == set(found.placed)
     assert found.coupling is not None
-    assert set(found.coupling.passivity["environment"]) == set(found.placed)
+    assert set(found.passivity["environment"]) == set(found.placed)
 
 
 def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
@@ -103,7 +103,7 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
             "they need 3 subjects with both parameters; there are 2",
         ),
         (
-            {"inference": {"method": "classical", "kinds": ["mean"]}, "device": DEVICE},
+            {"inference": {"method": "classical", "kinds": ["mean"]}, "device": DEVICE, "coupling": COUPLING},
             lambda t: t,
             "couplings that would do",
             "they are judged by intervals of kind user",

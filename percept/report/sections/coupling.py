@@ -32,7 +32,6 @@ def build(document: Mapping[str, Any]) -> Part | None:
             "coupling": coupling,
             "scene": document["provenance"]["scene"]["coupling"],
             "realism": _realism(document),
-            "passivity": _placed(coupling, "passivity"),
             "effective": list({row["environment"]: row for row in _placed(coupling, "realism")}.values()),
             "probability": _placed(coupling, "probability"),
             "summary": document["data"]["form"] == "summary",

@@ -73,8 +73,8 @@ def suits_high(published: Published) -> Claim:
         else "The stiffness lost does not rise with the wall’s: "
         + ", ".join(f"{loss[i]:.2%} ({published.walls[i].name})" for i in order)
         + ".",
-        margin=Quantity("stiffness lost at the stiffest wall", float(loss[order[-1]]), "%"),
-        numbers=[Quantity("stiffness lost at the softest wall", float(loss[order[0]]), "%")],
+        margin=Quantity("stiffness lost at the stiffest wall", float(loss[order[-1]]), "1"),
+        numbers=[Quantity("stiffness lost at the softest wall", float(loss[order[0]]), "1")],
         source="percept.haptics.effective_impedance(10, environment, coupling, period).stiffness",
     )
 
@@ -107,11 +107,11 @@ def always_smaller(published: Published) -> Claim:
         f"{found.mean():.1%} of environments and frequencies. Where the mass dominates it is larger: "
         f"{wall.name} at {LOOKED_AT:g} rad/s has {through:.6g} N·s/m with and {without:.6g} without. "
         f"Environment and coupling alone, |Z_eff| < |Z_e|, is true in {alone.mean():.1%}.",
-        margin=Quantity("share of cases in which it is smaller", float(found.mean()), "%"),
+        margin=Quantity("share of cases in which it is smaller", float(found.mean()), "1"),
         numbers=[
             Quantity(f"|Z_h_vc| of {wall.name}", through, "N·s/m"),
             Quantity(f"|Z_h| of {wall.name}", without, "N·s/m"),
-            Quantity("share of cases with |Z_eff| < |Z_e|", float(alone.mean()), "%"),
+            Quantity("share of cases with |Z_eff| < |Z_e|", float(alone.mean()), "1"),
         ],
         source="percept.haptics.perceived_impedance with and without coupling",
     )

@@ -74,7 +74,7 @@ def discrimination(published: Published) -> Claim:
                 for w, x in zip(order, absolute, strict=True)
             ),
             *(
-                Quantity(f"relative width of {w.name}", float(x), "%")
+                Quantity(f"relative width of {w.name}", float(x), "1")
                 for w, x in zip(order, relative, strict=True)
             ),
         ],
@@ -143,8 +143,8 @@ def window_suffices(published: Published) -> Claim:
         "device) the statements are true over "
         + ", ".join(f"{share:.1%} (Fig. {name})" for name, share in shares.items())
         + ".",
-        margin=Quantity("smallest share of the range", min(shares.values()), "%"),
-        numbers=[Quantity(f"share, Fig. {name}", share, "%") for name, share in shares.items()],
+        margin=Quantity("smallest share of the range", min(shares.values()), "1"),
+        numbers=[Quantity(f"share, Fig. {name}", share, "1") for name, share in shares.items()],
         source="percept.reproduce.devices.curves; percept report (share of the range inside)",
     )
 
@@ -169,7 +169,7 @@ def like_shapes(published: Published) -> Claim:
         condition=f"ω is below about {until:.3g} rad/s, where the device’s mass takes over",
         finding=f"With m = {published.device.mass:g} kg the order of {listed([wall.name for wall in drawn])} "
         f"is kept over {ordered.mean():.1%} of the range, up to {until:.3g} rad/s.",
-        margin=Quantity("share of the range in order", float(ordered.mean()), "%"),
+        margin=Quantity("share of the range in order", float(ordered.mean()), "1"),
         numbers=[Quantity("ω up to which they are in order", until, "rad/s")],
         source="percept.haptics.perceived_impedance(omega, device, environment, period)",
     )

@@ -124,7 +124,7 @@ def high_impedance(published: Published) -> Claim:
         f"coupling it feels like {felt:.5g} N/m, {1 - felt / k_low:.1%} below the lower limit {k_low:g} N/m. "
         f"The statement is true of {found.mean():.0%} of the devices tried (m to {MASSES[-1]:g} kg, b_d to "
         f"{DAMPINGS[-1]:g} N·s/m).",
-        margin=Quantity("reference above its upper limit", above, "%"),
+        margin=Quantity("reference above its upper limit", above, "1"),
         numbers=[
             Quantity("effective stiffness", felt, "N/m"),
             Quantity("effective stiffness over lower limit", felt / k_low),
@@ -148,10 +148,14 @@ def coupling_unnoticed(published: Published) -> Claim:
         cases=(change < band).ravel(),
         condition=f"the device is among the {np.mean(change < band):.0%} tried with a band wider than "
         f"the change",
-        finding=f"The coupling changes |Z_h| by at most {change.max():.2%}, and the band is at least "
-        f"{band.min():.2%} wide.",
-        margin=Quantity("largest change of |Z_h|", float(change.max()), "%"),
-        numbers=[Quantity("narrowest band over |Z_h|", float(band.min()), "%")],
+        finding=f"Device by device, the coupling changes |Z_h| by at most {(change / band).max():.1%} of the "
+        f"band's width. (The largest change is {change.max():.2%} of |Z_h|, with devices whose band is wide; "
+        f"the narrowest band has {band.min():.2%}.)",
+        margin=Quantity("largest change over the band's width", float((change / band).max()), "1"),
+        numbers=[
+            Quantity("largest change of |Z_h|", float(change.max()), "1"),
+            Quantity("narrowest band over |Z_h|", float(band.min()), "1"),
+        ],
         source="percept.haptics.perceived_impedance with and without coupling",
     )
 

@@ -140,9 +140,9 @@ def users_covered(published: Published) -> Claim:
         finding=f"A {level:.0%} interval of the mean of {n} subjects holds an expected {share:.1%} of users. "
         f"To hold {level:.0%} of them with {_SHARE_CONFIDENCE:.0%} confidence it must be "
         f"{factor / published.limits.factor:.3g} times as wide.",
-        margin=Quantity("expected share of users minus level", share - level, "%"),
+        margin=Quantity("expected share of users minus level", share - level, "1"),
         numbers=[
-            Quantity("expected share of users", share, "%"),
+            Quantity("expected share of users", share, "1"),
             Quantity("half-width for the mean, SDs", published.limits.factor),
             Quantity("half-width for the share of users, SDs", factor),
         ],
@@ -167,7 +167,7 @@ def thirty_subjects(published: Published) -> Claim:
         f"interval of the mean then holds fewer users than with {published.limits.n}: {share:.1%}. More "
         f"subjects narrow it. Limits for {level:.0%} of users take {factor:.4g} SDs at n = "
         f"{ENOUGH_SUBJECTS}, against {z:.4g} if mean and SD were known. The study had {published.limits.n}.",
-        margin=Quantity(f"expected share of users at n = {ENOUGH_SUBJECTS} minus level", share - level, "%"),
+        margin=Quantity(f"expected share of users at n = {ENOUGH_SUBJECTS} minus level", share - level, "1"),
         numbers=[Quantity("t over its normal limit", t / z), Quantity("subjects", published.limits.n)],
         source="percept plan; percept.inference.tolerance_factor(30, 0.99, 0.95)",
     )
@@ -191,7 +191,7 @@ def normal_values(published: Published) -> Claim:
         finding=f"Under a normal law {below.ravel()[worst]:.3g} of users set a negative {names[worst]}, and "
         f"limits for {published.limits.level:.0%} of users are negative for "
         f"{listed([n for n, ok in zip(names, fits, strict=True) if not ok])}. A lognormal law has neither.",
-        margin=Quantity(f"users below zero, {names[worst]}", float(below.max()), "%"),
+        margin=Quantity(f"users below zero, {names[worst]}", float(below.max()), "1"),
         numbers=[Quantity("largest coefficient of variation", float((sd / mean).max()))],
         source="percept.inference.tolerance_interval(moments, family='normal' or 'lognormal')",
     )
@@ -215,8 +215,8 @@ def joint_level(published: Published) -> Claim:
         finding=f"Two limits at {level:.0%} hold together with {least:.4g} to {most:.4g}, and with "
         f"{level**2:.4g} where independent. Bonferroni’s correction keeps {level:.0%} with limits "
         f"{float(widening):.4g} times as wide.",
-        margin=Quantity("joint level, worst case, minus level", least - level, "%"),
-        numbers=[Quantity("joint level if independent", level**2, "%")],
+        margin=Quantity("joint level, worst case, minus level", least - level, "1"),
+        numbers=[Quantity("joint level if independent", level**2, "1")],
         source="percept.inference.rectangle_region(k, b, kind='mean').joint_level",
     )
 
@@ -239,7 +239,7 @@ def published_limits_suffice(published: Published) -> Claim:
         f"printed: from {_CORRELATIONS[0]:g} to {_CORRELATIONS[-1]:g} the upper |Z_e| of {worst} at "
         f"{LOOKED_AT:g} rad/s moves by {spreads[worst]:.1%}. percept refuses joint regions of published "
         f"limits.",
-        margin=Quantity("upper |Z_e|, largest change with the correlation", spreads[worst], "%"),
+        margin=Quantity("upper |Z_e|, largest change with the correlation", spreads[worst], "1"),
         source="percept.haptics.magnitude_envelope_ellipse; percept.inference.ellipse_region",
     )
 

@@ -24,7 +24,7 @@ class Quantity:
     value : float
         With all its digits.
     unit : str
-        Empty where it has none; ``"%"`` where the value is a fraction.
+        Empty where it has none; ``"1"`` where the value is a fraction, which is read as a percentage.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Quantity:
     @property
     def text(self) -> str:
         """The value as it is read, with its unit."""
-        if self.unit == "%":
+        if self.unit == "1":
             return f"{rounded(100 * self.value, 4)} %"
         text = f"{self.value:.0f}" if float(self.value).is_integer() else rounded(self.value)
         return f"{text} {self.unit}".rstrip()

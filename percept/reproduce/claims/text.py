@@ -70,7 +70,7 @@ def felt_and_rendered(published: Published) -> Claim:
         condition="the environment outweighs the device",
         finding=f"Z_h is meant. With the scene’s device |Z_h| differs from |Z_e| at {LOOKED_AT:g} rad/s by "
         f"{min(ratios.values()):.2%} to {ratios[worst]:.1%} ({worst}).",
-        margin=Quantity("largest difference of |Z_h| from |Z_e|", ratios[worst], "%"),
+        margin=Quantity("largest difference of |Z_h| from |Z_e|", ratios[worst], "1"),
         source="percept.haptics.perceived_impedance, environment_impedance",
     )
 
