@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from percept.calibration.checkpoint import Checkpoint
 from percept.calibration.judge import Judgement, judge_study
@@ -93,7 +94,7 @@ def coverage(
         workers any more; the checkpoint has the others.
     """
     if studies < 2:
-        raise UsageError("a standard error needs at least two studies.", value=studies)
+        raise UsageError("a standard error needs at least two studies.", key="--studies", value=studies)
     kept = Checkpoint(checkpoint, plan.key, what="judged", pack=_pack, unpack=_unpack)
     judged = kept.read(studies)
     wanted = [index for index in range(studies) if index not in judged]
@@ -151,11 +152,24 @@ def _averaged(plan: CoveragePlan, judged: list[list[Judgement]]) -> list[Coverag
                 truth=plan.truth,
                 stated=None if failed else stated,
                 held=float(held.mean()),
-                error=float(held.std(ddof=1) / np.sqrt(held.size)) if held.size > 1 else float("nan"),
+                error=_standard_error(held),
                 studies=held.size,
             )
         )
     return rows
+
+
+def _standard_error(held: NDArray[np.float64]) -> float:
+    """Return the standard error of a mean; of studies that all agree, as of one half more and one half less.
+
+    Six studies of six that hold do not make a coverage certain.
+    """
+    if held.size < 2:
+        return float("nan")
+    if np.ptp(held) > 0:
+        return float(held.std(ddof=1) / np.sqrt(held.size))
+    rate = (held.sum() + 0.5) / (held.size + 1.0)
+    return float(np.sqrt(rate * (1.0 - rate) / (held.size + 1.0)))
 
 
 def _pack(found: list[Judgement]) -> dict[str, Any]:
