@@ -20,6 +20,7 @@ from percept.inference.classical.quantiles import normal_upper, t_upper
 from percept.inference.classical.tolerance import tolerance_factor
 from percept.inference.covers import percent
 from percept.inference.intervals import Joint, Kind
+from percept.notebook import NotebookRecord
 
 __all__ = ["Plan", "plan_mean", "plan_share", "plan_user"]
 
@@ -27,7 +28,7 @@ _MOST = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class Plan(NotebookRecord):
     """The number of subjects for a wanted width, and how sure it is.
 
     Parameters

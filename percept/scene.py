@@ -23,6 +23,7 @@ from pydantic import (
 
 from percept.errors import UsageError
 from percept.inference.hierarchy.priors import Priors
+from percept.notebook import fields_html
 
 __all__ = [
     "ChecksTable",
@@ -311,6 +312,17 @@ class Scene(_Table):
     def to_dict(self) -> dict[str, Any]:
         """Return plain nested tables with all defaults, without keys and tables that are None."""
         return self.model_dump(mode="json", exclude_none=True)
+
+    def _repr_html_(self) -> str:
+        tables = self.to_dict()
+        return fields_html(
+            {
+                f"{table}.{key}": value
+                for table, keys in tables.items()
+                if isinstance(keys, dict)
+                for key, value in keys.items()
+            }
+        )
 
     def with_inference(self, **changes: Any) -> Scene:
         """Return a copy with keys of `[inference]` replaced and checked; None leaves a key as it is."""

@@ -9,23 +9,24 @@ import pytest
 import percept
 
 ROOT = Path(percept.__file__).parent
-_ANALYSIS = {"study", "boundary", "haptics", "inference", "sessions", "scene", "errors"}
+_ANALYSIS = {"study", "boundary", "haptics", "inference", "sessions", "scene", "errors", "notebook"}
 #: Of percept's parts, those a part may import beside itself.
 ALLOWED = {
     "errors": set(),
+    "notebook": set(),
     "cores": set(),
     "durable": set(),
     "browser": set(),
     "processes": {"cores"},
-    "haptics": {"errors"},
-    "inference": {"errors"},
-    "boundary": {"haptics", "inference", "errors"},
+    "haptics": {"notebook", "errors"},
+    "inference": {"notebook", "errors"},
+    "boundary": {"haptics", "inference", "notebook", "errors"},
     "sessions": {"cores", "errors"},
-    "scene": {"inference", "errors"},
+    "scene": {"inference", "notebook", "errors"},
     "study": _ANALYSIS - {"study"} | {"processes"},
     "cache": {"inference", "durable", "errors"},
     "workers": {"cache", "cores", "errors"},
-    "planning": {"inference", "errors"},
+    "planning": {"inference", "notebook", "errors"},
     "simulate": {"sessions", "inference", "durable", "errors"},
     "calibration": _ANALYSIS | {"simulate", "workers", "durable"},
     "batch": {"study", "sessions", "scene", "workers", "cache", "durable", "errors"},
@@ -37,6 +38,7 @@ ENDS = {"cli", "commands", "bench", "__main__", "__init__"}
 #: Packages that are not Python's own, for the parts that have to stay light or pure.
 OUTSIDE = {
     "errors": set(),
+    "notebook": set(),
     "cores": set(),
     "durable": set(),
     "haptics": {"numpy"},

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.boundary.band_fit import LAWS, fit_law, leave_one_out
 from percept.errors import RefusalError
+from percept.notebook import NotebookRecord
 
 __all__ = [
     "BandLaw",
@@ -32,7 +33,7 @@ _ALIKE = 1.25
 
 
 @dataclasses.dataclass(frozen=True)
-class Estimate:
+class Estimate(NotebookRecord):
     """A number with its interval."""
 
     value: float
@@ -41,7 +42,7 @@ class Estimate:
 
 
 @dataclasses.dataclass(frozen=True)
-class BandLaw:
+class BandLaw(NotebookRecord):
     """A law fitted to bands over environments.
 
     Attributes
@@ -78,7 +79,7 @@ class BandLaw:
 
 
 @dataclasses.dataclass(frozen=True)
-class BandStatement:
+class BandStatement(NotebookRecord):
     """A statement on bands, with the probability that it is true.
 
     Attributes
@@ -99,7 +100,7 @@ class BandStatement:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class BandStudy:
+class BandStudy(NotebookRecord):
     """Bands of the device-free environment impedance at one frequency, and their laws.
 
     Attributes

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
+from percept.notebook import NotebookRecord
 
 __all__ = ["CurveGap", "curve_gap"]
 
@@ -18,7 +19,7 @@ _FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
-class CurveGap:
+class CurveGap(NotebookRecord):
     """Distance of one curve from another, as natural logarithms of their ratio.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
+from percept.notebook import NotebookRecord
 
 __all__ = ["Membership", "depth_membership", "magnitude_membership"]
 
@@ -18,7 +19,7 @@ _LEAST, _MOST = np.finfo(np.float64).tiny, np.finfo(np.float64).max
 
 
 @dataclass(frozen=True)
-class Membership:
+class Membership(NotebookRecord):
     """How a curve lies to a boundary over a range of omega.
 
     Attributes

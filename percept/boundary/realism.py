@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, magnitude_envelope
+from percept.notebook import NotebookRecord
 
 __all__ = ["Displayed", "Populations", "Realism", "realism"]
 
@@ -57,7 +58,7 @@ class Displayed:
 
 
 @dataclass(frozen=True, eq=False)
-class Realism:
+class Realism(NotebookRecord):
     """Probability over posterior draws of being realistic.
 
     Attributes

@@ -13,12 +13,13 @@ from percept.haptics._warp import Warp, warp
 from percept.haptics.impedance import tustin_damping
 from percept.haptics.parameters import Coupling, Environment
 from percept.haptics.response import FrequencyResponse
+from percept.notebook import NotebookRecord
 
 __all__ = ["EffectiveImpedance", "effective_impedance", "velocity_ratio"]
 
 
 @dataclass(frozen=True, eq=False)
-class EffectiveImpedance:
+class EffectiveImpedance(NotebookRecord):
     """Z_eff = Z_eZ_c/(Z_e + Z_c), as the stiffness and damping it shows at each ω.
 
     Both may be compared with limits of k and b as any environment's: the same distance form holds.

@@ -19,6 +19,7 @@ from percept.haptics._warp import HOLDS, checked_period, warp
 from percept.haptics.impedance import DISCRETIZATIONS, device_parts
 from percept.haptics.parameters import AnyDevice
 from percept.haptics.stability import demands
+from percept.notebook import NotebookRecord
 
 __all__ = [
     "BestDamping",
@@ -176,7 +177,7 @@ def max_coupling_stiffness_at(
 
 
 @dataclass(frozen=True)
-class BestDamping:
+class BestDamping(NotebookRecord):
     """The coupling damping with which a stiffness asks least of the device.
 
     Attributes
@@ -235,7 +236,7 @@ def best_coupling_damping(
 
 
 @dataclass(frozen=True, eq=False)
-class StableRegion:
+class StableRegion(NotebookRecord):
     """Every coupling a rigid device can carry, as a polygon in the plane of (k_c, b_c).
 
     Attributes

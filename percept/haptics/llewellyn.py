@@ -16,6 +16,7 @@ from percept.haptics.impedance import coupling_admittance, device_impedance, tus
 from percept.haptics.impedance import hold as zero_order_hold
 from percept.haptics.parameters import AnyDevice, Coupling, Device, TabulatedDevice
 from percept.haptics.stability import required_damping, stability_margin
+from percept.notebook import NotebookRecord
 
 __all__ = ["AbsoluteStability", "TwoPort", "absolute_stability", "covers_range", "llewellyn", "two_port"]
 
@@ -70,7 +71,7 @@ class TwoPort:
 
 
 @dataclass(frozen=True, eq=False)
-class AbsoluteStability:
+class AbsoluteStability(NotebookRecord):
     """Llewellyn's verdict, on stability with every passive hand and environment.
 
     Attributes

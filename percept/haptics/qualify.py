@@ -25,6 +25,7 @@ from percept.haptics.impedance import hold as zero_order_hold
 from percept.haptics.llewellyn import check_single, search_grid
 from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment
 from percept.haptics.stability import demands
+from percept.notebook import NotebookRecord
 
 __all__ = [
     "CouplingDesign",
@@ -87,7 +88,7 @@ class EnvironmentBoundary:
 
 
 @dataclass(frozen=True, eq=False)
-class QualifyingRegion:
+class QualifyingRegion(NotebookRecord):
     """Every (k_c, b_c) that is stable and inside, one line of b_c at a time.
 
     Attributes
@@ -108,7 +109,7 @@ class QualifyingRegion:
 
 
 @dataclass(frozen=True, eq=False)
-class CouplingDesign:
+class CouplingDesign(NotebookRecord):
     """Couplings that qualify for each environment, and for all of them at once.
 
     Attributes

@@ -11,12 +11,13 @@ from percept.haptics._arrays import FloatArray, Scalars, one_of, ratio, stored, 
 from percept.haptics._warp import HOLDS, Warp, checked_period, warp
 from percept.haptics.impedance import device_parts, tustin_damping
 from percept.haptics.parameters import AnyDevice, Coupling
+from percept.notebook import NotebookRecord
 
 __all__ = ["RequiredDamping", "coupling_bound", "required_damping", "required_damping_at", "stability_margin"]
 
 
 @dataclass(frozen=True)
-class RequiredDamping:
+class RequiredDamping(NotebookRecord):
     """The damping a rigid device needs for a coupling.
 
     Attributes

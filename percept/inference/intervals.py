@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from percept.errors import UsageError
 from percept.inference.covers import coverage_sentence
+from percept.notebook import fields_html
 
 __all__ = ["Family", "FloatOrArray", "Interval", "Joint", "Kind", "Method", "Side"]
 
@@ -123,15 +123,4 @@ class Interval:
 
     def _repr_html_(self) -> str:
         row = self.as_dict()
-        covers = html.escape(row.pop("covers"))
-        heads = "".join(f"<th>{name}</th>" for name in row)
-        cells = "".join(f"<td>{html.escape(_brief(value))}</td>" for value in row.values())
-        return f"<table><caption>{covers}</caption><tr>{heads}</tr><tr>{cells}</tr></table>"
-
-
-def _brief(value: object) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return str(value)
+        return fields_html(row, caption=row.pop("covers"))

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from percept.errors import UsageError
 from percept.inference.covers import percent
 from percept.inference.intervals import Family, Interval, Joint, Kind, Method
+from percept.notebook import NotebookRecord
 
 __all__ = ["EllipseRegion", "RectangleRegion"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RectangleRegion:
+class RectangleRegion(NotebookRecord):
     """An interval of stiffness times an interval of damping.
 
     Parameters
@@ -107,7 +108,7 @@ class RectangleRegion:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EllipseRegion:
+class EllipseRegion(NotebookRecord):
     """An ellipse of stiffness and damping, on the scale of its family.
 
     Points x with (x − centre)ᵀ shape⁻¹ (x − centre) ≤ radius². Under ``"lognormal"`` centre and shape are

@@ -16,6 +16,7 @@ from percept.boundary.realism import Realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.haptics import Coupling, Environment
+from percept.notebook import NotebookRecord
 from percept.study.apparatus import Apparatus
 from percept.study.regions import Region
 
@@ -27,7 +28,7 @@ _STABLE = {"stable": True, "marginal": False, "unstable": False}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CouplingStudy:
+class CouplingStudy(NotebookRecord):
     """What the coupling does, with the device, over the scene's frequencies.
 
     Attributes

@@ -15,6 +15,7 @@ from percept.inference.checks.prior import draw_prior
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress
 from percept.inference.share import ALONE, Share
+from percept.notebook import NotebookRecord
 from percept.scene import Scene
 from percept.study.bands import weber_trend
 from percept.study.bayesian import Fit
@@ -32,7 +33,7 @@ _QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ModelChecks:
+class ModelChecks(NotebookRecord):
     """Checks of a hierarchical fit.
 
     Attributes

@@ -12,6 +12,7 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.scales import Options
 from percept.inference.sampling.records import Progress
 from percept.inference.share import ALONE, Share
+from percept.notebook import NotebookRecord
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.bayesian import RunStore, fit, prepare
@@ -36,7 +37,7 @@ _SMALL = 4.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ModelChoice:
+class ModelChoice(NotebookRecord):
     """Models in the order of their predictive density.
 
     Attributes

@@ -21,6 +21,7 @@ from percept.inference.checks.predictive import (
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress, Settings
 from percept.inference.share import ALONE, Share
+from percept.notebook import NotebookRecord
 from percept.scene import Scene
 from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
@@ -40,7 +41,7 @@ _REPLICATES = 4000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SubjectChecks:
+class SubjectChecks(NotebookRecord):
     """What leaving each subject out says.
 
     Attributes

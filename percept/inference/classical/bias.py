@@ -16,12 +16,13 @@ from percept.inference.classical.moments import Moments, plain
 from percept.inference.classical.parametric import family_moments, mean_interval
 from percept.inference.covers import percent
 from percept.inference.intervals import FloatOrArray
+from percept.notebook import NotebookRecord
 
 __all__ = ["Bias", "Equivalence", "bias", "equivalence_test"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Bias:
+class Bias(NotebookRecord):
     """Ratio of the average user's value to the reference; 1 is no bias.
 
     Parameters
@@ -63,7 +64,7 @@ class Bias:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Equivalence:
+class Equivalence(NotebookRecord):
     """Outcome of two one-sided t-tests (TOST).
 
     Parameters

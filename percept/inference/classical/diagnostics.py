@@ -13,6 +13,7 @@ from percept.inference.classical.claims import Parametric, parametric_family
 from percept.inference.classical.levels import Level
 from percept.inference.classical.sample_intervals import prediction_interval, t_interval, tolerance_interval
 from percept.inference.intervals import Kind
+from percept.notebook import NotebookRecord
 
 __all__ = ["Influence", "Normality", "check_normality", "influence"]
 
@@ -21,7 +22,7 @@ _BLOCK = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class Normality:
+class Normality(NotebookRecord):
     """Shapiro–Wilk test on the scale of a family.
 
     Parameters
@@ -43,7 +44,7 @@ class Normality:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Influence:
+class Influence(NotebookRecord):
     """What leaving each subject out does to the limits.
 
     Parameters

@@ -16,6 +16,7 @@ from percept.inference.classical.exact import MomentsAccumulator
 from percept.inference.classical.levels import Level, tail
 from percept.inference.classical.quantiles import t_upper
 from percept.inference.intervals import FloatOrArray
+from percept.notebook import NotebookRecord
 
 __all__ = ["Moments", "mean_and_sd"]
 
@@ -28,7 +29,7 @@ _HUGE = 2.0**1000
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class Moments(NotebookRecord):
     """What a sample says under the normal family: mean, standard deviation and size.
 
     Fields are floats for one sample, or arrays of one shape for several (environments, parameters, studies).

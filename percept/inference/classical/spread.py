@@ -18,12 +18,13 @@ from percept.inference.classical.parametric import family_moments, refuse_weight
 from percept.inference.classical.shortfall import one_limit_offset
 from percept.inference.covers import percent
 from percept.inference.intervals import FloatOrArray
+from percept.notebook import NotebookRecord
 
 __all__ = ["RelativeSpread", "coefficient_of_variation", "weber_fraction"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RelativeSpread:
+class RelativeSpread(NotebookRecord):
     """A standard deviation between users as a fraction, with its equal-tailed interval.
 
     Parameters

@@ -14,12 +14,13 @@ from percept.inference.classical.checks import finite_values, positive_values
 from percept.inference.classical.claims import Parametric, parametric_family
 from percept.inference.classical.exact import MomentsAccumulator
 from percept.inference.classical.moments import Moments
+from percept.notebook import NotebookRecord
 
 __all__ = ["SubjectMeans", "subject_means"]
 
 
 @dataclass(frozen=True, eq=False)
-class SubjectMeans:
+class SubjectMeans(NotebookRecord):
     """One value per subject.
 
     Parameters

@@ -1,0 +1,72 @@
+"""Records as a notebook shows them: a row per field, rounded for reading."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+__all__ = ["NotebookRecord", "fields_html"]
+
+#: Longer sequences are told by their shape or length.
+_MOST = 6
+
+
+class NotebookRecord:
+    """Gives a dataclass `_repr_html_`: its fields, and a sentence of its own as the caption."""
+
+    def _repr_html_(self) -> str:
+        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]  # always one
+        caption = next(
+            (str(said) for name in ("covers", "sentence") if (said := getattr(self, name, None))), ""
+        )
+        return fields_html({name: getattr(self, name) for name in names}, caption=caption)
+
+
+def fields_html(values: Mapping[str, Any], *, caption: str = "") -> str:
+    """Lay named values out as a table.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+        Numbers, text, arrays, tables or records.
+    caption : str
+        A sentence above them.
+
+    Returns
+    -------
+    str
+        HTML; all text is escaped.
+    """
+    rows = "".join(
+        f"<tr><th>{html.escape(name)}</th><td>{_html(value)}</td></tr>" for name, value in values.items()
+    )
+    above = f"<caption>{html.escape(caption)}</caption>" if caption else ""
+    return f"<table>{above}{rows}</table>"
+
+
+def _html(value: object) -> str:
+    if hasattr(value, "_repr_html_"):
+        return str(value._repr_html_())
+    return html.escape(_brief(value))
+
+
+def _brief(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool | str):
+        return str(value)
+    shape = getattr(value, "shape", ())
+    if shape and (len(shape) > 1 or shape[0] > _MOST):
+        return f"array of shape {' × '.join(str(length) for length in shape)}"
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}: {_brief(one)}" for key, one in value.items())
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        parts = list(value)
+        return ", ".join(_brief(one) for one in parts) if len(parts) <= _MOST else f"{len(parts)} values"
+    return str(value)
