@@ -50,7 +50,9 @@ def settings(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(arguments, name) for name in ("seed", "tolerance", "level", "family", "method")}
 
 
-def open_study(arguments: argparse.Namespace, progress: Working | None = None) -> Study:
+def open_study(
+    arguments: argparse.Namespace, progress: Working | None = None, *, groups: Sequence[str] = ()
+) -> Study:
     """Read the sessions and the scene, put them together, and say what the reader noticed.
 
     Parameters
@@ -59,6 +61,8 @@ def open_study(arguments: argparse.Namespace, progress: Working | None = None) -
         As `add_analysis_arguments` parses them.
     progress : Working, optional
         Told the state of the sampler.
+    groups : sequence of str
+        Columns to keep beside those the scene names.
 
     Returns
     -------
@@ -76,7 +80,7 @@ def open_study(arguments: argparse.Namespace, progress: Working | None = None) -
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
     scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
-    options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
+    options = ReadOptions.from_mapping(dict(scene), file=arguments.scene).with_groups(groups)
     sessions = read_sessions(*arguments.sessions, options=options)
     if not arguments.quiet:
         _tell((*sessions.doubts, *sessions.notices))

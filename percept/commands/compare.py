@@ -80,7 +80,7 @@ def _pair(
     if arguments.by:
         if arguments.other_scene:
             raise UsageError("--by compares groups under one scene; leave --other-scene out.")
-        return _groups(open_study(arguments, progress), arguments.by)
+        return _groups(open_study(arguments, progress, groups=[arguments.by]), arguments.by)
     if len(paths) == 1 and not arguments.other_scene:
         return None
     if len(paths) > 2:

@@ -101,7 +101,7 @@ class _Reader:
     def _own(self, name: str) -> int:
         if self.grid.header.count(name) != 1:
             raise UsageError(
-                "the scene names a column that is not there, or is there twice.",
+                "this column is wanted, and is not there or there twice.",
                 file=self.file,
                 row=1,
                 column=name,

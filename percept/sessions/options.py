@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -135,6 +135,10 @@ class ReadOptions:
             An unknown canonical name or key, or a value that is no text.
         """
         return replace(self, columns={**self.columns, **_columns(columns or {})})
+
+    def with_groups(self, groups: Iterable[str]) -> ReadOptions:
+        """Return a copy that keeps further columns as groups of subjects."""
+        return replace(self, groups=tuple(dict.fromkeys([*self.groups, *groups])))
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:

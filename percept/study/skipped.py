@@ -67,6 +67,11 @@ def _inference(study: Study) -> Iterator[Reason]:
         yield "Bayesian intervals", " ".join(fit.run.gate.reasons)
     if fit is not None and fit.prepared.trials is not None and fit.prepared.trials.dropped:
         yield from _dropped(study, fit.prepared.trials)
+    if fit is not None and fit.run.gate.passed and len(study.parameters) == 2:
+        yield (
+            "Bayesian intervals of k and b widened to hold together (bonferroni)",
+            "only limits held to the tolerance are listed; boundaries are drawn around the others too",
+        )
     if study.scene.checks is not None and (study.sessions.form == "summary" or _unpooled(study)):
         yield "checks of the model", "they need the sessions of subjects, pooled over environments"
 

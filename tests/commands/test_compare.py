@@ -14,7 +14,7 @@ SESSIONS = str(DATASETS / "hbfd_sessions.csv")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Two environments: all subjects with a group, and a scene that keeps it; the groups by themselves."""
+    """Two environments: all subjects with a group, and a scene; the groups by themselves."""
     out = tmp_path_factory.mktemp("compare")
     table = pd.read_csv(SESSIONS, dtype={"subject": str}).drop(columns="source")
     table = table[table["environment"].isin(["VE2", "VE4"])]
@@ -25,7 +25,7 @@ def folder(tmp_path_factory):
     third = np.where(table["subject"] == "S01", "both", hand)
     table.assign(hand=third).to_csv(out / "three.csv", index=False)
     device = "[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n[frequency]\npoints = 5\n"
-    (out / "scene.toml").write_text(f'{device}[sessions]\ngroups = ["hand"]\n')
+    (out / "scene.toml").write_text(device)
     (out / "hasty.toml").write_text("[inference]\ntolerance = 1e-4\nmost_steps = 200\n")
     (out / "light.toml").write_text(device.replace("mass = 1.0", "mass = 0.1"))
     table.assign(hand=np.where(table["environment"] == "VE2", "left", "right")).to_csv(
@@ -117,7 +117,11 @@ def test_methods_are_printed_with_their_reasons(folder, capsys):
     ("words", "code", "message"),
     [
         (["three.csv", "--scene", "scene.toml", "--by", "hand"], 2, "3 groups, both, left, right"),
-        (["all.csv", "--scene", "scene.toml", "--by", "foot"], 2, "there is no such column"),
+        (
+            ["all.csv", "--scene", "scene.toml", "--by", "foot"],
+            2,
+            "column 'foot': this column is wanted, and is not there",
+        ),
         (["all.csv", "--by", "hand", "--other-scene", "light.toml"], 2, "leave --other-scene out"),
         (["all.csv", "left.csv", "right.csv"], 2, "one or two studies"),
         (["all.csv", "--method", "classical"], 1, "only the classical method was asked for"),
