@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-__all__ = ["PerceptError", "RefusalError", "UsageError", "printable"]
+__all__ = ["PerceptError", "RefusalError", "UsageError", "counted", "printable"]
+
+
+def counted(number: int, one: str, many: str | None = None) -> str:
+    """Write a number with its noun: "1 trial", "3 trials", "2 studies"."""
+    return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 def printable(text: str) -> str:

@@ -78,11 +78,14 @@ def _named(arguments: argparse.Namespace) -> list[str]:
 
 
 def _print(summary: Summary) -> None:
+    from percept.errors import counted
+
     analysed = summary.studies - summary.skipped
     for name, message in summary.failures:
         print(message if message.startswith(name) else f"{name}: {message}", file=sys.stderr)
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
-    print(f"{summary.studies} studies ({words}): {summary.skipped} finished before, {analysed} now")
+    studies = counted(summary.studies, "study", "studies")
+    print(f"{studies} ({words}): {summary.skipped} finished before, {analysed} now")
     if analysed:
         print(f"{summary.seconds / analysed:.2f} s of a worker per study")
     print(summary.table)

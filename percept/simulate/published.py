@@ -207,7 +207,9 @@ def _require_columns(table: pd.DataFrame, file: str | None) -> None:
                 "the summary has no such column.",
                 file=file,
                 column=column,
-                hint=f"It needs {', '.join(COLUMNS)}.",
+                hint="Printed limits are what is reproduced; percept fit works them out of means and SDs."
+                if "mean" in table
+                else f"It needs {', '.join(COLUMNS)}.",
             )
     if table.empty:
         raise UsageError("the summary has no rows.", file=file)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.boundary.gap import curve_gap
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError, UsageError, counted
 from percept.inference.classical.quantiles import t_upper
 from percept.inference.hierarchy.laws import Laws
 from percept.inference.sampling.mixture import mixture_quantile
@@ -109,7 +109,7 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
     if blank.any():
         file, row = sessions.locate(int(sessions.table.index[blank][0]))
         raise UsageError(
-            f"{int(blank.sum())} rows have no value, and belong to no group.",
+            f"{counted(int(blank.sum()), 'row')} without a value, of no group.",
             file=file,
             row=row,
             column=column,
@@ -250,9 +250,7 @@ def _in_common(first: Sessions, second: Sessions) -> tuple[str, ...]:
 def _counted(subjects: Sequence[str]) -> str:
     named = ", ".join(subjects[:_MOST_NAMED])
     more = ", …" if len(subjects) > _MOST_NAMED else ""
-    if len(subjects) == 1:
-        return f"1 subject ({named}) is"
-    return f"{len(subjects)} subjects ({named}{more}) are"
+    return f"{counted(len(subjects), 'subject')} ({named}{more}) {'is' if len(subjects) == 1 else 'are'}"
 
 
 def _classical(first: Study, second: Study) -> list[dict[str, object]]:

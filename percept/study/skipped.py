@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from percept.errors import counted
 from percept.haptics.llewellyn import covers_range
 from percept.study.classical import FAMILIES, cell_moments
 from percept.study.placed import FEWEST, banded
@@ -79,7 +80,8 @@ def _inference(study: Study) -> Iterator[Reason]:
 def _dropped(study: Study, trials: Trials) -> Iterator[Reason]:
     """Trials the pair of parameters leaves out, and environments it leaves without any."""
     lacking = " or ".join(NAMES[p] for p in study.parameters)
-    yield f"{trials.dropped} trials, in the hierarchical model", f"they lack {lacking}"
+    lack = "it lacks" if trials.dropped == 1 else "they lack"
+    yield f"{counted(trials.dropped, 'trial')}, in the hierarchical model", f"{lack} {lacking}"
     for environment in study.environments:
         if environment not in trials.environments:
             what = "both parameters" if len(study.parameters) == 2 else lacking

@@ -156,4 +156,4 @@ def test_a_withheld_posterior_is_no_success(tmp_path, capsys):
     assert main([*words, "--workers", "1"]) == 1
     captured = capsys.readouterr()
     assert "Monte Carlo error" in captured.err
-    assert "1 studies (1 withheld)" in captured.out
+    assert "1 study (1 withheld)" in captured.out

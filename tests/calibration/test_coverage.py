@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.calibration.coverage import Coverage, coverage, coverage_markdown
+from percept.calibration.coverage import Coverage, _standard_error, coverage, coverage_markdown
 from percept.calibration.judge import judge_study
 from percept.calibration.plan import CoveragePlan, fitted_values
 from percept.calibration.truth import Population
@@ -155,6 +156,16 @@ def test_fitted_values_need_both_parameters() -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(parameters=("k",), tolerance=0.3)
     with pytest.raises(RefusalError, match="stiffness and damping together; one of them is missing"):
         fitted_values(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene))
+
+
+def test_studies_that_all_agree_leave_an_error() -> None:
+    held = np.ones(6)
+    # Six and a half of seven.
+    assert _standard_error(held) == pytest.approx(math.sqrt(6.5 / 7 * 0.5 / 7 / 7))
+    assert _standard_error(1.0 - held) == pytest.approx(_standard_error(held))
+    varied = np.array([0.9, 1.0, 0.8])
+    assert _standard_error(varied) == pytest.approx(0.1 / math.sqrt(3))
+    assert math.isnan(_standard_error(held[:1]))
 
 
 def test_wrong_plans() -> None:

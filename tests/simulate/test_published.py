@@ -53,6 +53,10 @@ def test_numbers_count_with_their_shortest_text() -> None:
     ("text", "message"),
     [
         ("environment,parameter\na,k\n", r"limits\.csv, column 'reference': the summary has no such column"),
+        (
+            "environment,parameter,reference,mean,sd,n\na,k,1,1,0.1,8\n",
+            r"column 'lower': the summary has no such column\. Printed limits are what is reproduced;",
+        ),
         (HEADER, r"limits\.csv: the summary has no rows"),
         (HEADER + "a,k,1,0,x,8,0.9\n", r"limits\.csv:2, column 'upper', value 'x': a number is needed"),
         (

@@ -57,9 +57,7 @@ def test_published_limits_and_blank_groups_are_not_divided():
     frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])
     options = ReadOptions.from_mapping({"sessions": {"groups": ["hand"]}})
     whole = Sessions.from_frame(frame, options=options)
-    with pytest.raises(
-        UsageError, match=r"<frame>:5, column 'hand': 1 rows have no value, and belong to no group"
-    ):
+    with pytest.raises(UsageError, match=r"<frame>:5, column 'hand': 1 row without a value, of no group"):
         split_by(whole, "hand")
     # Of a part of the table the labels are those of the whole.
     some = dataclasses.replace(whole, table=whole.table.iloc[2:])
