@@ -278,7 +278,8 @@ class Scene(_Table):
         except OSError as error:
             raise UsageError(f"cannot be read: {error.strerror}.", file=name) from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise UsageError(f"is not TOML: {error}.", file=name) from error
+            hint = "Text stands in quotes, and numbers begin with a digit: 0.05."
+            raise UsageError(f"is not TOML: {error}.", file=name, hint=hint) from error
         scene = cls.from_tables(tables, file=name)
         scene._folder = Path(path).parent
         return scene

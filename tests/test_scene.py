@@ -69,7 +69,10 @@ from percept.sessions import ReadOptions
         ("[model.priors]\ntau_scale = -3\n", "a prior scale must be positive. Leave it out of the scene"),
         ("[inference]\nkinds = []\n", "inference.kinds = []: give at least one, or leave the key out."),
         ('[inference]\nparameters = ["k", "k"]\n', "k stands there twice."),
-        ("x =\n", "is not TOML: Invalid value (at line 1, column 4)."),
+        (
+            "x =\n",
+            "is not TOML: Invalid value (at line 1, column 4). Text stands in quotes, and numbers begin with",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path, text, said):

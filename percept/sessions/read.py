@@ -87,6 +87,8 @@ def not_read(found: Expanded) -> list[Notice]:
     notices = [Notice("a folder of results is not read", file=folder) for folder in found.results]
     if found.ignored:
         notices.append(Notice(f"{len(found.ignored)} files of other kinds in the folders are not read"))
+    if found.repeated:
+        notices.append(Notice("a file that is named more than once is read once"))
     return notices
 
 

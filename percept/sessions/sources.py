@@ -53,11 +53,14 @@ class Expanded(NamedTuple):
         Files of folders whose suffix is not that of a table.
     results : list of str
         Folders below the given ones that percept has filled, whose tables are left out.
+    repeated : int
+        Times a file was named again.
     """
 
     files: list[str]
     ignored: list[str]
     results: list[str]
+    repeated: int = 0
 
 
 def expand(paths: Sequence[str | Path]) -> Expanded:
@@ -82,6 +85,7 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
     files: dict[str, str] = {}
     ignored: list[str] = []
     results: list[str] = []
+    repeated = 0
     for given in paths:
         if not isinstance(given, str | PathLike):
             raise UsageError(
@@ -113,8 +117,10 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
         else:
             raise UsageError("there is no such file.", file=text, hint="Check the path.")
         for name in found:
-            files.setdefault(name if name == "-" else str(Path(name).resolve()), name)
-    return Expanded(list(files.values()), ignored, results)
+            own = name if name == "-" else str(Path(name).resolve())
+            repeated += own in files
+            files.setdefault(own, name)
+    return Expanded(list(files.values()), ignored, results, repeated)
 
 
 def _inside(folder: Path) -> Expanded:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from percept.errors import counted
+from percept.haptics import TabulatedDevice
 from percept.haptics.llewellyn import covers_range
 from percept.study.classical import FAMILIES, cell_moments
 from percept.study.placed import FEWEST, banded
@@ -113,7 +114,12 @@ def _devices(study: Study) -> Iterator[Reason]:
     if study.scene.coupling is None:
         pass
     elif not covers_range(device, table.period):
-        yield "couplings that would do", "the device's table leaves out a part of the range up to Nyquist"
+        assert isinstance(device, TabulatedDevice)
+        covered = f"{device.omega[0]:g} to {device.omega[-1]:g} rad/s"
+        yield (
+            "couplings that would do",
+            f"the device's table covers {covered}, and stability needs all of 0 to {np.pi / table.period:g}",
+        )
     elif "user" not in asked.kinds:
         yield "couplings that would do", "they are judged by intervals of kind user, which were not asked for"
     if table.response is not None:

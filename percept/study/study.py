@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
-from percept.errors import UsageError
+from percept.errors import UsageError, counted
 from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -424,7 +424,13 @@ class Study:
 
         return tuple(skipped(self))
 
+    def __repr__(self) -> str:
+        return (
+            f"<Study of {' and '.join(self.parameters)} in {counted(len(self.environments), 'environment')}, "
+            f"{self.sessions.form}>"
+        )
+
     def _repr_html_(self) -> str:
-        shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True)
+        shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True, na_rep="–")
         skipped = "".join(f"<li>{html.escape(what)}: {html.escape(why)}</li>" for what, why in self.skipped)
         return f"{shown}<p>Skipped:</p><ul>{skipped}</ul>"

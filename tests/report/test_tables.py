@@ -69,10 +69,13 @@ def test_text_that_a_spreadsheet_would_run_is_neutralised(classical):
 def test_latex_shows_the_page_s_digits_and_escapes_names(classical):
     document = copy.deepcopy(classical)
     for row in document["intervals"]:
-        row["environment"] = row["environment"].replace("VE1", r"50%_{a}\b&c#$~^")
+        row["environment"] = row["environment"].replace("VE1", r"50%_{a}\b&c#$~^<|>")
     text = latex_tables(document)["intervals_k.tex"]
     assert "$10.808$ & $19.020$" in text
-    assert r"50\%\_\{a\}\textbackslash{}b\&c\#\$\textasciitilde{}\textasciicircum{}" in text
+    assert (
+        r"50\%\_\{a\}\textbackslash{}b\&c\#\$\textasciitilde{}\textasciicircum{}\textless{}\textbar{}\textgreater{}"
+        in text
+    )
     body = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
     assert {line.count(" & ") for line in body} == {6}
     together = latex_tables(document)["intervals_k_bonferroni.tex"]

@@ -91,6 +91,8 @@ def test_folders_and_patterns_name_what_they_leave_out(tmp_path):
     assert "1 files of other kinds in the folders are not read" in {n.text for n in folder.notices}
     assert folder.table.equals(pattern.table)
     assert folder.table.equals(twice.table)
+    again = "a file that is named more than once is read once"
+    assert [again in {n.text for n in one.notices} for one in (folder, twice)] == [False, True]
 
 
 def test_results_in_a_folder_of_sessions_are_left_out(tmp_path):
