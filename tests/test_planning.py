@@ -117,7 +117,9 @@ def test_sentence(plan, said):
     ("call", "error", "message"),
     [
         (lambda: plan_mean(0.0, sd=1.0), UsageError, "half_width must be a positive"),
+        (lambda: plan_mean(np.inf, sd=1.0), UsageError, "half_width must be a positive"),
         (lambda: plan_mean(1.0, sd=np.nan), UsageError, "sd must be a positive"),
+        (lambda: plan_mean(1.0, sd=np.inf), UsageError, "sd must be a positive"),
         (lambda: plan_mean(1.0, sd=1.0, assurance=1.0), UsageError, "assurance must lie strictly"),
         (lambda: plan_mean(1.0, sd=1.0, level=0.0), UsageError, "level must lie strictly"),
         (lambda: plan_mean(1.0, sd=1.0, family="free"), UsageError, '"normal" or "lognormal"'),

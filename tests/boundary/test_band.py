@@ -5,17 +5,24 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from percept.boundary.band import band_laws, band_statements, environment_magnitude_range
+from percept.boundary.band import BandLaw, band_laws, band_statements, environment_magnitude_range
 from percept.boundary.band_fit import fit_law, law_band, leave_one_out
 from percept.errors import RefusalError, UsageError
 
 Z = np.geomspace(1.0, 5000.0, 40)
+Z4 = np.array([1.0, 10.0, 100.0, 1000.0])
 TRUE = {"weber": (0.12,), "offset": (0.8, 0.1), "power": (0.5, 0.8)}
 
 
 def simulated(law: str, count: int, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
     return law_band(law, np.array([TRUE[law]]), Z) * np.exp(0.1 * rng.standard_normal((count, Z.size)))
+
+
+def laws_of(impedance: np.ndarray, draws: np.ndarray) -> dict[str, BandLaw]:
+    said = {"method": "bayesian", "kind": "user", "family": "normal", "level": 0.9}
+    names = tuple("ABCDEFG"[: impedance.size])
+    return {law.model: law for law in band_laws(names, impedance, None, draws, **said)}
 
 
 @pytest.mark.parametrize("law", ["weber", "offset", "power"])
@@ -96,6 +103,51 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     assert sum(law.best or 0.0 for law in laws) == pytest.approx(1.0)
 
 
+def test_an_offset_that_two_environments_carry_is_carried_by_no_one() -> None:
+    z, bands = np.array([1.0, 2.0, 100.0, 1000.0]), np.array([0.091, 0.521, 6.277, 127.897])
+    offset = laws_of(z, bands * np.exp(1e-3 * np.random.default_rng(4).standard_normal((20, 4))))["offset"]
+    without = [fit_law("offset", np.delete(z, j), np.delete(bands, j)[None])[0, 0] for j in range(4)]
+    assert np.flatnonzero(np.array(without) < 0.1 * offset.parameters["c"].value).tolist() == [1, 2]
+    assert offset.carried_by is None
+    assert "speaks for the offset" not in offset.sentence
+
+
+def powers(exponent: float, count: int = 60) -> np.ndarray:
+    return Z4**exponent * np.exp(0.05 * np.random.default_rng(2).standard_normal((count, 4)))
+
+
+@pytest.mark.parametrize(("exponent", "growing"), [(1.5, "faster"), (0.5, "slower")])
+def test_an_exponent_other_than_one_is_said_to_grow_faster_or_slower(exponent: float, growing: str) -> None:
+    assert laws_of(Z4, powers(exponent))["power"].sentence.startswith(
+        f"The band grows {growing} than the impedance: the exponent's interval does not hold 1. "
+    )
+
+
+def test_a_law_of_no_use_is_told_from_no_law_of_use() -> None:
+    weber, _, power = laws_of(Z4, powers(3.0)).values()
+    assert weber.left_out_error > np.log(10.0) > power.left_out_error
+    assert "Weber's law is typically off by a factor " in weber.sentence
+    assert weber.sentence.endswith("; another law does better.")
+
+
+def test_a_law_that_is_hardly_behind_is_not_called_beaten() -> None:
+    laws = laws_of(Z4, powers(1.0)).values()
+    smallest = min(law.left_out_error for law in laws)
+    behind = [law for law in laws if smallest < law.left_out_error < 1.2 * smallest]
+    assert behind
+    assert not any("another law does better" in law.sentence for law in behind)
+
+
+def test_left_out_errors_are_typical_of_the_draws_whatever_a_single_one_does() -> None:
+    draws = powers(1.0, 21)
+    draws[0, 0] *= 1e6
+    logs = np.log(draws / Z4)
+    # Weber's law without an environment: the mean of the others' logarithms.
+    errors = np.sqrt((((logs.sum(axis=1, keepdims=True) - logs) / 3 - logs) ** 2).mean(axis=1))
+    assert errors.mean() > 1.5 * np.median(errors)
+    assert laws_of(Z4, draws)["weber"].left_out_error == pytest.approx(np.median(errors), rel=1e-12)
+
+
 def test_sentences_speak_of_their_own_law() -> None:
     names, said = (
         tuple("ABCDEFG"[: Z.size]),
@@ -166,6 +218,12 @@ def test_refused() -> None:
         fit_law("weber", Z[:3], simulated("weber", 1))
     with pytest.raises(UsageError, match="must be positive"):
         fit_law("weber", Z, -simulated("weber", 1))
+    with pytest.raises(UsageError, match="must be positive"):
+        fit_law("weber", np.array([0.0, 1.0, 2.0]), np.ones((3, 3)))
+    with pytest.raises(RefusalError, match="cannot determine w and p"):
+        fit_law("power", np.full(4, 2.0), np.ones((3, 4)))
+    with pytest.raises(RefusalError, match="cannot determine c and w"):
+        fit_law("offset", np.full(4, 2.0), np.ones((3, 4)))
     with pytest.raises(RefusalError, match="cannot determine c and w"):
         fit_law("offset", Z[:1], simulated("weber", 1)[:, :1])
     with pytest.raises(RefusalError, match="needs three environments"):

@@ -55,6 +55,8 @@ def test_refused() -> None:
         confidence_draws(K, B, kind="share", family="normal", draws=10, rng=rng)
     with pytest.raises(UsageError, match="one stiffness and one damping per subject"):
         confidence_draws(K, B[:5], kind="mean", family="normal", draws=10, rng=rng)
+    with pytest.raises(RefusalError, match="At least 3 subjects"):
+        confidence_draws(K[:2], B[:2], kind="mean", family="normal", draws=10, rng=rng)
     with pytest.raises(RefusalError, match="no scatter"):
         confidence_draws(K, np.ones(10), kind="mean", family="normal", draws=10, rng=rng)
 

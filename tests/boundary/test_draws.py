@@ -51,6 +51,16 @@ def test_bands_equal_the_slow_twin(count: int, level: float) -> None:
     )
 
 
+def test_sd_and_reach_of_few_draws_are_those_of_a_sample() -> None:
+    k, b = drawn(5, 8)
+    logs = np.log(slow_curves(k, b))
+    curves = DrawCurves(DEVICE, k, b, PERIOD, level=0.9)
+    # Logarithms of a few hundred are good to 1e-15, deviations of some hundredths to 1e-13.
+    np.testing.assert_allclose(curves.at(OMEGA).sd, logs.std(axis=0, ddof=1), rtol=1e-11)
+    deviation = np.abs(logs - logs.mean(axis=0)) / logs.std(axis=0, ddof=1)
+    assert curves.reach == pytest.approx(deviation.max(), rel=1e-11)
+
+
 def test_frequencies_may_come_in_any_pieces() -> None:
     k, b = drawn(300, 2)
     whole = DrawCurves(DEVICE, k, b, PERIOD, level=0.9)
@@ -91,6 +101,7 @@ def test_a_frequency_the_device_alone_decides() -> None:
     curves = DrawCurves(DEVICE, k, b, PERIOD, level=0.9)
     at_nyquist = curves.at(np.array([np.pi / PERIOD]))
     assert np.isinf([at_nyquist.lower, at_nyquist.upper]).all()
+    assert np.isinf(curves.simultaneous(at_nyquist)).all()
     assert curves.reach == 0.0
     massless = DrawCurves(Device(0.0, 5.0), k, b, PERIOD, level=0.9)
     assert massless.at(np.array([np.pi / PERIOD])).sd[0] < 1e-12
@@ -100,5 +111,7 @@ def test_refused() -> None:
     k, b = drawn(5, 7)
     with pytest.raises(UsageError, match="two arrays of one length"):
         DrawCurves(DEVICE, k, b[:3], PERIOD, level=0.9)
+    with pytest.raises(UsageError, match="at least 2"):
+        DrawCurves(DEVICE, k[:1], b[:1], PERIOD, level=0.9)
     with pytest.raises(UsageError, match="level must lie in"):
         DrawCurves(DEVICE, k, b, PERIOD, level=1.0)

@@ -46,3 +46,14 @@ def test_only_the_range_in_common_counts():
     assert 1.0 <= gaps["upper"].omega <= 10.0
     with pytest.raises(UsageError, match="no range of omega in common"):
         curve_gap(boundary(1.0, 2.0), boundary(1.0, 4.0, omega=(20.0, 30.0)))
+
+
+def test_ranges_that_touch_in_one_point_have_no_range_in_common():
+    with pytest.raises(UsageError, match="no range of omega in common"):
+        curve_gap(boundary(1.0, 2.0), boundary(1.0, 4.0, omega=(10.0, 20.0)))
+
+
+def test_the_largest_gap_is_the_farthest_either_way():
+    gap = curve_gap(boundary(1.0, 2.0), boundary(0.01, np.array([4.0, 2.0, 0.2])))["upper"]
+    assert gap.largest == pytest.approx(np.log(0.1), rel=1e-14)
+    assert gap.omega == 10.0

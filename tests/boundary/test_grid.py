@@ -110,6 +110,16 @@ def test_sets_of_curves_are_chosen_for_as_if_alone() -> None:
     assert len(sizes) > 1
 
 
+def test_sets_that_nothing_can_follow_take_no_points_from_each_other() -> None:
+    def rough(which: np.ndarray, omega: np.ndarray) -> np.ndarray:
+        return (1.0 + 0.1 * np.sin(1e6 * (1 + which) * omega))[None]
+
+    for one, grid in enumerate(adaptive_grids(rough, 2, 0.1, 100.0)):
+        alone = adaptive_grid(lambda omega, one=one: rough(np.full(omega.size, one), omega), 0.1, 100.0)
+        np.testing.assert_array_equal(grid.omega, alone.omega)
+        np.testing.assert_array_equal(grid.values, alone.values)
+
+
 @pytest.mark.parametrize(("lower", "upper"), [(0.0, 1.0), (2.0, 1.0)])
 def test_wrong_range(lower: float, upper: float) -> None:
     with pytest.raises(UsageError, match="0 < lower < upper"):

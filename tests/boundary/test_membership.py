@@ -102,6 +102,18 @@ def test_refused() -> None:
         depth_membership(OMEGA[::-1], np.zeros((1, 3)))
 
 
+@pytest.mark.parametrize("first", [0.0, -1.0])
+def test_frequencies_begin_above_zero(first: float) -> None:
+    with pytest.raises(UsageError, match="must be positive and increase"):
+        depth_membership(np.array([first, 1.0, 2.0]), np.ones((1, 3)))
+
+
+@pytest.mark.parametrize("curve", [1.0, 2.0])
+def test_a_curve_along_a_limit_is_inside(curve: float) -> None:
+    found = magnitude_membership(OMEGA, np.full(3, 1.0), np.full(3, 2.0), np.full(3, curve))
+    assert (found.inside, found.leaves, found.margin) == (1.0, (), 0.0)
+
+
 def test_gap_of_curves_on_different_grids() -> None:
     first = boundary(np.geomspace(1, 100, 5), np.full(5, 1.0), np.full(5, 2.0))
     omega = np.geomspace(10, 1000, 9)
@@ -140,6 +152,28 @@ def test_realism_equals_a_loop_over_draws_and_frequencies() -> None:
     assert 0.1 < found.plane_throughout < found.magnitude_throughout < 0.9
     assert far.magnitude_throughout == 0.0
     assert far.plane_throughout == found.plane_throughout
+
+
+def test_realism_throughout_counts_every_frequency_however_many_draws() -> None:
+    draws = 1 << 17  # too many for three frequencies at once
+    device, omega, ones = Device(1.0, 5.0), np.array([1.0, 10.0, 100.0]), np.ones(3)
+    users = Populations(
+        (np.full(draws, 900.0), np.full(draws, 1100.0)), (np.full(draws, 1.0), np.full(draws, 3.0))
+    )
+    stiffness = np.array([2000.0, 1000.0, 1000.0])  # outside at the first omega alone
+    shown = np.abs(perceived_impedance(omega, device, Environment(stiffness, 2.0), 1e-3))
+    (found,) = realism([Displayed(omega, shown, stiffness, 2.0 * ones)], users, device, 1e-3)
+    assert found.magnitude.tolist() == found.plane.tolist() == [0.0, 1.0, 1.0]
+    assert (found.magnitude_throughout, found.plane_throughout) == (0.0, 0.0)
+
+
+def test_the_limits_of_a_population_are_real_themselves() -> None:
+    users = Populations((np.array([900.0]), np.array([1100.0])), (np.array([1.0]), np.array([3.0])))
+    device, omega = Device(1.0, 5.0), np.ones(1)
+    limits = magnitude_envelope(omega, device, users.stiffness, users.damping, 1e-3)
+    for magnitude, stiffness, damping in zip(limits, users.stiffness, users.damping, strict=True):
+        (found,) = realism([Displayed(omega, magnitude, stiffness, damping)], users, device, 1e-3)
+        assert (found.magnitude_throughout, found.plane_throughout) == (1.0, 1.0)
 
 
 def test_realism_needs_draws() -> None:
