@@ -33,6 +33,12 @@ def test_the_next_user():
     )
 
 
+def test_single_trials_are_said_of_published_moments_under_lognormal_too():
+    interval = t_interval(Moments(10.0, 2.0, 10, repeats=False), family="lognormal")
+    assert interval.repeats is False
+    assert "(from 10 users, one trial each" in interval.covers
+
+
 def test_a_share_of_users_after_repeated_trials():
     moments = Moments(1.0, 1.0, 10, repeats=True)
     assert tolerance_interval(moments, share=0.9).covers == (

@@ -36,6 +36,12 @@ def test_six_of_ten_published_references_lie_outside():
     assert found.lower == pytest.approx(lower / reference, rel=1e-14)
 
 
+def test_published_moments_under_lognormal_are_approximate():
+    published = Moments(10.0, 2.0, 10)
+    assert bias(published, 9.0, family="lognormal").approximate
+    assert not bias(published, 9.0).approximate
+
+
 def test_equivalence_against_two_t_tests():
     margin, alpha = 0.15, 0.05
     for family, y, least, most in (

@@ -43,6 +43,18 @@ def test_influence_is_leaving_each_out(kind, make, family):
     assert found.most == 11
 
 
+def test_influence_of_every_one_of_many_subjects():
+    x = np.random.default_rng(9).normal(10.0, 1.0, 1500)
+    found = influence(x)
+    n = x.size - 1
+    mean = (x.sum() - x) / n
+    sd = np.sqrt(((x**2).sum() - x**2 - n * mean**2) / (n - 1))
+    half = stats.t.isf(0.005, n - 1) * sd / np.sqrt(n)
+    # Sums of squares a hundred times the variance cost two digits, sums over 1500 values as many.
+    np.testing.assert_allclose(found.lower, mean - half, rtol=1e-12)
+    np.testing.assert_allclose(found.upper, mean + half, rtol=1e-12)
+
+
 def test_influence_does_not_mind_an_offset():
     near, far = influence(np.round(X * 8)), influence(np.round(X * 8) + 1e15)
     assert far.lower_shift == pytest.approx(near.lower_shift, rel=1e-12)

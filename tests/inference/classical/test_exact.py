@@ -45,6 +45,18 @@ def test_any_doubles_are_rounded_once(values):
     assert is_rounded_root(sums.sd, variance)
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        [0.8635482396758255, 0.6963927613059283],
+        [0.7937030766630794, 0.7833770279153258],
+        [0.11511197158740283, 0.6752857519434767],
+    ],
+)
+def test_roots_that_all_but_meet_the_middle_of_two_doubles_are_rounded_right(values):
+    assert is_rounded_root(accumulated(values).sd, exact(values)[1])
+
+
 @pytest.mark.parametrize("size", [300, 5_000])
 def test_bins_agree_with_fractions(size):
     random = np.random.default_rng(size)
@@ -138,3 +150,18 @@ def test_the_pairs_of_doubles_against_exact_sums(n):
 def test_means_that_cancel_are_exact_among_many():
     samples = np.tile([1e16, 1.0, -1e16], (20, 1))
     assert Moments.from_values(samples).mean == pytest.approx(1 / 3, rel=1e-15)
+
+
+def test_means_of_tiny_values_that_cancel_nearly_are_exact_among_many():
+    samples = np.random.default_rng(3).random((40, 3))
+    samples[:, 1] = -samples[:, 0]
+    samples[:, 2] *= 1e-25
+    truth = [math.fsum(row) / 3 for row in samples]
+    np.testing.assert_allclose(Moments.from_values(samples).mean, truth, rtol=1e-15)  # two roundings
+
+
+def test_values_near_the_largest_double_are_averaged_among_many():
+    samples = np.tile([1.5e308, -1.5e308, 1.0e308, 0.5e308], (9, 1))
+    found, truth = Moments.from_values(samples), accumulated(samples[0])
+    assert max(ulps(mean, truth.mean) for mean in found.mean) <= 4
+    assert max(ulps(sd, truth.sd) for sd in found.sd) <= 4

@@ -73,6 +73,18 @@ def test_the_expected_share_against_quadrature():
     assert t_interval(Moments(0.0, 1.0, n), level=level).expected_share == pytest.approx(exact, rel=1e-4)
 
 
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_the_expected_share_of_a_one_sided_interval_against_quadrature(side):
+    n = 10
+    t = stats.t.isf(0.01, n - 1)
+    grid, weight = np.polynomial.legendre.leggauss(80)
+    s = 2.0 * (grid + 1.0)  # the SD, in the users' own; beyond 4 of them lies less than 1e-20
+    # The next user less the sample's mean has an SD of sqrt(1 + 1/n).
+    held = stats.norm.cdf(t * s / np.sqrt(n + 1.0)) * 3.0 * stats.chi.pdf(3.0 * s, n - 1)
+    found = t_interval(Moments(0.0, 1.0, n), side=side).expected_share
+    assert found == pytest.approx(2.0 * (weight * held).sum(), rel=1e-11)
+
+
 @pytest.mark.parametrize("nu", [1, 4, 29, 10**6, 10**9])
 @pytest.mark.parametrize("t", [1e-12, 1e-3, 0.7, 3.0, 40.0])
 def test_t_within_keeps_its_digits_near_zero(t, nu):
@@ -163,12 +175,14 @@ def test_an_offset_costs_the_limits_their_last_digit_and_the_factor_nothing():
     assert far.lower - 1e15 == pytest.approx(near.lower, abs=0.07)
 
 
-def test_published_limits_under_lognormal_are_approximate():
+@pytest.mark.parametrize("make", KINDS)
+def test_published_limits_under_lognormal_are_approximate(make):
     published = Moments.from_limits(944.85, 1017.2, 10)
-    interval = t_interval(published, family="lognormal")
+    interval = make(published, family="lognormal")
     assert interval.approximate
+    assert "moment matching" in interval.covers
     assert interval.estimate < published.mean < interval.upper
-    assert not t_interval(published).approximate
+    assert not make(published).approximate
 
 
 @pytest.mark.parametrize("make", KINDS)
@@ -183,6 +197,7 @@ def test_published_limits_under_lognormal_are_approximate():
         ([2.0, 2.0, 2.0], {}, RefusalError, "same value: with no scatter"),
         ([2.0, 2.0, 2.0], {"family": "free"}, RefusalError, "same value: with no scatter"),
         ([[1.0, 2.0], [3.0, 3.0]], {}, RefusalError, r"first at index \[1\]"),
+        ([np.arange(9.0), np.ones(9)], {"family": "free", "level": 0.9}, RefusalError, "no scatter"),
         ([1.0, 0.0], {"family": "lognormal"}, RefusalError, "zero or negative"),
         ([1.0, 2.0], {"level": 1.0}, UsageError, "level must lie strictly between 0 and 1"),
         ([1.0, 2.0], {"level": np.nan}, UsageError, "level must lie strictly between 0 and 1"),
@@ -208,7 +223,14 @@ def test_a_weighted_mean_says_nothing_on_single_users(make):
         make(Moments.from_weighted([1.0, 2.0, 4.0], [1.0, 2.0, 3.0]), family="lognormal")
 
 
-def test_a_share_needs_its_confidence():
+@pytest.mark.parametrize("name", ["share", "confidence"])
+def test_a_share_and_its_confidence_are_one_number_each(name):
+    with pytest.raises(UsageError, match=f"{name} must be one number"):
+        tolerance_interval(X, **{name: [0.8, 0.9]})
+
+
+@pytest.mark.parametrize("said", [{}, {"share": 0.9}, {"confidence": 0.9}], ids=str)
+def test_a_share_needs_its_confidence(said):
     with pytest.raises(UsageError, match="needs both the share and the confidence"):
         Interval(
             kind="share",
@@ -219,6 +241,7 @@ def test_a_share_needs_its_confidence():
             upper=1.0,
             estimate=0.5,
             n=3,
+            **said,
         )
 
 
@@ -230,6 +253,12 @@ def test_the_row_of_a_table():
     page = t_interval(X, unit="N/m")._repr_html_()
     assert "64.7 %" in page
     assert "<td>10</td>" in page
+
+
+def test_a_unit_is_text_and_never_markup():
+    page = t_interval(X, unit="<b>N/m</b>")._repr_html_()
+    assert "<b>" not in page
+    assert page.count("&lt;b&gt;N/m&lt;/b&gt;") == 2  # in its cell, and in the sentence
 
 
 @settings(max_examples=40, deadline=None)

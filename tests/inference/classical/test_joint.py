@@ -11,6 +11,7 @@ from percept.inference import (
     prediction_interval,
     rectangle_region,
     t_interval,
+    tolerance_interval,
 )
 
 RANDOM = np.random.default_rng(21)
@@ -50,7 +51,7 @@ def test_lognormal_is_the_ellipse_of_the_logarithms():
     assert np.log(k) == pytest.approx(log.curve([0.3, 2.0])[0], rel=1e-14)
     assert region.distance(k, b) == pytest.approx([region.radius] * 2, rel=1e-12)
     assert region.limits()[0] == pytest.approx(np.exp(log.limits()[0]), rel=1e-14)
-    assert region.distance([-1.0, 30.0], [1.0, 0.0]).tolist() == [np.inf, np.inf]
+    assert region.distance([-1.0, 30.0, 0.0], [1.0, 0.0, -1.0]).tolist() == [np.inf] * 3
     assert not region.contains(-1.0, 10.0)
 
 
@@ -97,6 +98,10 @@ def test_a_rectangle_is_its_two_intervals():
     )
 
 
+def test_two_intervals_of_a_low_level_may_hold_nothing_together():
+    assert rectangle_region(K, B, kind="mean", level=0.4).joint_level == (0.0, 0.4)
+
+
 def test_published_limits_make_a_rectangle():
     k, b = Moments.from_limits(944.85, 1017.2, 10), Moments.from_limits(1.2404, 1.5316, 10)
     region = rectangle_region(k, b, kind="mean")
@@ -123,6 +128,14 @@ def test_sentences():
     assert ellipse_region(K, B, kind="user").covers == (
         "The next user's stiffness and damping lie inside together, with 99 % confidence (from 10 users)."
     )
+    assert ellipse_region(K, B, kind="mean", family="lognormal").covers == (
+        "The typical (geometric-mean) user's stiffness and damping lie inside together, with 99 % confidence "
+        "(from 10 users)."
+    )
+    assert ellipse(np.zeros(2), np.eye(2)).covers == (
+        "The average user's stiffness and damping lie inside together, with 90 % probability under the model "
+        "and its priors (from 3 users)."
+    )
 
 
 LINE = np.arange(5.0)
@@ -139,6 +152,19 @@ def ellipse(centre, shape):
         radius=1.0,
         n=3,
     )
+
+
+def test_the_curve_itself_is_inside():
+    circle = ellipse(np.zeros(2), np.eye(2))
+    assert circle.contains([1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]).all()
+    assert not circle.contains(np.nextafter(1.0, 2.0), 0.0)
+
+
+def test_points_on_a_line_but_for_rounding_are_refused():
+    for seed in range(50):
+        k = np.random.default_rng(seed).normal(30.0, 2.0, 10)
+        with pytest.raises(RefusalError, match="lie on a line"):
+            ellipse_region(k, 0.1 * k + 0.3, kind="mean")
 
 
 @pytest.mark.parametrize(
@@ -164,6 +190,20 @@ def ellipse(centre, shape):
             lambda: RectangleRegion(stiffness=t_interval(K), damping=prediction_interval(B)),
             UsageError,
             "differ in kind: 'mean' and 'user'",
+        ),
+        (
+            lambda: RectangleRegion(
+                stiffness=tolerance_interval(K, share=0.9), damping=tolerance_interval(B, share=0.8)
+            ),
+            UsageError,
+            r"differ in share: 0\.9 and 0\.8",
+        ),
+        (
+            lambda: RectangleRegion(
+                stiffness=tolerance_interval(K, confidence=0.9), damping=tolerance_interval(B, confidence=0.8)
+            ),
+            UsageError,
+            r"differ in confidence: 0\.9 and 0\.8",
         ),
         (lambda: ellipse(np.zeros(3), np.eye(2)), UsageError, r"got \(3,\)"),
         (lambda: ellipse(np.zeros(2), np.ones((2, 2))), UsageError, "positive definite"),

@@ -35,6 +35,13 @@ def test_the_limits_invert_the_noncentral_t():
     assert found.estimate == 0.2
 
 
+@pytest.mark.parametrize("ratio", [1.6, 2.0, 3.0])
+def test_the_lower_limit_of_two_subjects_inverts_the_noncentral_t(ratio):
+    found = coefficient_of_variation(Moments(ratio, 1.0, 2), level=0.9)
+    tail = stats.nct.cdf(ratio * np.sqrt(2), 1, np.sqrt(2) / found.lower)
+    assert tail == pytest.approx(0.05, rel=1e-8)
+
+
 def test_a_mean_that_may_be_zero_bounds_no_cv():
     found = coefficient_of_variation(Moments([1.0, 10.0], [1.0, 1.0], 4))
     assert found.upper[0] == np.inf
@@ -69,6 +76,7 @@ def test_sentences():
     ("call", "error", "message"),
     [
         (lambda: coefficient_of_variation([-1.0, 0.5]), RefusalError, "needs a positive mean"),
+        (lambda: coefficient_of_variation(Moments(0.0, 1.0, 5)), RefusalError, "needs a positive mean"),
         (lambda: coefficient_of_variation([1.0, 1.0]), RefusalError, "no scatter"),
         (lambda: coefficient_of_variation([1.0, 2.0], family="free"), UsageError, '"normal" or "lognormal"'),
         (lambda: weber_fraction([1.0, 2.0], -1.0), RefusalError, "has no ratio"),

@@ -46,6 +46,7 @@ def test_weights_by_trials_or_by_hand():
     by_trials = found.moments(weights="trials")
     assert by_trials.mean == pytest.approx(TRIALS.mean(), rel=1e-14)
     assert by_trials.weighted
+    assert by_trials.repeats
     by_hand = found.moments(weights=[3.0, 2.0, 1.0])
     assert (by_hand.mean, by_hand.sd) == (by_trials.mean, by_trials.sd)
     reference = Moments.from_weighted(found.values, [3.0, 2.0, 1.0])
