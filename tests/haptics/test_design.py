@@ -136,6 +136,28 @@ def test_region_reaches_the_stiffest_coupling():
     assert region.device_damping == 20.0
 
 
+@pytest.mark.parametrize(("discretization", "kind"), BOTH)
+def test_the_polygon_of_a_region_has_the_area_under_the_largest_stiffness(discretization, kind):
+    options = {"discretization": discretization, "hold": kind}
+    region = stable_region(2.0, T, points=4001, **options)
+    k, b = region.stiffness, region.damping
+    area = 0.5 * abs(np.sum(k * np.roll(b, -1) - b * np.roll(k, -1)))
+    lines = np.linspace(0.0, 20.0, 20_001)  # N·s/m; at most 8 times 2 are stable
+    top = max_coupling_stiffness(2.0, lines, T, **options)
+    assert top[-1] == 0
+    # Where an edge ends on its way trapezoids miss half of one, less than 2e-4 of the area.
+    assert area == pytest.approx(np.trapezoid(top, lines), rel=1e-3)
+
+
+def test_no_stiffness_where_the_coupling_damping_alone_asks_too_much_at_nyquist():
+    options = {"discretization": "tustin", "hold": "true"}
+    nyquist = np.pi / T
+    # b_c/π is asked for at Nyquist, whatever the stiffness.
+    assert required_damping_at(nyquist, Coupling(1e-6, 100.0), T, **options) == pytest.approx(100 / np.pi)
+    assert max_coupling_stiffness_at(nyquist, Device(0.0, 31.0), 100.0, T, **options) == 0.0
+    assert max_coupling_stiffness_at(nyquist, Device(0.0, 32.0), 100.0, T, **options) == np.inf
+
+
 def test_region_of_a_device_without_damping_is_a_point():
     region = stable_region(0.0, T, discretization="tustin")
     assert region.stiffness.max() == 0

@@ -126,6 +126,14 @@ def test_against_a_million_points_of_the_ellipse(omega):
     assert lower == pytest.approx(seen.min(), rel=1e-2, abs=1e-2 * seen.max())
 
 
+def test_an_ellipse_about_nothing_at_all_reaches_as_far_as_its_longer_axis(plain_impedance, ellipse_edge):
+    nothing, shape = Device(0.0, 0.0), np.diag([4.0, 9.0])
+    lower, upper = magnitude_envelope_ellipse(10.0, nothing, (0.0, 0.0), shape, 1.0, T)
+    seen = np.abs(plain_impedance(10.0, nothing, *ellipse_edge((0.0, 0.0), shape, 1.0)))
+    assert lower == 0.0
+    assert upper == pytest.approx(seen.max(), rel=1e-8)  # half the square of half a step of the edge
+
+
 def test_inside_the_box_around_it_and_touching_its_sides():
     omega = np.concatenate([[0.0], np.geomspace(1e-6, np.pi / T, 300)])
     shape = [[100.0, 6.0], [6.0, 1.0]]

@@ -100,6 +100,24 @@ def test_crossings_are_all_there_are():
         np.testing.assert_allclose(seen, expected, atol=2 * (omega[1] - omega[0]))
 
 
+def test_crossings_of_a_box_without_width_in_damping():
+    box = (900.0, 1100.0), (2.0, 2.0)
+    omega = np.linspace(1.0, 3000.0, 60_001)
+    low, high = corner_curves(omega, Device(1.0, 5.0), *box, T)
+    seen = omega[:-1][np.diff(np.sign(high - low)) != 0]
+    assert seen.size
+    step = omega[1] - omega[0]
+    np.testing.assert_allclose(corner_crossings(Device(1.0, 5.0), *box, T), seen, rtol=0, atol=2 * step)
+
+
+def test_the_range_at_negative_omega_is_that_of_the_conjugate():
+    omega = np.array([0.5, 30.0, 900.0])
+    here, mirrored = (
+        magnitude_envelope(sign * omega, Device(0.5, 1.0), (900.0, 1100.0), (1.0, 3.0), T) for sign in (1, -1)
+    )
+    np.testing.assert_array_equal(mirrored, here)
+
+
 def test_crossings_do_not_mind_the_unit_of_force():
     # Products of four numbers are beyond the range of a double in the second.
     k, b = TABLE_1[2]

@@ -130,6 +130,28 @@ def test_hold_of_both_kinds():
     )
 
 
+def test_hold_keeps_its_digits_next_to_nyquist():
+    theta = np.pi - np.array([1e-14, 1e-12, 1e-9])
+    with mpmath.workdps(40):
+        half = [mpmath.mpf(float(angle)) / 2 for angle in theta]
+        exact = [mpmath.cos(h) * mpmath.expj(-h) for h in half]
+        parts = np.array([[float(value.real), float(value.imag)] for value in exact])
+    found = hold(theta, 1.0)
+    np.testing.assert_allclose(np.transpose([found.real, found.imag]), parts, rtol=1e-15)  # a few roundings
+
+
+def test_an_undamped_resonance_of_mass_and_coupling_is_infinite():
+    omega = np.linspace(0.1, 3.0, 4001)
+    # Z_c is -Z_e to the last digits, and at hundreds of these omega to the very last.
+    mass, spring = Environment(0.0, 0.0, 1.0), Coupling((2 * np.tan(omega / 2)) ** 2, 0.0)
+    share = np.abs(velocity_ratio(omega, mass, spring, 1.0))
+    assert (share > 1e14).all()
+    resonant = np.isinf(share)
+    assert resonant.sum() > 100
+    shown = effective_impedance(omega, mass, spring, 1.0)
+    np.testing.assert_array_equal(shown.stiffness[resonant], np.inf)
+
+
 def test_stiffness_and_mass_are_infinite_where_they_should_be():
     value = environment_impedance([0.0, NYQUIST], Environment(10.0, 1.0, 0.1), 1e-3)
     np.testing.assert_array_equal(value.real, [1.0, 1.0])
@@ -170,7 +192,21 @@ def test_period_is_one_positive_number(period):
         ),
         (lambda: perceived_magnitude(1.0, Device(1, 1), np.nan, 0.0, 1e-3), "stiffness must be finite"),
         (
+            lambda: perceived_magnitude(1.0, Device(1, 1), -np.inf, 0.0, 1e-3),
+            r"stiffness must be finite and at most 1e\+100",
+        ),
+        (
+            lambda: perceived_magnitude(1.0, Device(1, 1), -1e101, 0.0, 1e-3),
+            r"stiffness must be finite and at most 1e\+100",
+        ),
+        (
             lambda: perceived_magnitude([1.0, 2.0], Device(1, 1), 1.0, 0.0, 1e-3, out=np.empty(3)),
+            r"out must be float64 of shape \(2,\)",
+        ),
+        (
+            lambda: perceived_magnitude(
+                [1.0, 2.0], Device(1, 1), 1.0, 0.0, 1e-3, out=np.empty(2, dtype=np.float32)
+            ),
             r"out must be float64 of shape \(2,\)",
         ),
     ],

@@ -31,11 +31,12 @@ def test_verdict_turns_at_the_required_damping(discretization, kind):
     need = required_damping(COUPLING, T, **options)
     verdicts = [
         absolute_stability(Device(1.0, need.damping * factor), COUPLING, T, **options)
-        for factor in (1 - 1e-10, 1.0, 1 + 1e-10)
+        for factor in (1 - 1e-10, 1 - 1e-13, 1.0, 1 + 1e-13, 1 + 1e-10)
     ]
-    assert [verdict.verdict for verdict in verdicts] == ["unstable", "marginal", "stable"]
-    assert verdicts[1].smallest_margin == pytest.approx(1.0, abs=verdicts[1].rounding)
-    assert verdicts[1].poles_allowed is True
+    assert [verdict.verdict for verdict in verdicts] == ["unstable", *["marginal"] * 3, "stable"]
+    for verdict in verdicts[1:4]:
+        assert verdict.smallest_margin == pytest.approx(1.0, abs=verdict.rounding)
+        assert verdict.poles_allowed is True
 
 
 def test_binding_frequency_of_the_published_coupling():
@@ -176,6 +177,10 @@ def test_a_table_of_a_part_of_the_range_shows_no_stability():
         assert found.reason.endswith("of the rest, up to 3141.59 rad/s, the device's table says nothing.")
     omega = np.geomspace(0.05, 120.0, 300)
     assert absolute_stability(TabulatedDevice(omega, 5.0 + 1j * omega), coupling, T).verdict == "undecided"
+    omega = np.linspace(500.0, np.pi / T, 50)
+    found = absolute_stability(TabulatedDevice(omega, np.full(50, 5.0)), Coupling(100.0, 1.0), T)
+    assert found.smallest_margin > 1
+    assert found.verdict == "undecided"
 
 
 def test_without_coupling_nothing_is_asked():
@@ -184,6 +189,11 @@ def test_without_coupling_nothing_is_asked():
         network = two_port([1.0, 10.0, 3000.0], Device(1.0, damping), Coupling(0.0, 0.0), T)
         found = llewellyn(network)
         assert (found.verdict, found.smallest_margin) == ("stable", np.inf)
+
+
+def test_an_active_device_is_unstable_even_without_a_coupling():
+    device = TabulatedDevice([1.0, 3000.0], [-1.0, -1.0])
+    assert llewellyn(two_port([1.0, 10.0], device, Coupling(0.0, 0.0), T)).verdict == "unstable"
 
 
 def test_tustin_without_damping_is_unstable():

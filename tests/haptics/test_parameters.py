@@ -56,6 +56,7 @@ def test_records_refuse(make, message):
         ([1.0], [1.0], "two or more"),
         ([1.0, 2.0], [1.0], "equal length"),
         ([1.0, 1.0], [1.0, 2.0], r"value 1\.0: TabulatedDevice omega must increase"),
+        ([1.0, 3.0, 2.0], [1.0, 2.0, 3.0], r"value 2\.0: TabulatedDevice omega must increase"),
         ([1.0, 2.0], [1.0, np.nan], "impedance holds NaN"),
         ([1.0, 2.0], [1.0, np.inf], "impedance must be finite"),
         ([1.0, 2.0], ["a", "b"], "impedance must be complex numbers"),
@@ -88,6 +89,10 @@ def test_records_keep_their_own_copies():
     assert environment.stiffness[0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
         environment.stiffness[0] = 3.0
+    impedance = np.ones(2, dtype=complex)
+    table = TabulatedDevice([1.0, 2.0], impedance)
+    impedance[0] = 7.0
+    assert device_impedance(1.0, table, 1e-3) == 1.0
 
 
 def test_numbers_compare_as_numbers():

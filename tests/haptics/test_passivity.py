@@ -26,6 +26,11 @@ def test_dropping_the_damping_is_wrong():
     assert passivity_damping(Environment(1000.0, 3.0), T) == pytest.approx(3.5)
 
 
+def test_masses_alone_give_the_need_its_shape():
+    need = passivity_damping(Environment(1000.0, 1.0, np.ones(3)), T, model="tustin")
+    assert need.tolist() == [-0.5] * 3  # k·T/2 − b
+
+
 value = st.one_of(st.just(0.0), st.floats(1e-2, 1e3))
 
 

@@ -69,6 +69,12 @@ def test_phase_at_dc_is_a_quarter_turn():
     np.testing.assert_array_equal(phase_envelope(0.0, Device(1, 5), (0.0, 0.0), (0.0, 1.0), T), [0.0, 0.0])
 
 
+def test_phase_of_negative_real_impedances_is_half_a_turn_and_not_minus_it():
+    np.testing.assert_array_equal(
+        phase_envelope(0.0, Device(0.0, 0.0), (0.0, 0.0), (-2.0, -1.0), T), [np.pi, np.pi]
+    )
+
+
 def test_phase_range_of_ellipses(plain_impedance, ellipse_edge):
     rng = np.random.default_rng(12)
     seen = set()
@@ -93,6 +99,11 @@ def test_phase_range_of_points_segments_and_dc():
         phase_envelope_ellipse(10.0, DEVICE, (k, 1.0), np.zeros((2, 2)), 1.0, T)[0] for k in (-100.0, 100.0)
     ]
     np.testing.assert_allclose(segment, sorted(ends), atol=1e-14)
+    # Damping from -1 to 1 and nothing else: Z_h vanishes in the middle.
+    through = phase_envelope_ellipse(10.0, Device(0.0, 0.0), (0.0, 0.0), np.diag([0.0, 1.0]), 1.0, T)
+    assert through == (-np.pi, np.pi)
+    # Without any stiffness Z_h at DC is real, here 7 to 9 N·s/m.
+    assert phase_envelope_ellipse(0.0, DEVICE, (0.0, 3.0), np.diag([0.0, 1.0]), 1.0, T) == (0.0, 0.0)
     shape = [[100.0, 0.0], [0.0, 1.0]]
     np.testing.assert_array_equal(
         phase_envelope_ellipse(0.0, DEVICE, (25.0, 1.0), shape, 2.0, T), [-np.pi / 2] * 2

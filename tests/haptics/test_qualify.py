@@ -105,6 +105,26 @@ def test_no_limit_leaves_stability_alone():
     free = EnvironmentBoundary(Environment(1000.0, 1.0), np.zeros(40), np.full(40, np.inf))
     region = qualifying_region(OMEGA, DEVICE, [free], T, damping=[100.0])
     np.testing.assert_allclose(region.intervals[0], [[0.0, 106663.63]], rtol=1e-6)
+    assert region.softest.stiffness == 0.0
+
+
+def test_lines_of_damping_reach_from_nothing_to_the_largest_that_is_stable():
+    damping = qualifying_region(OMEGA, DEVICE, BOUNDARIES[:1], T).damping
+    assert damping[0] == 0.0
+    assert damping[-1] == pytest.approx(160.0, rel=1e-5)  # 8 times the device's, less a hair
+    assert (np.diff(damping) > 0).all()
+    # Soft environments qualify at dampings far below the largest.
+    assert damping[1] < 1e-3 * damping[-1]
+
+
+def test_the_stiffest_coupling_of_a_flexible_device_is_marginal():
+    device = Device(0.1, 2.0, (Mode(0.05, 3000.0, 0.5),))
+    free = EnvironmentBoundary(Environment(1000.0, 2.0), np.zeros(40), np.full(40, np.inf))
+    region = qualifying_region(OMEGA, device, [free], T, damping=[1.0, 3.0, 6.0])
+    for b_c, intervals in zip(region.damping, region.intervals, strict=True):
+        found = absolute_stability(device, Coupling(intervals[-1, 1], b_c), T)
+        # Both searches end where a relative 1e-9 in ω is left, which the margin does not see.
+        assert found.smallest_margin == pytest.approx(1.0, abs=1e-10)
 
 
 def test_flexible_and_tabulated_devices():
@@ -132,6 +152,10 @@ def test_flexible_and_tabulated_devices():
         (lambda: qualifying_region(OMEGA, Device(1.0, [1.0, 2.0]), BOUNDARIES, T), "one device"),
         (lambda: qualifying_region([0.0, 1.0], DEVICE, BOUNDARIES, T), "strictly between 0 and Nyquist"),
         (
+            lambda: qualifying_region([*OMEGA[:-1], np.pi / T], DEVICE, BOUNDARIES, T),
+            "strictly between 0 and Nyquist",
+        ),
+        (
             lambda: qualifying_region(OMEGA, DEVICE, BOUNDARIES, T, damping=[]),
             "damping must be a list of one",
         ),
@@ -144,6 +168,7 @@ def test_flexible_and_tabulated_devices():
             lambda: EnvironmentBoundary(Environment(1.0, 1.0), [2.0, 3.0], [3.0, 2.0]),
             "at position 1.*Corner curves cross",
         ),
+        (lambda: EnvironmentBoundary(Environment(1.0, 1.0), [0.0, -1.0], [1.0, 1.0]), "at position 1"),
         (lambda: EnvironmentBoundary(Environment(1.0, 1.0), [np.nan], [3.0]), "at position 0"),
         (lambda: EnvironmentBoundary(Environment(1.0, 1.0), [1.0, 2.0], [3.0]), "two arrays of one length"),
         (lambda: EnvironmentBoundary(Environment([1.0, 2.0], 1.0), [1.0], [3.0]), "for one environment"),
