@@ -31,7 +31,9 @@ def series(warp: Warp, first: Element, second: Element) -> Shown:
     """Return what Z₁Z₂/(Z₁ + Z₂) shows; `second` has no mass.
 
     Z₁Z₂/(Z₁ + Z₂) = a₂²Z₁ + a₁²Z₂ with aᵢ = |Zᵢ|/|Z₁ + Z₂|: both weights are positive, so a passive pair
-    keeps every digit of its damping. At an undamped resonance the stiffness is +inf (a pole has no sign).
+    keeps every digit of its damping. In the stiffness what springs and masses add to the weights is drawn
+    together to k₁k₂(k₁ + k₂): left in them, it would be a difference of large numbers near a resonance,
+    k₁ = −k₂. At an undamped resonance the stiffness is +inf (a pole has no sign).
     """
     r1, x1 = scaled_parts(warp, first)
     r2, x2 = scaled_parts(warp, second)
@@ -42,8 +44,14 @@ def series(warp: Warp, first: Element, second: Element) -> Shown:
     # The rate at the ends is not used there; 0 keeps it finite.
     inertia = np.multiply(first.mass, np.where(at_nyquist, 0.0, warp.rate) ** 2)
     with np.errstate(invalid="ignore"):
-        stiffness = times(w1, first.stiffness - inertia) + times(w2, second.stiffness)
-    stiffness = np.where(np.isnan(stiffness), np.inf, stiffness)
+        k1, k2 = first.stiffness - inertia, np.asarray(second.stiffness)
+        stiffness = (
+            times(ratio(r2, total, empty=0.0) ** 2, k1)
+            + times(ratio(r1, total, empty=0.0) ** 2, k2)
+            + times(ratio(x1, total, empty=0.0) * ratio(x2, total, empty=0.0), k1 + k2)
+        )
+    pole = (total == 0) & (x1 != 0)
+    stiffness = np.where(np.isfinite(stiffness) & ~pole, stiffness, np.inf)
     damping = times(w1, first.damping) + times(w2, second.damping)
     if not (at_dc | at_nyquist).any():
         return Shown(stiffness=stiffness, damping=damping)

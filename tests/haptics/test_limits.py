@@ -140,6 +140,23 @@ def test_hold_keeps_its_digits_next_to_nyquist():
     np.testing.assert_allclose(np.transpose([found.real, found.imag]), parts, rtol=1e-15)  # a few roundings
 
 
+def test_beside_an_undamped_resonance_the_stiffness_is_that_of_springs_in_series():
+    """k₁k₂/(k₁ + k₂), k₁ = k − mΩ²: a few ulp from the pole too it is huge, and never cancels to nothing."""
+    period = 1e-3
+    environment, coupling = Environment(1000.0, 0.0, mass=0.5), Coupling(5000.0, 0.0)
+    pole = 2 / period * np.arctan(np.sqrt(6000 / 0.5) * period / 2)
+    omega = pole + np.arange(-2000, 2001) * np.spacing(pole)
+    found = effective_impedance(omega, environment, coupling, period).stiffness
+    rate = 2 / period * np.tan(omega * period / 2)
+    own = 1000.0 - 0.5 * rate**2
+    with np.errstate(divide="ignore"):
+        series = own * 5000.0 / (own + 5000.0)
+    # An ulp of ω moves the denominator by some 1e-12 of 5000; what is seen of it moves by a few.
+    far = np.abs(own + 5000.0) > 1e-9
+    np.testing.assert_allclose(found[far], series[far], rtol=1e-2)
+    assert np.abs(found).min() > 1e15
+
+
 def test_an_undamped_resonance_of_mass_and_coupling_is_infinite():
     omega = np.linspace(0.1, 3.0, 4001)
     # Z_c is -Z_e to the last digits, and at hundreds of these omega to the very last.
