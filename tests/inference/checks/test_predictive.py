@@ -54,6 +54,13 @@ def test_statistics_are_those_of_numpy_where_cells_are_missing():
     assert np.isnan(found[1:][..., 2]).all()
 
 
+def test_of_two_subjects_neither_is_the_farthest():
+    """Both always lie half their distance from the mean: that says nothing of either."""
+    found = statistics_of(np.array([1.0, 3.0]).reshape(2, 1, 1))[:, 0, 0]
+    np.testing.assert_allclose(found[:2], [2.0, np.sqrt(2.0)], rtol=1e-15)
+    assert np.isnan(found[2])
+
+
 @pytest.mark.parametrize("name", ["balanced", "missing cells", "trials"])
 def test_replicated_statistics_follow_their_exact_laws(name):
     rng = np.random.default_rng(3)

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Options
@@ -49,3 +50,16 @@ def test_all_widths_grow_by_a_quarter_and_no_centre_moves() -> None:
             assert after - 1.0 == pytest.approx((before - 1.0) / 1.25**2, rel=1e-15)
         else:
             assert after == pytest.approx(1.25 * before, rel=1e-15)
+
+
+def test_locations_are_those_under_the_wider_priors() -> None:
+    """Priors narrow enough to pull: the laws of the cells move when these are widened."""
+    study = designs.study("balanced", np.random.default_rng(11))
+    density = CollapsedDensity(study.statistics, Priors(alpha_sd=0.1, gamma_sd=0.1, tau_scale=0.05))
+    points = np.random.default_rng(12).standard_normal((4, len(density.names)))
+    scales = density.layout.scales(np.ascontiguousarray(points.T))
+    wide, own = (
+        Conditional(one, scales).laws.pack() for one in (with_priors(density, wider(density.priors)), density)
+    )
+    np.testing.assert_allclose(reweighted(density, points)[1], wide, rtol=1e-12)
+    assert np.abs(wide - own).max() > 0.001

@@ -120,3 +120,26 @@ def test_normal_scores_are_those_of_ranks():
     scores = normal_scores(cauchy)
     assert scores.shape == cauchy.shape
     assert abs(scores[..., 0].std() - 1) < 0.02
+
+
+def test_autocorrelation_time_waits_for_a_small_part_that_is_slow():
+    """A tenth of the variance remembers fifty positions, and the rest none."""
+    rng, shape = np.random.default_rng(1), (4, 1600, 64, 1)
+    series = np.sqrt(0.1) * autoregressive(0.98, shape, rng) + np.sqrt(0.9) * rng.standard_normal(shape)
+    # Sokal's window: the first of five times the sum of the autocorrelations up to it.
+    lags = np.arange(1, 400)
+    times = 1.0 + 2.0 * 0.1 * np.cumsum(0.98**lags)
+    wanted = times[np.argmax(lags >= 5.0 * times)]
+    # The sum's standard error is sqrt((4 M + 2)/N), 3 % here; where the window ends moves with it.
+    assert autocorrelation_time(series)[0] == pytest.approx(wanted, rel=0.2)
+
+
+def test_monte_carlo_error_of_walkers_that_move_together_and_slowly():
+    """They remember (1 + rho)/(1 - rho) = 19 positions: batches of a few of them would see too little."""
+    rng, repeats = np.random.default_rng(4), 60
+    errors = []
+    for _ in range(repeats):
+        together = np.repeat(autoregressive(0.9, (4, 200, 1, 1), rng), 64, axis=2)
+        errors.append(monte_carlo_error(together, autocorrelation_time(together))[0])
+    # 800 positions; an error from some 12 batches scatters by a fifth and is low by what batches share.
+    assert 0.75 < np.mean(errors) / np.sqrt(19.0 / 800) < 1.25

@@ -2,12 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from percept.errors import RefusalError
+from percept.inference.sampling import run as running
+from percept.inference.sampling import warmup
+from percept.inference.sampling.diagnostics import autocorrelation_time
 from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.estimands import Estimates, Means
 from percept.inference.sampling.gate import pass_gate
 from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.transported import Affine
+from percept.inference.sampling.unfinished import Ensembles, Unfinished
+from percept.inference.share import ALONE
 from tests.inference.sampling.targets import Normal
 
 
@@ -176,3 +183,82 @@ def test_thinned_draws_are_nearly_independent():
     x = chosen[..., 0]
     products = x[:, 1:] * x[:, :-1]
     assert abs(products.mean() / x.var()) < 4.0 / np.sqrt(products.size)
+
+
+def judged(components, estimands=MEAN):
+    """The gate of a run whose components are given, of shape (E, T, W, Q)."""
+    ensembles, length, walkers, _ = components.shape
+    points = np.random.default_rng(9).normal(size=(ensembles, length, walkers, 1))
+    steps = 3 * length
+    accepted = np.full((ensembles, walkers), steps // 2)
+    state = Ensembles(points[:, -1], np.zeros((ensembles, walkers)), (), ({},) * ensembles, accepted, steps)
+    transport = Affine(np.zeros(1), np.eye(1))
+    begun = Unfinished(transport, state, points, components, 3, steps, False, None)
+    return running._Running(Normal(1), estimands, begun, ALONE).judge(Settings(tolerance=0.9)).gate
+
+
+def test_rare_spikes_do_not_hide_what_is_slow():
+    """They have all the variance and no memory; ranks see what lies below them."""
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal((4, 300, 64, 1))
+    noise[:, 1:] *= np.sqrt(1 - 0.98**2)
+    slow = signal.lfilter([1.0], [1.0, -0.98], noise, axis=1)
+    spikes = 1e3 * (rng.random(slow.shape) < 0.01) * rng.standard_normal(slow.shape)
+    # Steps: three times (1 + 0.98)/(1 - 0.98) = 99 positions, of which 300 positions show the most part.
+    assert judged(slow).autocorrelation_time > 100
+    assert judged(slow + spikes).autocorrelation_time > 50
+
+
+class Sum:
+    """The mean of the sum of two components."""
+
+    def components(self, points):
+        raise AssertionError
+
+    def estimate(self, components, share=None):
+        total = components.sum(axis=1, keepdims=True)
+        mean = total.mean(axis=0)
+        return Estimates(("sum",), mean, total.std(axis=0), total - mean)
+
+
+def test_ensembles_that_disagree_in_components_are_withheld_though_their_sum_agrees():
+    rng = np.random.default_rng(2)
+    apart = 0.17 * np.array([1.0, -1.0, 1.0, -1.0])[:, None, None, None]
+    noise = rng.normal(size=(2, 4, 200, 64, 1))
+    found = judged(np.concatenate([noise[0] + apart, noise[1] - apart], axis=3), Sum())
+    assert not found.passed
+    assert "the ensembles disagree" in found.reasons[-1]
+    assert judged(noise[0], Sum()).passed
+
+
+def test_a_run_that_begins_anew_has_streams_of_its_own(monkeypatch):
+    seeds = []
+    for module in (running, warmup):
+
+        def noted(here, points, seed, real=module.start):
+            seeds.append((seed.entropy, seed.spawn_key))
+            return real(here, points, seed)
+
+        monkeypatch.setattr(module, "start", noted)
+    sample(Normal(4), MEAN, Settings(tolerance=0.003, seed=2))
+    # Warm-up and run, then both again with the refined transport.
+    assert len(seeds) == len(set(seeds)) == 4
+
+
+def test_autocorrelation_times_are_in_steps_and_all_walkers_count():
+    run = sample(Normal(4), MEAN, Settings(tolerance=0.02, seed=2))
+    assert run.stride > 1
+    influence = run.points[..., :1] - run.estimates.value
+    assert run.times[0] == pytest.approx(run.stride * autocorrelation_time(influence)[0])
+    kept = run.points[..., 0].size
+    assert run.gate.effective_draws == pytest.approx(kept * run.stride / run.gate.autocorrelation_time)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "refined", "walkers", "kept"),
+    [(5, False, 64, 64), (5, True, 256, 256), (40, False, 82, 64), (40, True, 82, 64)],
+)
+def test_an_ensemble_has_more_than_two_walkers_a_coordinate(dimension, refined, walkers, kept):
+    """Differences of the other half must span the space: emcee's own rule, and two walkers more."""
+    assert running._walkers(Settings(), dimension, refined=refined) == (walkers, kept)
+    assert running._walkers(Settings(walkers=100), dimension, refined=refined) == (100, 100)

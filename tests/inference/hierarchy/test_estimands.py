@@ -1,0 +1,22 @@
+"""Ends of intervals are judged on the scale of their own interval."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.pooled import Pooled
+from tests.inference.hierarchy import designs
+
+
+def test_the_scale_of_both_ends_is_half_the_width() -> None:
+    model = Pooled(CollapsedDensity(designs.study("balanced", np.random.default_rng(1)).statistics))
+    estimands = IntervalEstimands(model)
+    points = np.random.default_rng(2).normal(size=(50, len(model.names)))
+    found = estimands.estimate(estimands.components(points))
+    # Kinds, ends, cells.
+    lower, upper = np.moveaxis(found.value.reshape(3, 2, -1), 1, 0)
+    half = 0.5 * (upper - lower)
+    assert (half > 0).all()
+    np.testing.assert_array_equal(found.scale.reshape(3, 2, -1), np.stack([half, half], axis=1))

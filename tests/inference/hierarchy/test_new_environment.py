@@ -1,0 +1,65 @@
+"""Users of an environment nobody was tested in: their laws by hand, and draws of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
+from percept.inference.hierarchy.pooled import Pooled
+from tests.inference.hierarchy import designs
+
+PLACE = np.array([0.3, -0.4])
+
+
+def model_and_points(width=5):
+    model = Pooled(CollapsedDensity(designs.study("balanced", np.random.default_rng(1)).statistics))
+    return model, np.random.default_rng(2).normal(size=(width, len(model.names)))
+
+
+def expected(model, points, repeats):
+    found = new_environment(model, points, PLACE, repeats=repeats, rng=np.random.default_rng(0))
+    return found, {
+        name: np.repeat(values, repeats, axis=0) for name, (_, values) in model.scales(points).items()
+    }
+
+
+def test_users_correlate_by_what_they_share_and_by_what_is_their_own() -> None:
+    found, named = expected(*model_and_points(), repeats=3)
+    shared = named["sigma_u"]
+    own = np.sqrt(np.diagonal(found.population, axis1=1, axis2=2) - shared**2)
+    wanted = named["rho_u"] * shared.prod(axis=1) + named["rho_w"] * own.prod(axis=1)
+    np.testing.assert_allclose(found.population[:, 0, 1], wanted, rtol=1e-9)
+    np.testing.assert_array_equal(found.population[:, 0, 1], found.population[:, 1, 0])
+
+
+def test_repeats_of_a_draw_stand_together() -> None:
+    model, points = model_and_points()
+    once, thrice = (expected(model, points, repeats)[0] for repeats in (1, 3))
+    np.testing.assert_array_equal(thrice.mean, np.repeat(once.mean, 3, axis=0))
+    np.testing.assert_array_equal(thrice.covariance, np.repeat(once.covariance, 3, axis=0))
+
+
+def test_spreads_of_stiffness_and_damping_leave_their_trends_independently() -> None:
+    found, named = expected(*model_and_points(width=200), repeats=20)
+    own = np.diagonal(found.population, axis1=1, axis2=2) - named["sigma_u"] ** 2
+    off = (0.5 * np.log(own) - np.log(named["s"]) - named["kappa"] * PLACE) / named["omega"]
+    # Where next to nothing leaves the trend the difference is rounding.
+    off = off[(named["omega"] > 0.1).all(axis=1)]
+    assert len(off) > 2000
+    # A correlation of independent pairs scatters by one over the root of their number.
+    assert abs(np.corrcoef(off.T)[0, 1]) < 4.0 / np.sqrt(len(off))
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_draws_have_the_stated_covariances(sign: float) -> None:
+    one, count = np.array([[4.0, 1.8 * sign], [1.8 * sign, 1.0]]), 20_000
+    many = NewEnvironment(
+        np.zeros((count, 2)), np.tile(one, (count, 1, 1)), np.tile(2.0 * one, (count, 1, 1))
+    )
+    average, user = many.draw(np.random.default_rng(1))
+    for drawn, wanted in ((average, one), (user - average, 2.0 * one), (user, 3.0 * one)):
+        # Variances s_ii s_jj + s_ij² over the number of draws, of nine numbers.
+        error = np.sqrt((np.outer(wanted.diagonal(), wanted.diagonal()) + wanted**2) / count)
+        np.testing.assert_array_less(np.abs(np.cov(drawn.T) - wanted), 4.5 * error)
