@@ -15,10 +15,11 @@ from percept.inference.hierarchy.wider_priors import reweighted, wider, with_pri
 from percept.inference.sampling.run import Settings, sample
 from percept.sessions import Sessions
 from percept.study.bayesian import Fit
-from percept.study.comparison import compare_curves
+from percept.study.comparison import compare_curves, compare_intervals, sample_sds
 from percept.study.pairs import compare_studies, split_by
 from percept.study.posterior import thinned_points
 from percept.study.prior_pull import prior_pull
+from tests.study.checked import study_of, table_of
 
 
 def test_the_reasons_multiply_to_the_ratio_of_widths(fitted: Study) -> None:
@@ -34,6 +35,63 @@ def test_the_reasons_multiply_to_the_ratio_of_widths(fitted: Study) -> None:
     assert (mean["to_mean_classical"] == 1.0).all()
     user = table[table["kind"] == "user"]
     np.testing.assert_allclose(user["to_mean_classical"], np.sqrt(11.0), rtol=1e-9)
+
+
+def test_signs_and_units_of_the_comparison_by_hand(fitted: Study) -> None:
+    """Shifts point from the classical centre to the Bayesian, and the other family's width is on top."""
+    table, intervals = fitted.comparison, fitted.intervals
+    assert table is not None
+    keys = ["environment", "parameter", "kind"]
+    marginal = intervals[(intervals["method"] == "classical") & (intervals["joint"] == "marginal")]
+    marginal = marginal.assign(width=marginal["upper"] - marginal["lower"])
+    width = marginal.pivot_table(index=keys, columns="family", values="width")
+    for row in table.itertuples():
+        at = width.loc[(row.environment, row.parameter, row.kind)]
+        assert row.scale_ratio == pytest.approx(at["normal"] / at["lognormal"])
+        of_cell = fitted.sessions.table["environment"] == row.environment
+        sd = np.log(fitted.sessions.table.loc[of_cell, f"{row.parameter}_adj"]).std()
+        classical, bayesian = (
+            0.5 * np.log(getattr(row, f"lower_{m}") * getattr(row, f"upper_{m}"))
+            for m in ("classical", "bayesian")
+        )
+        assert row.shift_sds == pytest.approx((bayesian - classical) / sd, abs=1e-9)
+
+
+def test_intervals_apart_do_not_overlap(fitted: Study) -> None:
+    assert fitted.fit is not None
+    table = fitted.intervals
+    table.loc[table["method"] == "bayesian", ["lower", "upper", "estimate"]] *= 1e9
+    sds = sample_sds(fitted.sessions, ("k", "b"), "lognormal")
+    assert (compare_intervals(table, fitted.fit, fitted.scene, sds)["overlap"] == 0.0).all()
+
+
+def test_spreads_of_the_normal_family_are_compared_in_native_units() -> None:
+    """References over two decades: a ratio of SDs, both in N/m."""
+    study = study_of(table_of(subjects=6), method="both", family="normal", tolerance=0.2)
+    assert study.comparison is not None
+    assert study.fit is not None
+    sd = study.sessions.table.groupby("environment")["k_adj"].std()
+    model = study.fit.prepared.model
+    spread = model.laws(thinned_points(study.fit)[0]).spread
+    for row in study.comparison.itertuples():
+        at = np.log(spread[:, model.cells.index(("k", row.environment))])
+        typical = np.exp(at.mean()) * study.reference["k", row.environment]
+        # Over all kept draws there, over some nearly independent ones of them here.
+        error = 4.0 * at.std() / np.sqrt(len(at))
+        assert np.log(row.spread_ratio * sd[row.environment] / typical) == pytest.approx(0.0, abs=error)
+
+
+def test_priors_against_the_data_pull_towards_themselves() -> None:
+    """All adjust half a neper too high, and the priors expect no bias: they pull both ends down."""
+    study = study_of(
+        table_of(subjects=6, alpha=0.5, tau=0.0, sigma_u=0.0, s=0.1),
+        model={"priors": {"alpha_sd": 0.1, "tau_scale": 0.05}},
+        method="both",
+        tolerance=0.1,
+    )
+    assert study.comparison is not None
+    mean = study.comparison.query("kind == 'mean'")
+    assert (mean[["prior_lower", "prior_upper"]] < 0).all(axis=None)
 
 
 def test_prior_pull_by_reweighting_agrees_with_a_refit(fitted: Study) -> None:

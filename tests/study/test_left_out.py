@@ -10,7 +10,7 @@ from scipy import stats
 from percept import RefusalError, Scene, Study, read_sessions
 from percept.report.left_out import left_out_document, left_out_markdown
 from percept.study.left_out import LeftOut, leave_one_environment_out
-from percept.study.prediction import predict
+from percept.study.prediction import expected_users, predict
 from tests import DATASETS
 
 KEPT = ("VE2", "VE3", "VE4")
@@ -73,8 +73,6 @@ def test_observed_mean_and_users_by_hand(found: LeftOut) -> None:
 
 def test_place_is_that_of_a_mean_of_as_many_users(found: LeftOut, others: Study) -> None:
     """Simulated means of ten predicted users, instead of the mixture's distribution function."""
-    from percept.study.prediction import expected_users
-
     assert others.fit is not None
     x = np.log10(1e4 / np.sqrt(1e3 * 25e3)), np.log10(10.0 / np.sqrt(1.0 * 25.0))
     laws = expected_users(others.fit, np.array(x), others.scene).laws
@@ -88,6 +86,23 @@ def test_place_is_that_of_a_mean_of_as_many_users(found: LeftOut, others: Study)
         share = np.mean(means < row["observed"])
         error = np.sqrt(share * (1.0 - share) / len(means))
         assert abs(row["place"] - share) < 4.0 * error
+
+
+def test_place_under_the_normal_family_is_relative_to_the_reference() -> None:
+    asked = {"family": "normal", "method": "bayesian", "parameters": ("k",)}
+    found = leave_one_environment_out(published(*KEPT, **asked))
+    row = found.rows.set_index("environment").loc["VE3"]
+    others = published("VE2", "VE4", **asked)
+    assert others.fit is not None
+    x = np.array([np.log10(1e4 / np.sqrt(1e3 * 25e3))])
+    laws = expected_users(others.fit, x, others.scene).laws
+    rng = np.random.default_rng(1)
+    average = laws.mean[:, 0] + laws.sd[:, 0] * rng.standard_normal(len(laws.mean))
+    noise = rng.standard_normal((len(average), 10)).mean(axis=1)
+    means = 1e4 * (1.0 + average + laws.spread[:, 0] * noise)
+    share = np.mean(means < row["observed"])
+    assert 0.0 < share < 1.0
+    assert abs(row["place"] - share) < 4.0 * np.sqrt(share * (1.0 - share) / len(means))
 
 
 def test_document_and_page_say_the_same(study: Study, found: LeftOut) -> None:

@@ -4,17 +4,22 @@ import warnings
 
 import arviz_stats
 import numpy as np
+import pandas as pd
 import pytest
 import xarray
 from scipy import stats
 
 import percept
 from percept import Scene, Study, UsageError, read_sessions
+from percept.inference.checks.loo import Loo
+from percept.inference.checks.predictive import Predicted
+from percept.study import model_choice, subject_checks
 from percept.study.model_checks import correlation_table
 from percept.study.model_choice import compare_models
 from percept.study.posterior import data_tree, full_groups, posterior_groups, subject_density
 from percept.study.posterior_file import write_posterior
 from percept.study.sensitivity import power_scaling
+from percept.study.subject_checks import SubjectChecks
 from tests import DATASETS
 from tests.study.checked import study_of, table_of
 
@@ -67,6 +72,24 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     assert "VE3" in set(unusual["environment"])
 
 
+def test_false_alarms_are_shared_among_the_subjects(clean):
+    """One study in twenty names somebody: of ten subjects each has a probability of 0.005."""
+    farther = np.array([0.0049, 0.0051, *[0.5] * 8])
+    loo = Loo(np.zeros(10), np.zeros(10), 0.7, np.zeros((1, 1)), np.ones((1, 10)))
+    predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
+    subjects = subject_density(clean.fit)
+    found = subject_checks._tables(clean.fit, subjects, loo, predicted, np.zeros(10, dtype=bool), refit=False)
+    assert found.subjects["outlier"].tolist() == [True] + [False] * 9
+
+
+def test_statistics_above_their_range_are_hardly_ever_larger(planted):
+    found = planted.checks.statistics
+    high = found[found["observed"] > found["upper"]]
+    assert len(high) > 0
+    # Half of one per cent lies above a limit, which is a quantile of the same draws.
+    assert (high["above"] < 0.006).all()
+
+
 def test_reweighting_says_it_is_rough_and_sampling_anew_says_how_far_off(planted):
     quick = Study(planted.sessions, Scene.from_tables(planted.scene.to_dict() | {"checks": {}}))
     quick.__dict__["fit"] = planted.fit
@@ -107,6 +130,18 @@ def test_tree_is_the_posterior_with_groups_that_arviz_understands(clean, tmp_pat
         assert sensitivity["likelihood"].gt(0.02).all()
 
 
+def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
+    arrays = full_groups(clean.fit, seed=7).arrays
+    for of, users in (("posterior", "posterior_predictive"), ("prior", "prior_predictive")):
+        named = arrays[of]
+        # Far tails of the priors are beyond what a double holds in N/m: quartiles, and no moments.
+        with np.errstate(all="ignore"):
+            off = np.log(arrays[users]["new_user"] / named["population_mean"])
+        within = np.abs(off) < stats.norm.ppf(0.75) * np.hypot(named["sigma"], named["sigma_u"][..., None])
+        # Cells of one draw share the subject's effects.
+        assert np.mean(within) == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / (within.size / 6)))
+
+
 def test_log_likelihood_is_that_of_the_stored_draws(clean):
     tree = data_tree(full_groups(clean.fit, seed=7))
     posterior = tree["posterior"].to_dataset().isel(chain=1, draw=[0, 5])
@@ -145,6 +180,16 @@ def test_a_prior_that_hardly_matters_is_left_alone(clean):
     means = found[(found["quantity"] == "mean") & (found["environment"] == "VE2")]
     assert (means["diagnosis"] == "").all()
     assert (means["likelihood"] > 0.05).all()
+
+
+def test_sensitivities_go_by_the_quantities_they_are_of(clean):
+    found = clean.checks.sensitivity.set_index(["quantity", "environment", "parameter"])
+    for quantity, name in (("mean", "population_mean"), ("spread", "population_sd")):
+        arviz = arviz_stats.psense_summary(clean.posterior, var_names=[name], round_to=10)
+        for (environment, parameter), row in found.loc[quantity].iterrows():
+            theirs = arviz.loc[f"{name}[{parameter}, {environment}]"]
+            assert row["prior"] == pytest.approx(float(theirs["prior"]), rel=1e-6)
+            assert row["likelihood"] == pytest.approx(float(theirs["likelihood"]), rel=1e-6)
 
 
 def test_correlation_that_was_simulated_is_found():
@@ -197,6 +242,41 @@ def test_exact_weber_loses_where_the_spread_grows():
     kappa = study.checks.weber.iloc[0]
     assert kappa["lower"] < 0.5 < kappa["upper"]
     assert kappa["positive"] > 0.9
+
+
+def checks_of(elpd, influential, refitted):
+    table = pd.DataFrame({"elpd": elpd, "influential": influential, "refitted": refitted})
+    return SubjectChecks(float(np.sum(elpd)), 1.0, 0.7, table, table, ())
+
+
+def test_models_are_apart_by_their_sums_over_subjects():
+    none = [False] * 3
+    found = model_choice._table(
+        {
+            "a": checks_of([1.0, 2.0, 3.0], none, none),
+            "b": checks_of([0.5, 0.5, 2.75], [True, True, False], [True, False, False]),
+        }
+    )
+    assert found["model"].tolist() == ["a", "b"]
+    assert found["difference"].tolist() == [0.0, -2.25]
+    # Of a sum over three subjects.
+    wanted = np.sqrt(3) * np.std([-0.5, -1.5, -0.25], ddof=1)
+    assert found["difference_se"].tolist() == pytest.approx([0.0, wanted])
+    # One influential subject was sampled anew; the other stays rough.
+    assert found["rough"].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("difference", "said"),
+    [
+        (-3.9, '"a" predicts a subject left out best, not distinguishable from b.'),
+        (-4.1, '"a" predicts a subject left out best; b clearly worse.'),
+    ],
+)
+def test_a_model_is_clearly_worse_from_a_difference_of_four(difference, said):
+    """However small its standard error: below that it cannot be trusted."""
+    table = pd.DataFrame({"model": ["a", "b"], "difference": [0.0, difference], "difference_se": [0.0, 0.1]})
+    assert model_choice._sentence(table.assign(rough=0)) == said
 
 
 def test_models_must_exist_and_need_several_environments(clean):

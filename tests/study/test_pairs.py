@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from percept import Scene, Study, read_sessions
 from percept.errors import UsageError
@@ -48,6 +49,24 @@ def test_different_numbers_of_trials_are_said():
     assert note.startswith(
         "Subjects typically made 3 trials of an environment in A and 1 in B: more of the trial noise"
     )
+
+
+def scattered(prefix, centre, sd, count, seed):
+    k = centre * np.exp(sd * np.random.default_rng(seed).standard_normal(count))
+    subjects = [f"{prefix}{i}" for i in range(count)]
+    table = pd.DataFrame({"subject": subjects, "environment": "VE1", "k_ref": 100.0, "k_adj": k})
+    return study(Sessions.from_frame(table), level=0.9), np.log(k)
+
+
+def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fisher_s():
+    """Four subjects and nine, of four times the spread."""
+    first, a = scattered("A", 100.0, 0.1, 4, seed=2)
+    second, b = scattered("B", 120.0, 0.4, 9, seed=3)
+    (row,) = compare_studies(first, second).differences.query("parameter == 'k'").itertuples()
+    welch = stats.ttest_ind(b, a, equal_var=False).confidence_interval(0.9)
+    np.testing.assert_allclose(np.log([row.lower, row.upper]), [welch.low, welch.high], rtol=1e-9)
+    fisher = b.var(ddof=1) / a.var(ddof=1) / stats.f(8, 3).ppf([0.95, 0.05])
+    np.testing.assert_allclose([row.spread_lower, row.spread_upper], np.sqrt(fisher), rtol=1e-9)
 
 
 def test_published_limits_and_blank_groups_are_not_divided():

@@ -10,9 +10,10 @@ from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.inference.hierarchy.new_environment import new_environment
 from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.hierarchy.product import Product
+from percept.inference.sampling.mixture import mixture_quantile
 from percept.sessions import Sessions
 from percept.study.posterior import thinned_points
-from percept.study.prediction import predict
+from percept.study.prediction import expected_users, predict
 from tests import DATASETS
 
 
@@ -174,6 +175,31 @@ def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(publi
     }
     assert set(found.intervals["kind"]) == {"mean", "user", "share"}
     assert found.intervals["covers"].str.contains("moment matching").all()
+
+
+def test_intervals_from_published_limits_say_how_they_come_to_logarithms(published: Study) -> None:
+    bayesian = published.intervals.query("method == 'bayesian'")
+    assert bayesian["covers"].str.contains("moment matching").all()
+
+
+def test_monte_carlo_error_is_a_share_of_the_half_width(fitted: Study) -> None:
+    found = predict(fitted, stiffness=2e3, damping=2.0, kinds=("mean",), curves=False)
+    assert fitted.fit is not None
+    laws = expected_users(fitted.fit, np.array(list(found.decades.values())), fitted.scene).laws
+    batches = 40
+    for p, row in enumerate(found.intervals.itertuples()):
+        # Batches of draws, each with its own limits: their scatter is the error of the whole's.
+        parts = zip(*(np.array_split(one[:, [p]], batches) for one in (laws.mean, laws.sd)), strict=True)
+        ends = np.array(
+            [
+                [mixture_quantile(mean, sd, 0.005, upper=upper)[0][0] for upper in (False, True)]
+                for mean, sd in parts
+            ]
+        )
+        error = ends.std(axis=0, ddof=1).max() / np.sqrt(batches)
+        half = 0.5 * np.log(row.upper / row.lower)
+        # An SD of 40 numbers scatters by 1/sqrt(2 · 39) = 0.11.
+        assert row.monte_carlo == pytest.approx(error / half, rel=0.45)
 
 
 def test_refused(fitted: Study) -> None:

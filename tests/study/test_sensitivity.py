@@ -99,3 +99,9 @@ def test_without_a_coupling_the_reference_itself_is_judged(study: Study) -> None
 
 def test_nothing_to_vary_without_a_device(study: Study) -> None:
     assert Study(study.sessions, scene_of(device=None, coupling=None)).sensitivity is None
+
+
+def test_the_scene_s_own_device_is_found_where_a_scale_starts_at_zero(study: Study) -> None:
+    found = found_for(Study(study.sessions, scene_of(device={"mass": 1.0, "damping": 0.0, "period": PERIOD})))
+    i, j = found.own
+    assert (found.damping[i], found.mass[j]) == (0.0, 1.0)

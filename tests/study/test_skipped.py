@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from percept import Scene, Study
+from percept import Scene, Study, read_sessions
 from percept.errors import RefusalError
 from percept.sessions import Sessions
 from percept.study.left_out import leave_one_environment_out
+from tests import DATASETS
 
 PLACES = {"VE1": (15.0, 0.7), "VE2": (1000.0, 1.5), "VE3": (20000.0, 20.0), "VE4": (50000.0, 100.0)}
 COUPLING = {"stiffness": 5e4, "damping": 100.0}
@@ -140,6 +141,18 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
 def test_what_is_left_out_is_said_with_its_reason(tables, change, what, why):
     said = dict(study(change(table()), **tables).skipped)
     assert said[what].startswith(why)
+
+
+def test_what_published_limits_do_not_hold_and_windows_below_the_range_are_said():
+    scene = {
+        "inference": {"method": "classical"},
+        "frequency": {"lower": 10, "upper": 100},
+        "report": {"zoom": {"VE1": [1, 5], "VE2": [90, 120]}},
+    }
+    said = dict(Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene.from_tables(scene)).skipped)
+    assert said["subject effects and k-b correlation"] == "published limits do not hold them"
+    assert said["zoom window of VE1"] == "it lies outside 10 to 100 rad/s"
+    assert "zoom window of VE2" not in said
 
 
 def test_what_was_not_asked_for_is_not_left_out():
