@@ -13,6 +13,7 @@ import pytest
 from percept.errors import UsageError
 from percept.sessions import format_validation, read_sessions, validate
 from percept.sessions import sources as sources_module
+from percept.sessions.decode import decode
 
 HEAD = "subject,environment,k_ref,k_adj\n"
 
@@ -61,6 +62,13 @@ def test_nul_bytes(tmp_path):
     file.write_bytes(HEAD.encode() + b"1,a,10,\x0011\n")
     with pytest.raises(UsageError, match=r"f\.csv:2: a NUL character"):
         read_sessions(file)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_before_a_nul_byte_are_counted_at_every_kind_of_end(end):
+    with pytest.raises(UsageError, match="a NUL character") as caught:
+        decode(end.join(["a,b", "1,2", "3,\0", ""]).encode(), file="f.csv")
+    assert caught.value.row == 3
 
 
 def claiming(size: int) -> bytes:

@@ -337,6 +337,28 @@ def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, severa
             assert ours == sessions.counts.get(what, 0)
 
 
+def test_rows_of_unfinished_subjects_count_whatever_they_lack(tmp_path):
+    records = [
+        ["A", "1", "V", "10", "1", "1", "11", "1.1"],
+        ["A", "1", "W", "20", "2", "1", "21", "2.1"],
+        ["B", "1", "V", "10", "1", "1", "12", ""],
+        ["B", "1", "V", "10", "1", "2", "12", "1.2"],
+    ]
+    file = write(tmp_path / "f.csv", records)
+    options = ReadOptions.from_mapping({"sessions": {"unfinished": "exclude"}})
+    for function in (read_sessions, reduce_sessions):
+        assert function(file, options=options).counts["excluded: unfinished subject"] == 2
+
+
+def test_the_typical_ratio_counts_every_trial(tmp_path):
+    """Seven trials at the reference and two subjects with one each far off: no other unit is suspected."""
+    records = [["A", "1", "V", "10", "1", str(trial), "10", "1"] for trial in range(1, 8)]
+    records += [[subject, "1", "V", "10", "1", "1", "5000", "1"] for subject in "BC"]
+    file = write(tmp_path / "f.csv", records)
+    assert reduce_sessions(file).cells["n"].tolist() == [7, 1, 1]
+    assert told(reduce_sessions, file) == told(read_sessions, file)
+
+
 def test_folders_of_results_and_other_files_are_noticed(tmp_path):
     one_file_each(tmp_path, rows(subjects=2))
     (tmp_path / "notes.md").write_text("to do")

@@ -207,7 +207,14 @@ def test_units_are_declared_converted_and_checked(tmp_path):
 
 @pytest.mark.parametrize(
     ("unit", "parameter", "scale"),
-    [("N/mm", "k", 1000), ("kN/m", "k", 1000), ("mN/mm", "k", 1), ("N·s/mm", "b", 1000), ("Ns/cm", "b", 100)],
+    [
+        ("N/mm", "k", 1000),
+        ("kN/m", "k", 1000),
+        ("mN/mm", "k", 1),
+        ("mN/m", "k", Fraction(1, 1000)),
+        ("N·s/mm", "b", 1000),
+        ("Ns/cm", "b", 100),
+    ],
 )
 def test_conversions_round_once(unit, parameter, scale):
     values = np.random.default_rng(3).lognormal(size=200)
@@ -407,6 +414,30 @@ def test_exclusions_are_declared_logged_and_counted(tmp_path):
     assert sessions.counts["rows read"] == sessions.counts["observations"] + total
 
 
+def test_limits_of_a_rule_are_themselves_kept(tmp_path):
+    text = HEAD + "A,V,10,1,1,5,1\nB,V,10,1,1,20,1\nC,V,10,1,1,4.9,1\nD,V,10,1,1,20.1,1\n"
+    rule = {"column": "k_adj", "below": 5, "above": 20, "why": "slipped"}
+    sessions = read(tmp_path, text, {"sessions": {"exclude": [rule]}})
+    assert sessions.subjects == ("A", "B")
+    assert [entry.who for entry in sessions.exclusions] == ["C", "D"]
+
+
+def test_exclusions_of_all_files_are_logged(tmp_path):
+    for name in "AB":
+        (tmp_path / f"{name}.csv").write_text(HEAD + f"{name},V,10,1,1,9,1\n{name},V,10,1,2,1,1\n")
+    options = ReadOptions.from_mapping({"sessions": {"exclude": [{"column": "k_adj", "below": 5}]}})
+    sessions = read_sessions(tmp_path / "A.csv", tmp_path / "B.csv", options=options)
+    assert [(entry.who, entry.row) for entry in sessions.exclusions] == [("A", 3), ("B", 3)]
+
+
+def test_repeats_are_missing_where_there_are_some_and_cells_empty_where_there_are_none(tmp_path):
+    """Twice each in V; in W one subject once, and the other never."""
+    rows = [f"{s},V,10,1,{t},11,1\n" for s in "AB" for t in (1, 2)]
+    sessions = read(tmp_path, HEAD + "".join([*rows, "A,W,20,2,1,21,2\n"]))
+    assert sessions.counts["missing repeats"] == 1
+    assert sessions.counts["empty cells (subject × environment)"] == 1
+
+
 @pytest.mark.parametrize(
     ("sessions", "message"),
     [
@@ -583,6 +614,19 @@ def test_a_frame_passes_the_same_checks():
     assert sessions.exclusions[0].row == 3
     with pytest.raises(UsageError, match=r"<frame>:3, column 'k_adj', value 'x': not a number"):
         Sessions.from_frame(frame.assign(k_adj=[11, "x"]))
+
+
+def test_rows_of_a_frame_are_known_by_their_place_though_blank_ones_are_left_out():
+    frame = pd.DataFrame(
+        {
+            "subject": ["A", "", "B"],
+            "environment": ["V", "", "V"],
+            "k_ref": [10.0, np.nan, 10.0],
+            "k_adj": [9.0, np.nan, 11.0],
+        }
+    )
+    sessions = Sessions.from_frame(frame)
+    assert [sessions.locate(i)[1] for i in (0, 1)] == [2, 4]
 
 
 def test_paths_that_lead_nowhere(tmp_path):
