@@ -16,6 +16,8 @@ from percept.report.figures.canvas import COLOURS, Drawing, grid, panels, shade_
 from percept.report.figures.catalogue import drawings
 from percept.report.figures.design import draw_design
 from percept.report.figures.files import Picture
+from percept.report.figures.from_band import _law
+from percept.report.figures.from_boundaries import boundary_drawings
 from percept.report.figures.from_coupling import coupling_drawings
 from percept.report.figures.intervals import Bar, draw_intervals
 from percept.report.plates import draw_plates
@@ -330,6 +332,33 @@ def test_bands_and_laws_are_drawn_where_they_are():
     assert points.get_ydata().tolist() == [0.5, 5.0]
     assert (law.get_ydata() == impedance / 3).all()
     assert [text.get_text() for text in ax.texts] == ["A", "B"]
+
+
+def test_a_power_law_is_drawn_with_its_exponent():
+    """c + w · abs(Z)^p, without what a law does not have."""
+    impedance = np.array([2.0, 4.0])
+    for given, wanted in (
+        ({"w": 0.5, "p": 2.0}, [2.0, 8.0]),
+        ({"c": 3.0, "w": 0.5}, [4.0, 5.0]),
+        ({"w": 0.5}, [1.0, 2.0]),
+    ):
+        law = {"parameters": {name: {"value": value} for name, value in given.items()}}
+        np.testing.assert_array_equal(_law(law, impedance), wanted)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "whom"),
+    [
+        (("mean", "user", "share"), "the average user"),
+        (("user", "share"), "the next user"),
+        (("share",), "a share of all users"),
+    ],
+)
+def test_the_caption_of_boundaries_says_whom_they_are_for(classical, kinds, whom):
+    document = copy.deepcopy(classical)
+    document["boundaries"] = [row for row in document["boundaries"] if row["kind"] in kinds]
+    words = next(one for one in boundary_drawings(document) if one.name == "boundary_1_range")
+    assert words.description.startswith(f"Limits that feel like VE1 to {whom}, ")
 
 
 def test_the_map_shades_every_interval_of_every_line():

@@ -73,6 +73,19 @@ def test_a_number_knows_its_place_and_all_its_digits(place, style, text, exact):
     assert (shown.text, shown.exact, shown.place) == (text, exact, place)
 
 
+@pytest.mark.parametrize(
+    ("value", "style", "text"),
+    [
+        (0.001, "short", "0.001"),
+        (0.0015, "short", "0.0015"),
+        (0.995, "short percent", "99.5\u202f%"),
+        (1e-9, "short", "1e−09"),
+    ],
+)
+def test_short_numbers_keep_the_digits_they_have(value, style, text):
+    assert number({"a": value}, "/a", style=style).text == text
+
+
 @pytest.mark.parametrize("place", ["/rows/1/lower", "/other/0/lower", "/rows/0/lower/deeper", "/rows/x/y"])
 def test_a_place_that_is_not_there_is_an_error_that_names_it(place):
     with pytest.raises(UsageError, match="has nothing at this place") as caught:

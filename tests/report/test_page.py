@@ -330,3 +330,38 @@ def test_probabilities_of_published_limits_say_what_they_assume(both):
     document = copy.deepcopy(both)
     document["data"]["form"] = "summary"
     assert said in page_of(document)
+
+
+def words_of(document):
+    return " ".join("".join(Reader(page_of(document)).text).split())
+
+
+@pytest.mark.parametrize(
+    ("hold", "said"), [(None, "an averaging hold"), ("true", "the true zero-order hold")]
+)
+def test_the_hold_and_the_share_are_in_words_of_the_methods(classical, hold, said):
+    document = copy.deepcopy(classical)
+    scene = document["provenance"]["scene"]
+    scene["inference"]["share"] = 0.75
+    if hold:
+        scene["device"]["hold"] = hold
+    words = words_of(document)
+    assert f"{said} at a sampling period of 0.001 s" in words
+    assert "limits of a share of users hold 75 % of them with confidence 95 %" in words
+
+
+def test_widths_in_the_summary_are_of_the_kind_they_name(classical):
+    whose = {"mean": "the average user", "user": "the next user", "share": "the stated share of users"}
+    said = [line for line in page_of(classical).splitlines() if 'data-at="/summary/widths/' in line]
+    assert len(said) > 1
+    for line in said:
+        place = int(re.search(r"/summary/widths/(\d+)/", line)[1])
+        assert f"The interval of {whose[classical['summary']['widths'][place]['kind']]} for" in line
+
+
+def test_inside_is_said_of_the_reference_first_and_of_the_coupling_then(classical):
+    document = copy.deepcopy(classical)
+    document["readings"][0].update(lower=[1.0], upper=[2.0], reference=[1.5], coupled=[3.0])
+    (line,) = [line for line in page_of(document).splitlines() if 'data-at="/readings/0/upper/0"' in line]
+    cells = Reader(line).cells
+    assert [cell["bare"].strip() for cell in cells[-2:]] == ["yes", "no"]

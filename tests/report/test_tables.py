@@ -86,6 +86,20 @@ def test_latex_shows_the_page_s_digits_and_escapes_names(classical):
     assert "intervals_b.tex" in latex_tables(document)
 
 
+def test_latex_rules_span_the_limits_of_each_method(classical):
+    """Three columns of labels and counts stand before them."""
+    (rules,) = [line for line in latex_tables(classical)["intervals_k.tex"].splitlines() if "cmid" in line]
+    assert rules == r"\cmidrule(lr){4-5}\cmidrule(lr){6-7}"
+
+
+@pytest.mark.parametrize(("parameter", "unit"), [("k", "N/m"), ("b", "N·s/m")])
+def test_adjustments_are_in_the_units_of_their_heads(classical, parameter, unit):
+    rows = rows_of(csv_tables(classical)[f"data_{parameter}.csv"])
+    cells = [cell for cell in classical["data"]["cells"] if cell["parameter"] == parameter]
+    for name in ("reference", "mean", "sd"):
+        assert [float(row[f"{name} ({unit})"]) for row in rows] == [cell[name] for cell in cells]
+
+
 def test_latex_writes_powers_of_ten(classical):
     document = copy.deepcopy(classical)
     document["intervals"][0]["lower"] = 1.5e-9

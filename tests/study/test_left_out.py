@@ -119,6 +119,12 @@ def test_document_and_page_say_the_same(study: Study, found: LeftOut) -> None:
     assert "0.4 decades above" in next(line for line in lines if line.startswith("| VE4 | k"))
 
 
+@pytest.mark.parametrize(("family", "mean"), [("lognormal", "geometric mean"), ("normal", "mean")])
+def test_the_observed_mean_is_named_by_its_family(study: Study, found: LeftOut, family, mean) -> None:
+    document = {**left_out_document(study, found), "family": family}
+    assert f"| observed {mean} |" in left_out_markdown(document)
+
+
 def test_a_name_stays_in_its_cell(study: Study, found: LeftOut) -> None:
     document = left_out_document(study, found)
     document["rows"][0]["environment"] = "V|1\n\\x"
