@@ -2,8 +2,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import emcee
 import numpy as np
 import pytest
+import scipy
 
 from percept import Scene, Study, read_sessions
 from percept.cache.key import numbers_version, run_key
@@ -104,7 +106,7 @@ def test_what_moves_no_number_leaves_the_key(tmp_path):
 def test_types_and_shapes_tell_values_apart():
     values = [1, 1.0, True, "1", None, (1,), [1], ((1,),), np.array(1.0), np.array([1.0]), np.array([[1.0]])]
     values += [np.array([1]), np.array([1], dtype=np.int32), np.float64(1.0), {"a": 1}, {"a": "1"}, ("a", 1)]
-    values += [np.array([0.0]), np.array([-0.0]), slice(1), slice(0, 1)]
+    values += [np.array([0.0]), np.array([-0.0]), slice(1), slice(0, 1), {"b": 1}]
     assert len({run_key(value) for value in values}) == len(values)
     assert run_key((1, 2), 3) != run_key((1, 2, 3))
 
@@ -129,7 +131,8 @@ def test_what_has_no_readable_state_has_no_key(value):
 
 def test_the_version_names_the_packages_and_follows_the_code(tmp_path):
     version = numbers_version()
-    assert f"numpy': '{np.__version__}'" in version
+    for module in (np, scipy, emcee):
+        assert f"{module.__name__}': '{module.__version__}'" in version
     assert numbers_version("inference", "study") != version
 
 

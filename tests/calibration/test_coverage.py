@@ -11,10 +11,19 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.calibration.coverage import Coverage, _standard_error, coverage, coverage_markdown
-from percept.calibration.judge import judge_study
+from percept.calibration import judge
+from percept.calibration.coverage import (
+    Coverage,
+    _averaged,
+    _standard_error,
+    coverage,
+    coverage_markdown,
+)
+from percept.calibration.judge import Judgement, judge_study
 from percept.calibration.plan import CoveragePlan, fitted_values
 from percept.calibration.truth import Population
+from percept.simulate import Design, Hyperparameters
+from percept.study.posterior import thinned_points
 from percept.workers import OnCluster
 from tests import DATASETS
 from tests.workers.clusters import QUIET, in_threads
@@ -26,6 +35,7 @@ PLAN = CoveragePlan(
     level=0.9,
     frequencies=(0.1, 100.0, 4),
 )
+NORMAL = Population("normal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.01, 0.04]))
 
 
 def fixed_values(*, spread: float, environments: int) -> dict[str, object]:
@@ -117,11 +127,89 @@ def test_truth_of_a_population() -> None:
     error = drawn.std(axis=0) / np.sqrt(200_000)
     assert np.all(np.abs(users.average("normal") - drawn.mean(axis=0)) < 4 * error)
     np.testing.assert_allclose(users.average("lognormal"), [100.0 * np.exp(0.1), 2.0])
-    normal = Population("normal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.01, 0.04]))
     exact = [
         stats.norm(m, s).expect(np.log, lb=m - 8 * s if m > 8 * s else 1e-9) for m, s in ((110, 10), (2, 0.4))
     ]
-    np.testing.assert_allclose(np.log(normal.average("lognormal")), exact, rtol=1e-4)
+    np.testing.assert_allclose(np.log(NORMAL.average("lognormal")), exact, rtol=1e-4)
+
+
+def test_normal_users_lie_about_their_bias() -> None:
+    law = stats.norm(110.0, 10.0)
+    assert NORMAL.content(0, 95.0, 130.0) == pytest.approx(law.cdf(130.0) - law.cdf(95.0))
+
+
+@pytest.mark.parametrize(("upper", "held"), [(120.0, 0.0), (124.0, 1.0)])
+def test_limits_of_a_share_hold_where_they_contain_the_share(upper: float, held: float) -> None:
+    """Of normals at 110 with SD 10, 84 % and 92 % lie below; the confidence is of another question."""
+    row = {
+        "parameter": "k", "kind": "share", "lower": 0.0, "upper": upper, "level": 0.9, "share": 0.9,
+        "confidence": 0.95, "family": "normal",
+    }  # fmt: skip
+    assert judge._interval_held(row, NORMAL) == held
+
+
+def test_truth_from_the_prior_counts_decades_from_the_tested_references(monkeypatch) -> None:
+    """Bias x and spread 0.2 exp(x), x in decades about the middle of those tested, at a third one too."""
+    zero, one = np.zeros(2), np.ones(2)
+    hyper = Hyperparameters(
+        alpha=zero, gamma=one, tau=zero, sigma_u=zero, rho_u=0.0, s=0.2 * one, kappa=one, omega=zero,
+        rho_w=0.0, s_e=zero, kappa_e=zero, omega_e=zero, rho_e=0.0,
+    )  # fmt: skip
+    monkeypatch.setattr(judge, "draw_hyperparameters", lambda *_: hyper)
+    tested = np.array([[10.0, 1.0], [1000.0, 10.0]])
+    every = np.vstack([tested, [1e6, 1e4]])
+    truth = judge._from_prior(Design.balanced(every, subjects=2), tested, np.random.default_rng(0))
+    x = np.log10(every) - np.log10(tested).mean(axis=0)
+    np.testing.assert_allclose(truth.beta, x, atol=1e-12)
+    np.testing.assert_allclose(truth.sigma, 0.2 * np.exp(x), rtol=1e-12)
+
+
+def test_withheld_studies_count_among_all_and_claims_among_those_that_make_them() -> None:
+    def interval(held: float) -> Judgement:
+        return Judgement("interval", "mean", "bayesian", "lognormal", "marginal", "", held)
+
+    withheld = Judgement("withheld", "", "bayesian", "lognormal", "", "", 1.0)
+    rows = _averaged(PLAN, [[withheld], [interval(1.0)], [interval(0.0)], [interval(1.0)]])
+    none, some = found(rows, claim="withheld"), found(rows, claim="interval")
+    assert (none.held, none.studies, none.stated) == (0.25, 4, None)
+    assert (some.held, some.studies, some.stated) == (pytest.approx(2 / 3), 3, 0.9)
+    assert some.error == pytest.approx(np.std([1, 0, 1], ddof=1) / np.sqrt(3))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"tolerance": 0.1},
+        {"level": 0.8},
+        {"share": 0.5},
+        {"confidence": 0.8},
+        {"period": 0.01},
+        {"family": "normal"},
+        {"subjects": 6},
+    ],
+    ids=str,
+)
+def test_another_plan_has_another_key(change: dict[str, object]) -> None:
+    assert dataclasses.replace(PLAN, **change).key != PLAN.key
+
+
+def test_fitted_values_are_those_of_the_fit() -> None:
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2, method="bayesian")
+    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
+    given = fitted_values(study)
+    truth = dataclasses.replace(PLAN, values=given).true_values()
+    assert study.fit is not None
+    assert truth is not None
+    model = study.fit.prepared.model
+    named = {name: values for name, (_, values) in model.scales(thinned_points(study.fit)[0]).items()}
+    for name in ("rho_u", "rho_w"):
+        assert given["hyper"][name] == pytest.approx(named[name].mean())
+    np.testing.assert_allclose(truth.hyper.alpha + truth.delta, truth.beta, atol=1e-12)
+    np.testing.assert_allclose(truth.sigma.T, named["sigma"].mean(axis=0), rtol=1e-12)
+    reference = np.array([study.reference[cell] for cell in model.cells])
+    # Estimates are of all kept draws, and good to 0.2 of half-widths of some tenths.
+    centre = np.log(study.fit.estimate / reference).reshape(2, -1)
+    np.testing.assert_allclose(truth.beta.T, centre, atol=0.02)
 
 
 def test_bayesian_claims_and_the_held_out_environment_are_judged() -> None:

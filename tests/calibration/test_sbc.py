@@ -5,17 +5,22 @@ The full run is `percept sbc`; its results are committed under reports/calibrati
 
 import dataclasses
 import json
+import types
 
 import emcee
 import numpy as np
 import pytest
+from scipy import stats
 
+from percept.calibration import sbc_fit
+from percept.calibration.bands import ecdf_band
 from percept.calibration.sbc import calibrate, judge_places, sbc_markdown
 from percept.calibration.sbc_fit import Placed, place_study
 from percept.calibration.sbc_plan import FAULTS, SBC_DESIGNS, SbcPlan
 from percept.calibration.sbc_run import calibrate_designs, write_calibrations
 from percept.cli import main
 from percept.errors import UsageError
+from percept.inference.hierarchy.laws import Laws
 from percept.inference.sampling.moves import standard_moves
 from percept.inference.sampling.reference import Reference
 from tests.workers.clusters import QUIET
@@ -95,6 +100,51 @@ def test_uniform_values_pass_and_one_bent_quantity_is_named():
     assert judge_places(PLAN, placed).outside == ()
     bent = [Placed("", {**one.values, "sigma[k,VE7]": one.values["sigma[k,VE7]"] ** 1.6}) for one in placed]
     assert judge_places(PLAN, bent).outside == ("sigma[k,VE7]",)
+
+
+def test_the_error_is_shared_among_the_quantities():
+    found = judge_places(PLAN, uniform_places(100, [f"q{i}" for i in range(30)]))
+    assert found.tail == ecdf_band(100, PLAN.bins, 0.01 / 30).tail
+
+
+def test_a_new_user_is_placed_among_users_of_a_mean_that_is_uncertain():
+    """A mean of SD 1, users of SD 1 about it, and one at 1: normal with SD sqrt(2)."""
+    one, cell = np.ones((1, 1)), np.zeros((1, 1))
+    model = types.SimpleNamespace(
+        laws=lambda points: Laws(cell, one, one),
+        scales=lambda points: {},
+        draw=lambda points, rng: (cell, one),
+        cells=(("k", "E"),),
+        density=types.SimpleNamespace(statistics=types.SimpleNamespace(parameters=("k",))),
+    )
+    run = types.SimpleNamespace(independent=lambda: np.zeros((1, 1, 1)))
+    plan, truth = types.SimpleNamespace(fault="none", draws=1), types.SimpleNamespace(beta=cell)
+    placed = sbc_fit._places(plan, model, run, truth, one, np.random.default_rng(0))
+    assert placed["user[k,E]"] == pytest.approx(stats.norm.cdf(1 / np.sqrt(2)))
+
+
+def test_studies_of_all_designs_have_streams_of_their_own(monkeypatch):
+    seen = []
+
+    def stop(design, priors, rng):
+        seen.append(rng.random())
+        raise StopIteration
+
+    monkeypatch.setattr(sbc_fit, "draw_hyperparameters", stop)
+    for name in SBC_DESIGNS:
+        for index in (0, 1):
+            with pytest.raises(StopIteration):
+                place_study(SbcPlan(design=name), index)
+    assert len(set(seen)) == 2 * len(SBC_DESIGNS)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"tolerance": 0.1}, {"draws": 99}, {"seed": 2}, {"bins": 10}, {"fault": "prior"}, {"design": "trials"}],
+    ids=str,
+)
+def test_another_plan_has_another_key(change):
+    assert dataclasses.replace(PLAN, **change).key != PLAN.key
 
 
 def test_failed_fits_are_counted_with_their_reason():
