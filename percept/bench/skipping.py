@@ -191,7 +191,8 @@ def _main(words: Sequence[str] | None = None) -> None:
     found = {
         "seconds": time.process_time(),
         "imports": [name for name in PACKAGES if name in sys.modules],
-        "stages": [name for name in STAGES if _worked(vars(study).get(name))],
+        # Tables are kept under a name of their own, since those asked for are copies.
+        "stages": [name for name in STAGES if _worked(vars(study).get(name, vars(study).get(f"_{name}")))],
         "coordinates": diagnostics["dimension"],
     }
     sys.stdout.write(json.dumps(found) + "\n")

@@ -31,7 +31,7 @@ def quick(scene, method):
     ("scene", "left_out"),
     [
         ("nothing", set()),
-        ("coupling", {"coupling"}),
+        ("coupling", {"coupling", "coupling_design"}),
         ("device", CURVES | {"coupling", "regions"}),
         ("one parameter", CURVES | {"regions", "band"}),
         ("all but one environment", {"band"}),

@@ -1,11 +1,10 @@
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
-import emcee
 import numpy as np
 import pytest
-import scipy
 
 from percept import Scene, Study, read_sessions
 from percept.cache.key import numbers_version, run_key
@@ -131,8 +130,8 @@ def test_what_has_no_readable_state_has_no_key(value):
 
 def test_the_version_names_the_packages_and_follows_the_code(tmp_path):
     version = numbers_version()
-    for module in (np, scipy, emcee):
-        assert f"{module.__name__}': '{module.__version__}'" in version
+    for package in ("numpy", "scipy", "emcee"):
+        assert f"{package}': '{metadata.version(package)}'" in version
     assert numbers_version("inference", "study") != version
 
 

@@ -9,6 +9,7 @@ import pytest
 from percept import Study, haptics
 from percept.study.apparatus import Apparatus
 from percept.study.coupling import study_coupling
+from percept.study.passivity import direct_passivity
 
 
 def test_a_coupling_at_the_very_limit_counts_as_unstable(fitted: Study, monkeypatch) -> None:
@@ -35,7 +36,7 @@ def test_a_device_is_passive_from_colgate_s_damping(part: float) -> None:
     apparatus = Apparatus(
         haptics.Device(1.0, part * needed), period, "average", {"E": reference}, haptics.Coupling(1e3, 1.0)
     )
-    table = study_coupling(apparatus, (), (), read_at=10.0).passivity
+    table = direct_passivity(apparatus)
     assert table["needed_colgate"].tolist() == pytest.approx([needed])
     assert table["needed_paper"].item() < needed
     assert table["passive"].tolist() == [part > 1.0]
