@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from percept.inference.classical.moments import Moments
-from percept.inference.classical.sample_intervals import prediction_interval, t_interval, tolerance_interval
+from percept.inference.classical.sample_intervals import interval_of
 from percept.inference.classical.trials import subject_means
 from percept.inference.intervals import Interval
 from percept.scene import Scene
@@ -127,17 +127,14 @@ def cell_interval(
     -------
     Interval
     """
-    level, unit = scene.inference.level, UNITS[parameter]
-    if kind == "mean":
-        return t_interval(moments, level=level, family=family, joint=joint, unit=unit)  # type: ignore[arg-type]
-    if kind == "user":
-        return prediction_interval(moments, level=level, family=family, joint=joint, unit=unit)  # type: ignore[arg-type]
-    return tolerance_interval(
+    asked = scene.inference
+    return interval_of(
+        kind,  # type: ignore[arg-type]
         moments,
-        level=level,
-        share=scene.inference.held_share,
-        confidence=scene.inference.confidence,
+        level=asked.level,
+        share=asked.held_share,
+        confidence=asked.confidence,
         family=family,  # type: ignore[arg-type]
         joint=joint,  # type: ignore[arg-type]
-        unit=unit,
+        unit=UNITS[parameter],
     )

@@ -11,7 +11,7 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.classical.checks import sample
 from percept.inference.classical.claims import Parametric, parametric_family
 from percept.inference.classical.levels import Level
-from percept.inference.classical.sample_intervals import prediction_interval, t_interval, tolerance_interval
+from percept.inference.classical.sample_intervals import interval_of
 from percept.inference.intervals import Kind
 from percept.notebook import NotebookRecord
 
@@ -142,14 +142,7 @@ def influence(
     y = _one_sample(x, family, least=3)
 
     def limits(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        if kind == "mean":
-            interval = t_interval(values, level=level)
-        elif kind == "user":
-            interval = prediction_interval(values, level=level)
-        elif kind == "share":
-            interval = tolerance_interval(values, level=level, share=share, confidence=confidence)
-        else:
-            raise UsageError('kind must be "mean", "user" or "share".', value=kind)
+        interval = interval_of(kind, values, level=level, share=share, confidence=confidence)
         return np.stack([np.asarray(interval.lower), np.asarray(interval.upper)])
 
     # limits of the deviations from one subject, so that an offset does not round them

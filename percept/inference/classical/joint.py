@@ -12,7 +12,7 @@ from percept.inference.classical.checks import sample
 from percept.inference.classical.claims import Parametric, parametric_family
 from percept.inference.classical.levels import Level, tail
 from percept.inference.classical.moments import Moments, mean_and_sd
-from percept.inference.classical.sample_intervals import prediction_interval, t_interval, tolerance_interval
+from percept.inference.classical.sample_intervals import interval_of
 from percept.inference.intervals import Family, Interval, Joint, Kind
 from percept.inference.regions import EllipseRegion, RectangleRegion
 
@@ -60,15 +60,9 @@ def rectangle_region(
     """
 
     def interval(x: ArrayLike | Moments) -> Interval:
-        if kind == "mean":
-            return t_interval(x, level=level, family=family, joint=joint)
-        if kind == "user":
-            return prediction_interval(x, level=level, family=family, joint=joint)
-        if kind == "share":
-            return tolerance_interval(
-                x, level=level, share=share, confidence=confidence, family=family, joint=joint
-            )
-        raise UsageError('kind must be "mean", "user" or "share".', value=kind)
+        return interval_of(
+            kind, x, level=level, share=share, confidence=confidence, family=family, joint=joint
+        )
 
     return RectangleRegion(stiffness=interval(stiffness), damping=interval(damping))
 

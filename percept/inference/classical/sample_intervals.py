@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
+from percept.errors import UsageError
 from percept.inference.classical import parametric
 from percept.inference.classical.claims import Claim
 from percept.inference.classical.free import free_interval
 from percept.inference.classical.levels import Level
 from percept.inference.classical.moments import Moments
-from percept.inference.intervals import Family, Interval, Joint, Side
+from percept.inference.intervals import Family, Interval, Joint, Kind, Side
 
-__all__ = ["prediction_interval", "t_interval", "tolerance_interval"]
+__all__ = ["interval_of", "prediction_interval", "t_interval", "tolerance_interval"]
 
 
 def t_interval(
@@ -141,3 +142,43 @@ def tolerance_interval(
     if family == "free":
         return free_interval("share", x, claim, axis=axis)
     return parametric.share_interval(x, claim, axis=axis)
+
+
+def interval_of(
+    kind: Kind,
+    x: ArrayLike | Moments,
+    *,
+    level: Level = 0.99,
+    share: Level | None = None,
+    confidence: Level = 0.95,
+    family: Family = "normal",
+    joint: Joint = "marginal",
+    unit: str = "",
+) -> Interval:
+    """Work out the interval of a kind.
+
+    Parameters
+    ----------
+    kind : {"mean", "user", "share"}
+        `t_interval`, `prediction_interval` or `tolerance_interval`.
+    x, level, share, confidence, family, joint, unit
+        As these take them.
+
+    Returns
+    -------
+    Interval
+
+    Raises
+    ------
+    UsageError, RefusalError
+        As these; an unknown kind.
+    """
+    if kind == "mean":
+        return t_interval(x, level=level, family=family, joint=joint, unit=unit)
+    if kind == "user":
+        return prediction_interval(x, level=level, family=family, joint=joint, unit=unit)
+    if kind == "share":
+        return tolerance_interval(
+            x, level=level, share=share, confidence=confidence, family=family, joint=joint, unit=unit
+        )
+    raise UsageError('kind must be "mean", "user" or "share".', value=kind)
