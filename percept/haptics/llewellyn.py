@@ -12,19 +12,18 @@ from percept.errors import UsageError
 from percept.haptics._arrays import ComplexArray, FloatArray, complex_array, nonnegative_array, ratio
 from percept.haptics._search import local_minima
 from percept.haptics._warp import checked_period
-from percept.haptics.impedance import coupling_admittance, device_impedance, tustin_damping
+from percept.haptics.frequencies import covers_range, search_grid
+from percept.haptics.impedance import coupling_admittance, device_impedance
 from percept.haptics.impedance import hold as zero_order_hold
-from percept.haptics.parameters import AnyDevice, Coupling, Device, TabulatedDevice
+from percept.haptics.parameters import AnyDevice, Coupling, TabulatedDevice, refuse_arrays
+from percept.haptics.poles import network_poles
 from percept.haptics.stability import required_damping, stability_margin
 from percept.notebook import NotebookRecord
 
-__all__ = ["AbsoluteStability", "TwoPort", "absolute_stability", "covers_range", "llewellyn", "two_port"]
+__all__ = ["AbsoluteStability", "TwoPort", "absolute_stability", "llewellyn", "two_port"]
 
 ROUNDING = 1e-12
 """How near to 1 a margin, or the modulus of a pole, counts as on the limit."""
-
-_COVERED = 1e-3
-"""A table may leave out this share of the range up to Nyquist at either end."""
 
 Verdict = Literal["stable", "marginal", "unstable", "undecided"]
 
@@ -144,7 +143,7 @@ def two_port(
         ω negative, above Nyquist or outside a device's table, T not positive, arrays as parameters, an
         unknown hold or discretization.
     """
-    check_single(device, coupling)
+    refuse_arrays(device, coupling)
     omega = np.atleast_1d(nonnegative_array(omega, "omega", "rad/s"))
     return TwoPort(
         omega=omega,
@@ -227,7 +226,7 @@ def absolute_stability(
         discretization.
     """
     period = checked_period(period)
-    check_single(device, coupling)
+    refuse_arrays(device, coupling)
     need = required_damping(coupling, period, discretization=discretization, hold=hold)
 
     def margin(omega: FloatArray) -> FloatArray:
@@ -253,80 +252,6 @@ def absolute_stability(
         )
         return replace(found, verdict="undecided", reason=reason)
     return found
-
-
-def covers_range(device: AnyDevice, period: float) -> bool:
-    """Say whether a device is known from DC to Nyquist; a table may leave out a thousandth at either end."""
-    if isinstance(device, Device):
-        return True
-    nyquist = np.pi / period
-    return bool(device.omega[0] <= _COVERED * nyquist and device.omega[-1] >= (1 - _COVERED) * nyquist)
-
-
-def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArray:
-    """Return ω from DC to Nyquist, or over a table, fine enough to see every mode of a device."""
-    nyquist = np.pi / period
-    parts = [
-        np.array([0.0, *including]),
-        np.geomspace(1e-6, 1, 600) * nyquist,
-        np.linspace(0, 1, 600) * nyquist,
-    ]
-    if isinstance(device, TabulatedDevice):
-        first, last = float(device.omega[0]), min(float(device.omega[-1]), nyquist)
-        if first > nyquist:
-            raise UsageError(
-                "the device's table begins above the Nyquist frequency.",
-                value=first,
-                hint="Check the sampling period and the unit of omega (rad/s, not Hz).",
-            )
-        omega = np.unique(np.concatenate([*parts, device.omega]))
-        return omega[(omega >= first) & (omega <= last)]
-    for mode in device.modes:
-        if not (np.all(mode.mass) and np.any(mode.stiffness)):
-            continue
-        rate = float(np.sqrt(mode.stiffness / mode.mass))
-        width = float(mode.damping / mode.mass) + 1e-6 * rate
-        offsets = np.concatenate([-np.geomspace(1e-2, 1e3, 60), [0.0], np.geomspace(1e-2, 1e3, 60)])
-        parts.append((2 / period) * np.arctan(np.maximum(rate + width * offsets, 0.0) * period / 2))
-    omega = np.unique(np.concatenate(parts))
-    return omega[omega <= nyquist]
-
-
-def network_poles(
-    device: AnyDevice, coupling: Coupling, period: float, discretization: str
-) -> ComplexArray | None:
-    """Return the poles of Eq. 4's matrix in the z plane, None where the device is a table.
-
-    Elements in parallel, and entries of the matrix, do not raise each other's order, so each pole is listed
-    once.
-    """
-    if isinstance(device, TabulatedDevice):
-        return None
-    poles: list[complex] = [0.0]  # the hold's delay
-    if device.mass:
-        poles.append(-1.0)  # Tustin's s is infinite there
-    for mode in device.modes:
-        for s in _mode_poles(float(mode.mass), float(mode.stiffness), float(mode.damping)):
-            poles.append((2 + s * period) / (2 - s * period))
-    stretch = float(np.multiply(coupling.stiffness, period))
-    if stretch:
-        beta = float(tustin_damping(coupling, period, discretization))
-        poles.append((2 * beta - stretch) / (2 * beta + stretch))
-    return np.unique(np.array(poles, dtype=np.complex128))
-
-
-def _mode_poles(mass: float, stiffness: float, damping: float) -> list[complex]:
-    """Return the roots of m·s² + b·s + k that are poles of the mode."""
-    if not mass or not (stiffness or damping):
-        return []
-    if not stiffness:
-        return [-damping / mass]
-    rate, decay = np.sqrt(stiffness) / np.sqrt(mass), damping / mass / 2
-    if decay < rate:
-        swing = np.sqrt(rate - decay) * np.sqrt(rate + decay)
-        return [complex(-decay, swing), complex(-decay, -swing)]
-    fast = -(decay + np.sqrt(decay - rate) * np.sqrt(decay + rate))
-    return [fast, rate * (rate / fast)]
 
 
 def _poles_allowed(poles: ComplexArray) -> bool:
@@ -366,16 +291,3 @@ def _judged(omega: FloatArray, margin: FloatArray, poles: ComplexArray | None) -
         poles=poles,
         poles_allowed=allowed,
     )
-
-
-def check_single(device: AnyDevice, coupling: Coupling) -> None:
-    """Refuse arrays where one verdict is asked for."""
-    parts = [coupling.stiffness, coupling.damping]
-    if isinstance(device, Device):
-        parts += [device.mass, device.damping]
-        parts += [part for mode in device.modes for part in (mode.mass, mode.stiffness, mode.damping)]
-    if any(np.ndim(part) for part in parts):
-        raise UsageError(
-            "a verdict is for one device and one coupling.",
-            hint="For arrays use stability_margin or required_damping.",
-        )

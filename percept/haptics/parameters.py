@@ -19,7 +19,7 @@ from percept.haptics._arrays import (
     stored,
 )
 
-__all__ = ["AnyDevice", "Coupling", "Device", "Environment", "Mode", "TabulatedDevice"]
+__all__ = ["AnyDevice", "Coupling", "Device", "Environment", "Mode", "TabulatedDevice", "refuse_arrays"]
 
 _UNITS = {"stiffness": "N/m", "damping": "N·s/m", "mass": "kg"}
 
@@ -213,3 +213,16 @@ class TabulatedDevice:
 
 AnyDevice: TypeAlias = Device | TabulatedDevice
 """What every argument called `device` accepts."""
+
+
+def refuse_arrays(device: AnyDevice, coupling: Coupling) -> None:
+    """Refuse arrays where one verdict is asked for."""
+    parts = [coupling.stiffness, coupling.damping]
+    if isinstance(device, Device):
+        parts += [device.mass, device.damping]
+        parts += [part for mode in device.modes for part in (mode.mass, mode.stiffness, mode.damping)]
+    if any(np.ndim(part) for part in parts):
+        raise UsageError(
+            "a verdict is for one device and one coupling.",
+            hint="For arrays use stability_margin or required_damping.",
+        )

@@ -20,10 +20,10 @@ from percept.haptics._gaps import Gaps, where_positive
 from percept.haptics._search import golden_section, wide_section
 from percept.haptics._warp import Warp, warp
 from percept.haptics.design import max_coupling_stiffness, max_coupling_stiffness_at
+from percept.haptics.frequencies import search_grid
 from percept.haptics.impedance import device_impedance, device_parts, environment_impedance
 from percept.haptics.impedance import hold as zero_order_hold
-from percept.haptics.llewellyn import check_single, search_grid
-from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment
+from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment, refuse_arrays
 from percept.haptics.stability import demands
 from percept.notebook import NotebookRecord
 
@@ -220,7 +220,7 @@ def _judge(
             raise UsageError(
                 "a boundary and omega differ in length.", value=(boundary.lower.shape, grid.omega.shape)
             )
-    check_single(device, Coupling(0.0, 0.0))
+    refuse_arrays(device, Coupling(0.0, 0.0))
     walls = tuple(_Walls.of(grid, device, boundary, discretization, hold) for boundary in boundaries)
     return _Judge(grid, device, walls, discretization, hold)
 
