@@ -47,9 +47,9 @@ def fields_html(values: Mapping[str, Any], *, caption: str = "") -> str:
 
 
 def _html(value: object) -> str:
-    if hasattr(value, "_repr_html_"):
-        return str(value._repr_html_())
-    return html.escape(_brief(value))
+    # A table gives None where the notebook is set to show tables as text.
+    shown = value._repr_html_() if hasattr(value, "_repr_html_") else None
+    return html.escape(_brief(value)) if shown is None else str(shown)
 
 
 def _brief(value: object) -> str:
@@ -57,8 +57,11 @@ def _brief(value: object) -> str:
         return "–"
     if isinstance(value, bool | str):
         return str(value)
+    if dataclasses.is_dataclass(value):
+        named = (f"{field.name} {_brief(getattr(value, field.name))}" for field in dataclasses.fields(value))
+        return f"{type(value).__name__}: {', '.join(named)}"
     shape = getattr(value, "shape", ())
-    if shape and (len(shape) > 1 or shape[0] > _MOST):
+    if isinstance(shape, tuple) and shape and (len(shape) > 1 or shape[0] > _MOST):
         return f"array of shape {' × '.join(str(length) for length in shape)}"
     if hasattr(value, "tolist"):
         value = value.tolist()

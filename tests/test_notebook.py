@@ -81,3 +81,10 @@ def test_numbers_are_rounded_text_is_escaped_and_long_arrays_are_told_by_their_s
         assert f"<tr><th>{name}</th><td>{text}</td></tr>" in page
     assert "&lt;i&gt;" in page
     assert "<i>" not in page
+
+
+def test_records_within_records_and_tables_shown_as_text():
+    inner = {"coupling": haptics.Coupling(stiffness=1 / 3, damping=2.0)}
+    assert "<td>Coupling: stiffness 0.333333, damping 2</td>" in fields_html(inner)
+    with pd.option_context("display.notebook_repr_html", False):
+        assert "<td>None</td>" not in fields_html({"table": pd.DataFrame({"x": [1.0]})})

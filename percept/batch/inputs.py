@@ -14,7 +14,7 @@ from typing import Any
 from percept.cache import numbers_version
 from percept.errors import UsageError
 from percept.scene import Scene
-from percept.sessions.sources import expand
+from percept.sessions.sources import expand, may_be_study
 
 __all__ = ["SCENE_NAME", "StudyFiles", "StudySource", "batch_version", "sources"]
 
@@ -144,10 +144,13 @@ def sources(
 
 
 def _fitting(path: str) -> list[str]:
-    """Return what a pattern fits, as a shell would; anything else as it is."""
+    """Return the tables and folders of tables that a pattern fits; anything else as it is."""
     if Path(path).exists() or not any(sign in path for sign in "*?["):
         return [path]
-    found = sorted(glob.glob(path, recursive=True))  # noqa: PTH207 - a pattern may be absolute
+    fitting = sorted(glob.glob(path, recursive=True))  # noqa: PTH207 - a pattern may be absolute
+    found = [one for one in fitting if may_be_study(one)]
     if not found:
-        raise UsageError("nothing fits the pattern.", value=path, hint="Check it: each match is one study.")
+        raise UsageError(
+            "no table and no folder of tables fits the pattern.", value=path, hint="Each match is one study."
+        )
     return found

@@ -102,12 +102,13 @@ def _tell(notices: Sequence[Notice]) -> None:
 
 def verdict(study: Study) -> int:
     """Say on standard error where the gate withholds the Bayesian numbers; return the exit code."""
-    from percept.errors import RefusalError
+    from percept.errors import RefusalError, printable
 
     fit = study.fit
     if fit is None or fit.run.gate.passed:
         return 0
-    print(f"percept: Bayesian intervals are withheld: {' '.join(fit.run.gate.reasons)}", file=sys.stderr)
+    reasons = printable(" ".join(fit.run.gate.reasons))
+    print(f"percept: Bayesian intervals are withheld: {reasons}", file=sys.stderr)
     return RefusalError.exit_code
 
 

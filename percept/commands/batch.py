@@ -78,11 +78,11 @@ def _named(arguments: argparse.Namespace) -> list[str]:
 
 
 def _print(summary: Summary) -> None:
-    from percept.errors import counted
+    from percept.errors import counted, printable
 
     analysed = summary.studies - summary.skipped
     for name, message in summary.failures:
-        print(message if message.startswith(name) else f"{name}: {message}", file=sys.stderr)
+        print(printable(message if message.startswith(name) else f"{name}: {message}"), file=sys.stderr)
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
     studies = counted(summary.studies, "study", "studies")
     print(f"{studies} ({words}): {summary.skipped} finished before, {analysed} now")

@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
+    from percept.errors import printable
     from percept.report import write_fit
 
     with Working("fitting", shown=not arguments.quiet) as progress:
@@ -33,9 +34,10 @@ def run(arguments: argparse.Namespace) -> int:
     columns = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
     table = study.intervals
     if len(table):
+        table["environment"] = table["environment"].map(printable)
         print(table[columns].to_string(index=False, float_format="{:.6g}".format))
     for row in json.loads(path.read_text(encoding="utf-8"))["skipped"]:
-        print(f"Left out: {row['what']} ({row['why'].removesuffix('.')}).")
+        print(printable(f"Left out: {row['what']} ({row['why'].removesuffix('.')})."))
     print_checks(study)
     print(path)
     return verdict(study)

@@ -153,18 +153,21 @@ def _data(study: Study) -> dict[str, Any]:
 
 
 def _skipped(study: Study, *, curves: bool) -> list[dict[str, str]]:
-    """Say what is left out, and without curves also what the report would have."""
+    """Say what is left out, and without curves also what the report alone has."""
+    found = [{"what": what, "why": why} for what, why in study.skipped]
+    if curves or not len(study.intervals):
+        return found
+    coupled = study.apparatus is not None and study.scene.coupling is not None
     left = {
-        "boundaries and readings": study.apparatus is not None,
-        "coupling, couplings that would do": study.apparatus is not None and study.scene.coupling is not None,
-        "sensitivity to the device": study.apparatus is not None,
-        "band and its law": len(study.parameters) == 2 and len(study.environments) > 1,
+        "boundaries of Z_h": study.apparatus is not None,
+        "coupling: Z_h_vc and stability": coupled,
+        "couplings that would do": coupled,
+        "sensitivity to the device's mass and damping": study.apparatus is not None,
+        "band law": len(study.parameters) == 2 and len(study.environments) > 1,
     }
-    known = [] if curves else [name for name, there in left.items() if there]
-    return [
-        *({"what": name, "why": "percept report works it out"} for name in known),
-        *({"what": what, "why": why} for what, why in study.skipped),
-    ]
+    known = {row["what"] for row in found}
+    only = [name for name, there in left.items() if there and name not in known]
+    return [*({"what": name, "why": "only percept report has this"} for name in only), *found]
 
 
 def _located(record: Any, *names: str) -> dict[str, Any]:

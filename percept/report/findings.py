@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from percept.errors import counted
 from percept.report.select import METHODS, distinct, matching
 
 __all__ = ["findings"]
@@ -46,10 +47,12 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
 def _few(intervals: list[dict[str, Any]]) -> Iterator[str]:
     subjects = max((row["n"] for row in intervals), default=_FEW)
     if subjects < _FEW:
-        yield (
-            f"{subjects} subjects are few: classical limits rest on {subjects - 1} degree"
-            f"{'s' if subjects > 2 else ''} of freedom, Bayesian ones largely on the priors."
-        )
+        rest = {
+            "classical": f"classical limits rest on {counted(subjects - 1, 'degree')} of freedom",
+            "bayesian": "Bayesian limits rest largely on the priors",
+        }
+        methods = [rest[method] for method in METHODS if matching(intervals, method=method)]
+        yield f"{subjects} subjects are few: {', '.join(methods)}."
 
 
 def _below_zero(intervals: list[dict[str, Any]]) -> Iterator[str]:
@@ -77,9 +80,9 @@ def _active(passivity: list[dict[str, Any]] | None) -> Iterator[str]:
 def _doubtful(doubts: list[dict[str, Any]]) -> Iterator[str]:
     for doubt in doubts[:_SHOWN]:
         place = f"{doubt['file']}:{doubt['row']}: " if doubt["file"] else ""
-        yield f"{place}{doubt['text']}."
+        yield f"{place}{doubt['text']}{'' if doubt['text'].endswith('?') else '.'}"
     if len(doubts) > _SHOWN:
-        yield f"{len(doubts) - _SHOWN} more such doubts stand under Data."
+        yield f"Data lists {len(doubts) - _SHOWN} more to look at."
 
 
 def _references(intervals: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from percept.errors import counted
 from percept.sessions.problems import shown
 from percept.sessions.records import Notice
 
@@ -21,6 +22,8 @@ __all__ = ["doubts"]
 _FAR = 30.0
 #: Subjects an environment needs for its median to say anything of one of them.
 _FEWEST = 3
+#: Values of a parameter that are named one by one.
+_MOST = 5
 
 
 def doubts(sessions: Sessions) -> tuple[Notice, ...]:
@@ -56,14 +59,19 @@ def _slips(sessions: Sessions, parameter: str) -> Iterator[Notice]:
     enough = by_environment["subject"].transform("nunique").to_numpy() >= _FEWEST
     values = positive[column].to_numpy(dtype=float)
     far = enough & ((values > _FAR * typical) | (values < typical / _FAR))
-    for at in np.flatnonzero(far).tolist():
+    found = np.flatnonzero(far).tolist()
+    for at in found[:_MOST]:
         row = positive.iloc[at]
         file, line = sessions.locate(positive.index[at])
         yield Notice(
-            f"subject {shown([row['subject']])} set {values[at]:.6g} in {shown([row['environment']])}, "
-            f"{values[at] / typical[at]:.2g} times the median of {typical[at]:.6g} there: a slip?",
+            f"subject {shown([row['subject']])} set {parameter} to {values[at]:.6g} in "
+            f"{shown([row['environment']])}, {values[at] / typical[at]:.2g} times the median of "
+            f"{typical[at]:.6g} there: a slip?",
             file, line, column,
         )  # fmt: skip
+    if len(found) > _MOST:
+        rest = counted(len(found) - _MOST, "more value")
+        yield Notice(f"{rest} of {parameter} lie as far from the median of their environment", column=column)
 
 
 def _without_logarithm(sessions: Sessions, parameter: str) -> Iterator[Notice]:
@@ -71,9 +79,9 @@ def _without_logarithm(sessions: Sessions, parameter: str) -> Iterator[Notice]:
     low = sessions.table.index[sessions.table[column] <= 0]
     if len(low):
         file, line = sessions.locate(low[0])
-        count = "1 value is" if len(low) == 1 else f"{len(low)} values are"
+        what = f"{counted(len(low), 'value')} of {parameter} {'is' if len(low) == 1 else 'are'}"
         yield Notice(
-            f"{count} zero or negative, here the first: the lognormal family, the default, refuses them",
+            f"{what} zero or negative, here the first: the lognormal family, the default, refuses them",
             file, line, column,
         )  # fmt: skip
 
@@ -97,12 +105,14 @@ def _never_moved(sessions: Sessions, parameter: str) -> Iterator[Notice]:
 
 def _not_tried(sessions: Sessions) -> Iterator[Notice]:
     tried = set(map(tuple, sessions.table[["subject", "environment"]].drop_duplicates().to_numpy().tolist()))
+    # Looked up once: each of them goes over all rows.
+    subjects, environments = sessions.subjects, sessions.environments
     lacking = [
         f"{subject} at {environment}"
-        for subject in sessions.subjects
-        for environment in sessions.environments
+        for subject in subjects
+        for environment in environments
         if (subject, environment) not in tried
     ]
     if lacking:
-        what = "1 cell has" if len(lacking) == 1 else f"{len(lacking)} cells have"
-        yield Notice(f"{what} no trial: {shown(lacking)}")
+        has = "has" if len(lacking) == 1 else "have"
+        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")

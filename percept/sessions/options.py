@@ -137,8 +137,9 @@ class ReadOptions:
         return replace(self, columns={**self.columns, **_columns(columns or {})})
 
     def with_groups(self, groups: Iterable[str]) -> ReadOptions:
-        """Return a copy that keeps further columns as groups of subjects."""
-        return replace(self, groups=tuple(dict.fromkeys([*self.groups, *groups])))
+        """Return a copy that keeps further columns as groups of subjects; those it always has are no news."""
+        further = [name for name in groups if name not in CANONICAL]
+        return replace(self, groups=tuple(dict.fromkeys([*self.groups, *further])))
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:

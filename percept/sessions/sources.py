@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from percept.errors import UsageError
 
-__all__ = ["LIMIT", "Expanded", "Input", "expand", "is_workbook", "load", "names_from_file"]
+__all__ = ["LIMIT", "Expanded", "Input", "expand", "is_workbook", "load", "may_be_study", "names_from_file"]
 
 #: What tells a folder of results from one of sessions.
 _RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "leave_one_out.sha256", "batch.parquet")
@@ -121,6 +121,14 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
             repeated += own in files
             files.setdefault(own, name)
     return Expanded(list(files.values()), ignored, results, repeated)
+
+
+def may_be_study(path: str) -> bool:
+    """Whether what a pattern fits is a table, or a folder of tables that percept has not filled itself."""
+    found = Path(path)
+    if found.is_dir():
+        return not any((found / name).exists() for name in _RESULTS) and bool(_inside(found).files)
+    return found.suffix.lower() in _SUFFIXES
 
 
 def _inside(folder: Path) -> Expanded:

@@ -136,6 +136,8 @@ def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     ------
     Region
     """
+    if intervals.empty:
+        return
     shown = intervals.assign(**{side: displayable(intervals[side].to_numpy()) for side in _SIDES})
     labels = ("environment", "kind", "method", "family", "joint")
     for rows, limits in paired_limits(shown, labels):

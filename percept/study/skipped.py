@@ -72,7 +72,7 @@ def _inference(study: Study) -> Iterator[Reason]:
     if fit is not None and fit.run.gate.passed and len(study.parameters) == 2:
         yield (
             "Bayesian intervals of k and b widened to hold together (bonferroni)",
-            "only limits held to the tolerance are listed; boundaries are drawn around the others too",
+            "only limits held to the tolerance are listed",
         )
     if study.scene.checks is not None and (study.sessions.form == "summary" or _unpooled(study)):
         yield "checks of the model", "they need the sessions of subjects, pooled over environments"

@@ -425,9 +425,9 @@ class Study:
         return tuple(skipped(self))
 
     def __repr__(self) -> str:
+        adjusted = " and ".join(self.sessions.parameters)
         return (
-            f"<Study of {' and '.join(self.parameters)} in {counted(len(self.environments), 'environment')}, "
-            f"{self.sessions.form}>"
+            f"<Study of {adjusted} in {counted(len(self.environments), 'environment')}, {self.sessions.form}>"
         )
 
     def _repr_html_(self) -> str:

@@ -42,7 +42,15 @@ def test_each_match_of_a_pattern_is_a_study_as_a_shell_would_have_it(tmp_path):
     assert [one.path for one in sources([str(tmp_path / "*" / "s.csv"), paths[0]])] == paths
     (tmp_path / "x*").mkdir()
     assert [one.path for one in sources([str(tmp_path / "x*")])] == [str(tmp_path / "x*")]
-    with pytest.raises(UsageError, match="nothing fits the pattern"):
+    (tmp_path / "notes.md").write_text("")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "res").mkdir()
+    for name in ("batch.parquet", "s.csv"):
+        (tmp_path / "res" / name).write_text("")
+    assert [one.path for one in sources([str(tmp_path / "?*")])] == [
+        str(tmp_path / day) for day in ("a", "b")
+    ]
+    with pytest.raises(UsageError, match="no table and no folder of tables fits the pattern"):
         sources([str(tmp_path / "nowhere*")])
 
 

@@ -236,3 +236,33 @@ def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
     assert captured.out.strip() == str(tmp_path / "out" / "report.html")
     assert captured.err.startswith("percept: Bayesian intervals are withheld: ")
     assert "Raise the cap on steps or the tolerance." in captured.err
+
+
+def test_a_report_of_withheld_numbers_alone_is_written_and_no_success(tmp_path, capsys):
+    """With the Bayesian method alone nothing is left to show, of curves neither."""
+    scene = tmp_path / "hasty.toml"
+    device = "[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n[frequency]\npoints = 5\n"
+    scene.write_text(f'{device}[inference]\nmethod = "bayesian"\ntolerance = 0.001\nmost_steps = 200\n')
+    words = ["--scene", str(scene), "--no-cache", "--quiet", "--out", str(tmp_path / "out")]
+    for command in ("report", "fit"):
+        assert main([command, str(DATASETS / "hbfd_sessions.csv"), *words]) == 1
+        captured = capsys.readouterr()
+        assert captured.err.startswith("percept: Bayesian intervals are withheld: ")
+        assert "Empty DataFrame" not in captured.out
+        assert "only percept report has this" not in captured.out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "were derived with percept" not in page
+    assert "The level is" not in page
+
+
+def test_fit_says_once_what_only_a_report_has(tmp_path, capsys):
+    study = str(DATASETS / "hbfd_sessions.csv")
+    words = ["--scene", str(DATASETS / "hbfd.toml"), "--method", "classical", "--quiet"]
+    assert main(["fit", study, *words, "--out", str(tmp_path / "out")]) == 0
+    left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
+    only = [line for line in left if line.endswith("(only percept report has this).")]
+    assert [line.removeprefix("Left out: ").partition(" (")[0] for line in only] == [
+        "boundaries of Z_h", "coupling: Z_h_vc and stability", "couplings that would do",
+        "sensitivity to the device's mass and damping", "band law",
+    ]  # fmt: skip
+    assert len({line.partition(" (")[0] for line in left}) == len(left)

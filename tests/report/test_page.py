@@ -256,7 +256,7 @@ def test_trials_sessions_and_cells_not_tried_are_told():
     said = said_of(Sessions.from_frame(pd.concat([whole.iloc[1:], again])))
     told = (
         "in 1 to 2 trials each over 1 to 2 sessions "
-        "(1 of 50 pairs of a subject and a reference were not tried)"
+        "(without a trial: 1 of 50 pairs of a subject and a reference)"
     )
     assert f"until it felt like a reference, {told}. References: VE2" in said
     assert f"one of 5 reference environments, {told}." in said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pandas as pd
 import pytest
 
 from percept import read_sessions
@@ -29,9 +30,9 @@ def test_ordinary_studies_raise_none(tmp_path):
     ("value", "said"),
     [
         (71900.0, None),
-        (72100.0, "set 72100 in 'hard', 30 times the median of 2400 there: a slip?"),
+        (72100.0, "set k to 72100 in 'hard', 30 times the median of 2400 there: a slip?"),
         (77.0, None),
-        (76.0, "set 76 in 'hard', 0.033 times the median of 2300 there: a slip?"),
+        (76.0, "set k to 76 in 'hard', 0.033 times the median of 2300 there: a slip?"),
     ],
 )
 def test_a_value_far_from_all_others_of_its_environment(tmp_path, value, said):
@@ -47,8 +48,8 @@ def test_two_subjects_say_nothing_of_each_other(tmp_path):
 def test_values_without_a_logarithm(tmp_path):
     rows = [*CLEAN, "5,soft,100,1,0,1.2", "5,hard,2000,10,-3,11"]
     assert doubts_of(tmp_path, rows) == [
-        "s.csv:10:k_adj: 2 values are zero or negative, here the first: the lognormal family, the default, "
-        "refuses them"
+        "s.csv:10:k_adj: 2 values of k are zero or negative, here the first: the lognormal family, the "
+        "default, refuses them"
     ]
 
 
@@ -82,3 +83,32 @@ def test_validate_says_them(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("\n".join([HEADER, *CLEAN[:-1]]) + "\n")
     assert "notice: 1 cell has no trial: '4 at hard'" in format_validation(validate(path)).splitlines()
+
+
+def test_of_many_slips_the_first_are_named(tmp_path):
+    rows = [f"{s},hard,2000,10,{100_000 if s > 22 else 2200 + s},{9 + s / 40}" for s in range(1, 31)]
+    found = doubts_of(tmp_path, rows)
+    assert [text.partition(": ")[0] for text in found] == [f"s.csv:{row}:k_adj" for row in range(24, 29)] + [
+        "k_adj"
+    ]
+    assert found[-1] == "k_adj: 3 more values of k lie as far from the median of their environment"
+
+
+def test_many_subjects_are_looked_up_once(tmp_path):
+    """Rows are gone over a few times, not once for every subject."""
+
+    class Counting(pd.DataFrame):
+        seen = 0
+
+        def __getitem__(self, key):
+            Counting.seen += 1
+            return super().__getitem__(key)
+
+    table = pd.DataFrame(
+        [(str(s), "1", e, 100.0, 1.0, 1, 101.0 + s, 1.1) for s in range(300) for e in ("A", "B")],
+        columns=["subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"],
+    )
+    sessions = Sessions.from_frame(table.iloc[1:])
+    counted = Sessions(Counting(sessions.table), "trials", sessions.sources, provenance=sessions.provenance)
+    assert [str(doubt) for doubt in counted.doubts] == ["1 cell has no trial: '0 at A'"]
+    assert Counting.seen < 60
