@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import glob
 import hashlib
 import json
 import os
@@ -14,7 +13,7 @@ from typing import Any
 from percept.cache import numbers_version
 from percept.errors import UsageError
 from percept.scene import Scene
-from percept.sessions.sources import expand, may_be_study
+from percept.sessions.sources import expand, fitting, is_pattern, may_be_study
 
 __all__ = ["SCENE_NAME", "StudyFiles", "StudySource", "batch_version", "sources"]
 
@@ -135,7 +134,7 @@ def sources(
     UsageError
         Without a path, for standard input, or for a pattern that nothing fits.
     """
-    named = list(dict.fromkeys(one for path in paths for one in _fitting(path)))
+    named = list(dict.fromkeys(one for path in paths for one in _studies(path)))
     if not named:
         raise UsageError("no study was given.", hint="Name session files or folders, one per study.")
     if "-" in named:
@@ -143,12 +142,11 @@ def sources(
     return [StudySource(path, scene or Scene(), changes or {}) for path in named]
 
 
-def _fitting(path: str) -> list[str]:
+def _studies(path: str) -> list[str]:
     """Return the tables and folders of tables that a pattern fits; anything else as it is."""
-    if Path(path).exists() or not any(sign in path for sign in "*?["):
+    if not is_pattern(path):
         return [path]
-    fitting = sorted(glob.glob(path, recursive=True))  # noqa: PTH207 - a pattern may be absolute
-    found = [one for one in fitting if may_be_study(one)]
+    found = [one for one in fitting(path) if may_be_study(one)]
     if not found:
         raise UsageError(
             "no table and no folder of tables fits the pattern.", value=path, hint="Each match is one study."

@@ -94,7 +94,7 @@ def coverage(
         workers any more; the checkpoint has the others.
     """
     if studies < 2:
-        raise UsageError("a standard error needs at least two studies.", key="--studies", value=studies)
+        raise UsageError("a standard error needs at least two studies.", key="studies", value=studies)
     kept = Checkpoint(checkpoint, plan.key, what="judged", pack=_pack, unpack=_unpack)
     judged = kept.read(studies)
     wanted = [index for index in range(studies) if index not in judged]

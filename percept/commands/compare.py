@@ -56,9 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     unit = "ratio B/A" if studies[0].scene.inference.family == "lognormal" else "difference B - A"
     print("\n".join([f"A: {names['a']}", f"B: {names['b']}", *found.notes]))
-    from percept.inference.covers import percent
-
-    print(f"Level {percent(studies[0].scene.inference.level)}, {studies[0].scene.inference.family} family.")
+    print(f"Both: {_claim(studies[0])}.")
     if len(found.differences):
         print(f"\nAverage users, {unit}; spread between users, ratio B/A:")
         _print(found.differences)
@@ -135,10 +133,7 @@ def _methods(study: Study, *, as_json: bool) -> int:
     if as_json:
         _print_json({**_stated(study), "comparison": table, "curves": curves})
         return 0
-    from percept.inference.covers import percent
-
-    asked = study.scene.inference
-    print(f"Intervals in pairs, {asked.family} family, level {percent(asked.level)}:")
+    print(f"Intervals in pairs, {_claim(study)}:")
     _print(table[_CELL + _PAIR])
     reasons = [name for name in _REASONS if name in table]
     print("\nWhy they differ (width ratio on the family's scale: spread_ratio times certainty_ratio):")
@@ -153,6 +148,13 @@ def _stated(study: Study) -> dict[str, Any]:
     """Return what the intervals of a comparison claim."""
     asked = study.scene.inference
     return {"level": asked.level, "family": asked.family}
+
+
+def _claim(study: Study) -> str:
+    from percept.inference.covers import percent
+
+    asked = study.scene.inference
+    return f"{asked.family} family, level {percent(asked.level)}"
 
 
 def _print_curves(curves: pd.DataFrame, ratio: str) -> None:

@@ -62,7 +62,7 @@ def _slips(sessions: Sessions, parameter: str) -> Iterator[Notice]:
     found = np.flatnonzero(far).tolist()
     for at in found[:_MOST]:
         row = positive.iloc[at]
-        file, line = sessions.locate(positive.index[at])
+        file, line = _place(sessions, positive.index[at])
         yield Notice(
             f"subject {shown([row['subject']])} set {parameter} to {values[at]:.6g} in "
             f"{shown([row['environment']])}, {values[at] / typical[at]:.2g} times the median of "
@@ -71,17 +71,17 @@ def _slips(sessions: Sessions, parameter: str) -> Iterator[Notice]:
         )  # fmt: skip
     if len(found) > _MOST:
         rest = counted(len(found) - _MOST, "more value")
-        yield Notice(f"{rest} of {parameter} lie as far from the median of their environment", column=column)
+        yield Notice(f"and {rest} of {parameter} as far from the median there", column=column)
 
 
 def _without_logarithm(sessions: Sessions, parameter: str) -> Iterator[Notice]:
     column = f"{parameter}_adj"
     low = sessions.table.index[sessions.table[column] <= 0]
     if len(low):
-        file, line = sessions.locate(low[0])
+        file, line = _place(sessions, low[0])
         what = f"{counted(len(low), 'value')} of {parameter} {'is' if len(low) == 1 else 'are'}"
         yield Notice(
-            f"{what} zero or negative, here the first: the lognormal family, the default, refuses them",
+            f"{what} zero or negative, here the first: the lognormal family, the default, takes none",
             file, line, column,
         )  # fmt: skip
 
@@ -116,3 +116,8 @@ def _not_tried(sessions: Sessions) -> Iterator[Notice]:
     if lacking:
         has = "has" if len(lacking) == 1 else "have"
         yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
+
+
+def _place(sessions: Sessions, index: int) -> tuple[str | None, int | None]:
+    """File and row of an observation; sessions put together by hand have none."""
+    return sessions.locate(index) if index in sessions.provenance.index else (None, None)

@@ -19,7 +19,18 @@ from typing import NamedTuple
 
 from percept.errors import UsageError
 
-__all__ = ["LIMIT", "Expanded", "Input", "expand", "is_workbook", "load", "may_be_study", "names_from_file"]
+__all__ = [
+    "LIMIT",
+    "Expanded",
+    "Input",
+    "expand",
+    "fitting",
+    "is_pattern",
+    "is_workbook",
+    "load",
+    "may_be_study",
+    "names_from_file",
+]
 
 #: What tells a folder of results from one of sessions.
 _RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "leave_one_out.sha256", "batch.parquet")
@@ -107,9 +118,8 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
                 )
         elif path.exists():
             found = [text]
-        elif any(sign in text for sign in "*?["):
-            fitting = sorted(glob.glob(text, recursive=True))  # noqa: PTH207 - a pattern may be absolute
-            found = [name for name in fitting if not Path(name).is_dir()]
+        elif is_pattern(text):
+            found = [name for name in fitting(text) if not Path(name).is_dir()]
             if not found:
                 raise UsageError(
                     "no file fits the pattern.", file=text, hint="Check it, and quote it in a shell."
@@ -121,6 +131,16 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
             repeated += own in files
             files.setdefault(own, name)
     return Expanded(list(files.values()), ignored, results, repeated)
+
+
+def is_pattern(text: str) -> bool:
+    """Whether a path is a glob pattern: it has a sign of one, and nothing is called so."""
+    return any(sign in text for sign in "*?[") and not Path(text).exists()
+
+
+def fitting(pattern: str) -> list[str]:
+    """Return the files and folders that a pattern fits, sorted."""
+    return sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
 
 
 def may_be_study(path: str) -> bool:

@@ -49,7 +49,7 @@ def test_values_without_a_logarithm(tmp_path):
     rows = [*CLEAN, "5,soft,100,1,0,1.2", "5,hard,2000,10,-3,11"]
     assert doubts_of(tmp_path, rows) == [
         "s.csv:10:k_adj: 2 values of k are zero or negative, here the first: the lognormal family, the "
-        "default, refuses them"
+        "default, takes none"
     ]
 
 
@@ -91,7 +91,7 @@ def test_of_many_slips_the_first_are_named(tmp_path):
     assert [text.partition(": ")[0] for text in found] == [f"s.csv:{row}:k_adj" for row in range(24, 29)] + [
         "k_adj"
     ]
-    assert found[-1] == "k_adj: 3 more values of k lie as far from the median of their environment"
+    assert found[-1] == "k_adj: and 3 more values of k as far from the median there"
 
 
 def test_many_subjects_are_looked_up_once(tmp_path):
@@ -112,3 +112,11 @@ def test_many_subjects_are_looked_up_once(tmp_path):
     counted = Sessions(Counting(sessions.table), "trials", sessions.sources, provenance=sessions.provenance)
     assert [str(doubt) for doubt in counted.doubts] == ["1 cell has no trial: '0 at A'"]
     assert Counting.seen < 60
+
+
+def test_sessions_put_together_by_hand_have_no_places(tmp_path):
+    rows = [(str(s), "1", "A", 100.0, 1.0, 1, 101.0 + s if s else 9e4, 1.1) for s in range(5)]
+    names = ["subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"]
+    (slip,) = Sessions(pd.DataFrame(rows, columns=names), "trials").doubts
+    assert (slip.file, slip.row, slip.column) == (None, None, "k_adj")
+    assert slip.text.startswith("subject '0' set k to 90000 in 'A', ")
