@@ -49,8 +49,7 @@ def encode(run: Run | Unfinished) -> bytes:
     Parameters
     ----------
     run : Run or Unfinished
-        Of a finished run's estimates the influence functions are left out: they make the errors and
-        times, which are kept.
+        Finished or not.
 
     Returns
     -------
@@ -61,9 +60,6 @@ def encode(run: Run | Unfinished) -> bytes:
     TypeError
         Where a field has a form this module does not know.
     """
-    if isinstance(run, Run):
-        kept = dataclasses.replace(run.estimates, influence=run.estimates.influence[:0])
-        run = dataclasses.replace(run, estimates=kept)
     arrays: list[np.ndarray[Any, Any]] = []
     head = json.dumps(_plain(run, arrays)).encode()
     body = io.BytesIO()
@@ -75,7 +71,7 @@ def encode(run: Run | Unfinished) -> bytes:
 
 
 def decode(data: bytes) -> Run | Unfinished:
-    """Turn bytes into the run they were made of; a finished one's `estimates.influence` has no rows.
+    """Turn bytes into the run they were made of.
 
     Parameters
     ----------

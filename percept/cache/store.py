@@ -76,7 +76,7 @@ class PosteriorCache:
         Returns
         -------
         Run
-            A stored one is equal to a computed one in every digit, but without influence functions.
+            A stored one is equal to a computed one in every digit.
         """
         key = run_key(*asked)
         found = self.load(key)

@@ -11,11 +11,10 @@ def run():
     rng = np.random.default_rng(5)
     points = rng.standard_normal((4, 6, 8, 3))
     components = np.concatenate([points, np.full((4, 6, 8, 1), 5e-324)], axis=3)
-    influence = rng.standard_normal((192, 2))
     return Run(
         points=points,
         components=components,
-        estimates=Estimates(("lower", "größer"), np.array([0.1, -0.0]), np.array([1.0, np.inf]), influence),
+        estimates=Estimates(("lower", "größer"), np.array([0.1, -0.0]), np.array([1.0, np.inf])),
         errors=np.array([1e-3, 2e-3]),
         times=np.array([12.5, 1.0 / 3.0]),
         gate=Gate(False, ("too short.", "stuck."), None, 12.5, 9.9, 61.4, 0.3, 0.1, float("inf"), "lower"),

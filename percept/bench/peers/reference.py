@@ -221,8 +221,8 @@ def _limits(estimands: StudyEstimands, kept: Array, stride: int) -> dict[str, An
     )
 
     components = estimands.components(kept.reshape(-1, kept.shape[-1]))
-    found = estimands.estimate(components)
-    influence = found.influence.reshape(*kept.shape[:3], -1)
+    found, influence = estimands.estimate(components)
+    influence = influence.reshape(*kept.shape[:3], -1)
     scores = normal_scores(components).reshape(*kept.shape[:3], -1)
     times = autocorrelation_time(influence)
     slowest = max(float(times.max()), float(autocorrelation_time(scores).max()))

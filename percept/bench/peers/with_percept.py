@@ -61,9 +61,9 @@ def limits_of_mixture(estimands: IntervalEstimands, components: Array, effective
     -------
     Limits
     """
-    found = estimands.estimate(components)
+    found, influence = estimands.estimate(components)
     shape = (len(KINDS), 2, len(estimands.cells))
-    error = found.influence.std(axis=0) / np.sqrt(effective)
+    error = influence.std(axis=0) / np.sqrt(effective)
     return Limits(found.value.reshape(shape), error.reshape(shape), effective)
 
 

@@ -20,7 +20,7 @@ __all__ = ["CollapsedDensity", "Resolution"]
 
 Array = NDArray[np.float64]
 #: Numbers of coordinates per pass: fewer waste calls, and temporaries beyond the processor's cache cost more.
-_PASS = 24576
+_PASS = 49152
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -81,7 +81,7 @@ class CollapsedDensity:
     @property
     def draws_per_pass(self) -> int:
         """Draws that are computed at once."""
-        return min(1024, max(128, _PASS // self.dimension))
+        return min(2048, max(128, _PASS // self.dimension))
 
     def __call__(self, points: Array) -> Array:
         """Log posterior density, up to the evidence.

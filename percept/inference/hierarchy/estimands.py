@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.laws import Laws, Model
 from percept.inference.sampling.estimands import Estimates
 from percept.inference.sampling.mixture import mixture_quantile, share_half_width
-from percept.inference.share import ALONE, Share
 
 __all__ = ["KINDS", "IntervalEstimands"]
 
@@ -42,9 +43,13 @@ class IntervalEstimands:
         self.kinds = kinds
         self.level, self.share, self.confidence = level, share, confidence
         self.cells = model.cells
-        self.names = tuple(
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all limits, in their order."""
+        return tuple(
             f"{side} {kind} limit of {p} in {e}"
-            for kind in kinds
+            for kind in self.kinds
             for side in ("lower", "upper")
             for p, e in self.cells
         )
@@ -81,14 +86,23 @@ class IntervalEstimands:
         upper, on_upper = mixture_quantile(laws.mean, sd, tail, upper=True)
         return lower, upper, np.concatenate([on_lower, on_upper], axis=1)
 
-    def estimate(self, components: Array, share: Share = ALONE) -> Estimates:
+    def parts(self) -> list[IntervalEstimands]:
+        """Limits of one kind each."""
+        return [self._of(kind) for kind in self.kinds]
+
+    def _of(self, kind: str) -> IntervalEstimands:
+        one = copy.copy(self)
+        one.kinds = (kind,)
+        return one
+
+    def estimate(self, components: Array) -> tuple[Estimates, Array]:
         """All limits of all kinds asked for, their scale being the interval's half-width."""
         laws = Laws.unpack(components)
         values, scales, influences = [], [], []
-        for lower, upper, influence in share(self.limits, [(kind, laws) for kind in self.kinds]):
+        for kind in self.kinds:
+            lower, upper, influence = self.limits(kind, laws)
             values += [lower, upper]
             scales += [0.5 * (upper - lower)] * 2
             influences.append(influence)
-        return Estimates(
-            self.names, np.concatenate(values), np.concatenate(scales), np.concatenate(influences, axis=1)
-        )
+        found = Estimates(self.names, np.concatenate(values), np.concatenate(scales))
+        return found, np.concatenate(influences, axis=1)

@@ -76,7 +76,9 @@ def monte_carlo_error(influence: Array, times: Array) -> Array:
     )
     by_batches = np.sqrt(averages.reshape(-1, count).var(axis=0, ddof=1) / (ensembles * batches))
     draws = ensembles * length * walkers
-    by_time = np.sqrt(np.mean(influence**2, axis=(0, 1, 2)) * np.minimum(times, draws) / draws)
+    by_time = np.sqrt(
+        np.einsum("etwq,etwq->q", influence, influence) / draws * np.minimum(times, draws) / draws
+    )
     return np.maximum(by_batches, by_time)
 
 

@@ -1,15 +1,13 @@
-"""What a run must estimate, and how far each draw pulls each estimate."""
+"""What a run must estimate."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from percept.inference.share import ALONE, Share
 
 __all__ = ["Estimands", "Estimates", "Means"]
 
@@ -18,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimates from S kept draws.
+    """Estimates of Q quantities.
 
     Attributes
     ----------
@@ -28,15 +26,11 @@ class Estimates:
         Estimates.
     scale : ndarray, shape (Q,)
         What their Monte Carlo error is compared with: an interval's half-width on the model's scale.
-    influence : ndarray, shape (S, Q)
-        First-order pull of each draw on each estimate; the mean over draws is zero, and its standard
-        error is the estimate's.
     """
 
     names: tuple[str, ...]
     value: Array
     scale: Array
-    influence: Array
 
 
 class Estimands(Protocol):
@@ -45,8 +39,15 @@ class Estimands(Protocol):
     def components(self, points: Array) -> Array:
         """Quantities kept per draw: points (W, d) to an array (W, C)."""
 
-    def estimate(self, components: Array, share: Share = ALONE) -> Estimates:
-        """Estimates from the components (S, C) of S kept draws, worked on by `share`."""
+    def parts(self) -> Sequence[Estimands]:
+        """Estimands that can be worked on apart, whose estimates make up these in their order."""
+
+    def estimate(self, components: Array) -> tuple[Estimates, Array]:
+        """Estimates from the components (S, C) of S kept draws, and their influence functions.
+
+        These, of shape (S, Q), are the first-order pull of each draw on each estimate: their mean over draws
+        is zero, and its standard error is the estimate's.
+        """
 
 
 class Means:
@@ -68,8 +69,11 @@ class Means:
         """Values of the functions, shape (W, C)."""
         return np.asarray(self._function(points))
 
-    def estimate(self, components: Array, share: Share = ALONE) -> Estimates:
+    def parts(self) -> tuple[Means]:
+        """All means at once."""
+        return (self,)
+
+    def estimate(self, components: Array) -> tuple[Estimates, Array]:
         """Means, with deviations as influence."""
-        del share
         mean = components.mean(axis=0)
-        return Estimates(self._names, mean, components.std(axis=0), components - mean)
+        return Estimates(self._names, mean, components.std(axis=0)), components - mean

@@ -6,6 +6,7 @@ informs every endpoint.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 
@@ -13,16 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from percept.inference.sampling.roots import root
+
 __all__ = ["mixture_quantile", "share_content", "share_half_width"]
 
 Array = NDArray[np.float64]
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
-_ITERATIONS = 60
-#: Newton's error is squared by the next step: after one so short the root is exact.
-_LAST_STEP = 1e-8
 #: Roots over more draws than `_MANY` start from the root over one draw in `_SPARSE`.
 _MANY, _SPARSE = 4096, 8
-#: Draws whose contents are worked out at a time: what is made on the way stays in the processor's cache.
+#: What `root` is asked for: of few draws; of many, with smooth slopes and with the noisy ones of a share; of
+#: a start. Errors are then far below the limits' Monte Carlo error.
+_EXACT, _EXACT_OF_MANY, _EXACT_OF_SHARE, _EXACT_OF_START = 1e-16, 4e-6, 1e-8, 1e-3
+#: Draws worked on at a time: what is made on the way stays in the processor's cache.
 _BLOCK = 1024
 #: Draws, or share of the draws where that is less, that must take part in a slope for it to be believed.
 _FEW, _FEW_SHARE = 100.0, 0.02
@@ -48,47 +51,52 @@ def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> tup
         -(Phi_s(q) - mean Phi(q)) / mean phi(q), to eight digits.
     """
     sign = 1.0 if upper else -1.0
-    z = -special.ndtri(tail)
-    towards = sign * mean
-    precision = 1.0 / sd
-    spread = np.sqrt(np.var(mean, axis=0) + np.mean(sd * sd, axis=0))
-    # The mixture's quantile lies between the nearest and the farthest of its components'.
-    reach = towards + z * sd
-    low, high = reach.min(axis=0), reach.max(axis=0)
-    if len(mean) > _MANY:
-        x = sign * mixture_quantile(mean[::_SPARSE], sd[::_SPARSE], tail, upper=upper)[0]
-    else:
-        x = towards.mean(axis=0) + z * spread
-    x = np.clip(x, low, high)
-    # Arrays of all draws are written in place: making new ones takes as long as the arithmetic.
-    standard, beyond = reach, np.empty_like(reach)
-    for _ in range(_ITERATIONS):
-        np.subtract(towards, x, out=standard)
-        standard *= precision
-        special.ndtr(standard, out=beyond)
-        held, density = beyond.mean(axis=0), _mean_density(standard, precision)
-        low = np.where(held > tail, x, low)
-        high = np.where(held > tail, high, x)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            newton = x + held / density * np.log(held / tail)
-        inside = (newton >= low) & (newton <= high)
-        after = np.where(inside, newton, 0.5 * (low + high))
-        done = np.abs(after - x) <= _LAST_STEP * spread
-        x = after
-        if done.all():
-            break
+    exact = _EXACT_OF_MANY if len(mean) > _MANY else _EXACT
+    x, beyond, held, density = _quantile(sign * mean, sd, tail, exact)
     beyond -= held
     beyond *= sign / density
     return sign * x, beyond
 
 
-def _mean_density(standard: Array, precision: Array) -> Array:
-    """Mean of normal densities at standardised places, which are overwritten."""
-    standard *= standard
-    standard *= -0.5
-    np.exp(standard, out=standard)
-    standard *= precision
-    return np.asarray(standard.mean(axis=0) / _SQRT_2PI)
+def _quantile(mean: Array, sd: Array, tail: float, exact: float) -> tuple[Array, Array, Array, Array]:
+    """Upper quantile, and near it each component's probability beyond, its mean, and the mean density."""
+    z = -special.ndtri(tail)
+    if len(mean) > _MANY:
+        x = _quantile(mean[::_SPARSE], sd[::_SPARSE], tail, _EXACT_OF_START)[0]
+        spread = np.sqrt(np.var(mean[::_SPARSE], axis=0) + np.mean(sd[::_SPARSE] ** 2, axis=0))
+    else:
+        spread = np.sqrt(np.var(mean, axis=0) + np.mean(sd * sd, axis=0))
+        x = mean.mean(axis=0) + z * spread
+    # Arrays of all draws are written in place: making new ones takes as long as the arithmetic.
+    beyond = mean + z * sd
+    # The mixture's quantile lies between the nearest and the farthest of its components'.
+    low, high = beyond.min(axis=0), beyond.max(axis=0)
+    held, density = np.empty_like(x), np.empty_like(x)
+
+    def short_of_tail(x: Array) -> tuple[Array, Array]:
+        held[:], density[:] = _beyond(x, mean, sd, out=beyond)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(tail / held), density / held
+
+    x = root(short_of_tail, np.clip(x, low, high), low, high, spread, exact)
+    return x, beyond, held, density
+
+
+def _beyond(x: Array, mean: Array, sd: Array, *, out: Array) -> tuple[Array, Array]:
+    """Probability beyond x of components (S, Q), into `out`; its mean, and the mean density at x."""
+    held, density = np.zeros((2, len(x)))
+    for start in range(0, len(mean), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        standard = mean[part] - x
+        standard /= sd[part]
+        special.ndtr(standard, out=out[part])
+        held += out[part].sum(axis=0)
+        standard *= standard
+        standard *= -0.5
+        np.exp(standard, out=standard)
+        standard /= sd[part]
+        density += standard.sum(axis=0)
+    return held / len(mean), density / (_SQRT_2PI * len(mean))
 
 
 class _Reach:
@@ -113,10 +121,13 @@ class _Reach:
         rates = np.concatenate([[math.sqrt(2.0 / self.zero)], rate])
         rates *= self._STEP
         change = d[1:] - d[:-1]
-        # Coefficients of the pieces, from the constant on.
-        self._pieces = (
-            d[:-1], rates[:-1],
-            3.0 * change - 2.0 * rates[:-1] - rates[1:], rates[:-1] + rates[1:] - 2.0 * change,
+        # Coefficients of the pieces, from the constant on, a row for each.
+        self._pieces = np.stack(
+            [
+                d[:-1], rates[:-1],
+                3.0 * change - 2.0 * rates[:-1] - rates[1:], rates[:-1] + rates[1:] - 2.0 * change,
+            ],
+            axis=1,
         )  # fmt: skip
 
     def _densities(self, h: Array, d: Array) -> tuple[Array, Array]:
@@ -133,18 +144,26 @@ class _Reach:
 
     def __call__(self, h: Array) -> tuple[Array, Array]:
         """Return d and its derivative in h."""
-        gap = np.maximum(h - self.zero, 0.0)
-        root = np.sqrt(gap)
-        place = np.minimum(root, 3.0 - self._STEP) / self._STEP
-        index = place.astype(np.intp)
-        t = place - index
-        value, rate, a, b = (coefficient[index] for coefficient in self._pieces)
-        d = value + t * (rate + t * (a + t * b))
+        gap = h - self.zero
+        np.maximum(gap, 0.0, out=gap)
+        place = np.sqrt(gap)
+        place *= 1.0 / self._STEP
+        t = np.minimum(place, len(self._pieces) - 1.0)
+        index = t.astype(np.intp)
+        t -= index
+        c0, c1, c2, c3 = np.moveaxis(np.take(self._pieces, index, axis=0, mode="clip"), -1, 0)
+        # The cubic and its derivative: c0 + t (c1 + t (c2 + t c3)) and c1 + t (2 c2 + 3 t c3).
+        c3 *= t
+        slope = (1.5 * c3 + c2) * (2.0 * t) + c1
+        d = ((c3 + c2) * t + c1) * t + c0
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope = (rate + t * (2.0 * a + 3.0 * t * b)) / (2.0 * root * self._STEP)
-        far = root >= 3.0 - self._STEP
-        d = np.where(far, h + special.ndtri(1.0 - self._share), d)
-        return d, np.where(gap == 0, 0.0, np.where(far, 1.0, slope))
+            slope /= place * (2.0 * self._STEP**2)
+        slope[gap == 0] = 0.0
+        far = place >= len(self._pieces) - 1.0
+        if far.any():
+            d[far] = h[far] + special.ndtri(1.0 - self._share)
+            slope[far] = 1.0
+        return d, slope
 
 
 @functools.cache
@@ -174,10 +193,23 @@ def share_content(
         The probability and its derivatives in half-width and centre.
     """
     d, slope = _reach(share)(half_width / spread)
-    up, down = (centre + d * spread - mean) / sd, (centre - d * spread - mean) / sd
-    probability = special.ndtr(up) - special.ndtr(down)
-    phi_up, phi_down = (np.exp(-0.5 * t * t) / (_SQRT_2PI * sd) for t in (up, down))
-    return probability, (phi_up + phi_down) * slope, phi_up - phi_down
+    d *= spread
+    off = centre - mean
+    up, down = off + d, off - d
+    precision = 1.0 / sd
+    up *= precision
+    down *= precision
+    probability = special.ndtr(up)
+    probability -= special.ndtr(down)
+    precision *= 1.0 / _SQRT_2PI
+    for t in (up, down):
+        t *= t
+        t *= -0.5
+        np.exp(t, out=t)
+        t *= precision
+    slope *= up + down
+    up -= down
+    return probability, slope, up
 
 
 def _rate_of_draws(half_width: Array, confidence: float) -> Array:
@@ -211,43 +243,75 @@ def share_half_width(
         Pull of each draw on centre - h and on centre + h.
     """
     centre = mean.mean(axis=0)
-    least = -special.ndtri(0.5 * (1.0 - share)) * spread
+    exact = _EXACT_OF_SHARE if len(mean) > _MANY else _EXACT
+    h, content = _half_width(centre, mean, sd, spread, share, confidence, exact)
+    enough = min(_FEW, _FEW_SHARE * len(mean))
+    few = content.rate**2 * len(mean) <= enough * content.square_rate
+    rate = content.rate
+    if few.any():
+        rate = np.where(few, _rate_of_draws(_least(spread, share), confidence), rate)
+    off = mean - centre
+    pull = content.probability
+    pull -= content.held - content.tilt * off
+    pull *= -1.0 / rate
+    return centre, h, np.concatenate([off - pull, off + pull], axis=1)
+
+
+def _least(spread: Array, share: float) -> Array:
+    """Half-widths that hold the share about the population's own mean."""
+    return np.asarray(-special.ndtri(0.5 * (1.0 - share)) * spread)
+
+
+@dataclasses.dataclass(eq=False)
+class _Content:
+    """What S draws hold at the half-widths tried last.
+
+    Attributes
+    ----------
+    probability : ndarray, shape (S, Q)
+        Of holding the share.
+    held, rate, square_rate, tilt : ndarray, shape (Q,)
+        Its mean, the means of its derivative in half-width and of that one's square, and the mean of its
+        derivative in the centre.
+    """
+
+    probability: Array
+    held: Array
+    rate: Array
+    square_rate: Array
+    tilt: Array
+
+
+def _half_width(
+    centre: Array, mean: Array, sd: Array, spread: Array, share: float, confidence: float, exact: float
+) -> tuple[Array, _Content]:
+    """Half-widths about given centres, and what the draws hold near them."""
+    least = _least(spread, share)
     low = least.min(axis=0)
-    high = np.max(
-        least + np.abs(mean - centre) - special.ndtri(1e-3 * (1 - confidence)) * sd,
-        axis=0,
-    )
+    high = np.max(least + np.abs(mean - centre) - special.ndtri(1e-3 * (1 - confidence)) * sd, axis=0)
     if len(mean) > _MANY:
-        few = (mean[::_SPARSE], sd[::_SPARSE], spread[::_SPARSE])
-        h = share_half_width(*few, share=share, confidence=confidence)[1]
+        mean_of_few, sd_of_few, spread_of_few = (part[::_SPARSE] for part in (mean, sd, spread))
+        h, _ = _half_width(centre, mean_of_few, sd_of_few, spread_of_few, share, confidence, _EXACT_OF_START)
     else:
         h = np.quantile(least, confidence, axis=0)
     aim = special.ndtri(confidence)
-    probability, slope, tilt = np.empty((3, *mean.shape))
-    for _ in range(_ITERATIONS):
+    nothing = np.zeros_like(h)
+    content = _Content(np.empty(mean.shape), nothing, nothing, nothing, nothing)
+
+    def short_of_confidence(log_h: Array) -> tuple[Array, Array]:
+        # Half-widths are about lognormal: in log h the normal score of the probability is about straight.
+        h = np.exp(log_h)
+        sums = np.zeros((4, len(h)))
         for start in range(0, len(mean), _BLOCK):
             part = slice(start, start + _BLOCK)
-            probability[part], slope[part], tilt[part] = share_content(
-                h, centre, mean[part], sd[part], spread[part], share
-            )
-        held, rate = probability.mean(axis=0), slope.mean(axis=0)
-        low = np.where(held < confidence, h, low)
-        high = np.where(held < confidence, high, h)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            # Half-widths are about lognormal: in log h the normal score of the probability is about straight.
-            score = special.ndtri(held)
-            newton = h * np.exp((aim - score) * np.exp(-0.5 * score * score) / (_SQRT_2PI * rate * h))
-        inside = (newton >= low) & (newton <= high)
-        after = np.where(inside, newton, 0.5 * (low + high))
-        done = np.abs(after - h) <= _LAST_STEP * h
-        h = after
-        if done.all():
-            break
-    off = mean - centre
-    rate = slope.mean(axis=0)
-    enough = min(_FEW, _FEW_SHARE * len(mean))
-    few = slope.sum(axis=0) ** 2 <= enough * (slope**2).sum(axis=0)
-    if few.any():
-        rate = np.where(few, _rate_of_draws(least, confidence), rate)
-    pull = -(probability - probability.mean(axis=0) + tilt.mean(axis=0) * off) / rate
-    return centre, h, np.concatenate([off - pull, off + pull], axis=1)
+            probability, slope, tilt = share_content(h, centre, mean[part], sd[part], spread[part], share)
+            content.probability[part] = probability
+            for total, each in zip(sums, (probability, slope, slope * slope, tilt), strict=True):
+                total += each.sum(axis=0)
+        content.held, content.rate, content.square_rate, content.tilt = sums / len(mean)
+        score = special.ndtri(content.held)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return score - aim, content.rate * h * _SQRT_2PI * np.exp(0.5 * score * score)
+
+    found = root(short_of_confidence, np.log(h), np.log(low), np.log(high), np.ones_like(h), exact)
+    return np.exp(found), content

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.estimands import Estimates
+from percept.inference.sampling.judgement import Judged
 
 __all__ = ["Closed"]
 
@@ -41,12 +41,14 @@ class Closed:
     components: Array
     stride: int
 
-    def estimates(self, part: Estimates, errors: Array, steps: int) -> tuple[Estimates, Array]:
+    def judged(self, part: Judged, steps: int) -> Judged:
         """Average with the estimates of the next part, by steps; errors are those of independent parts."""
         share = steps / (self.steps + steps)
-        value = self.value + share * (part.value - self.value)
-        together = np.hypot((1.0 - share) * self.error, share * errors)
-        return dataclasses.replace(part, value=value), together
+        value = self.value + share * (part.estimates.value - self.value)
+        together = np.hypot((1.0 - share) * self.error, share * part.errors)
+        return dataclasses.replace(
+            part, estimates=dataclasses.replace(part.estimates, value=value), errors=together
+        )
 
     def positions(self, points: Array, components: Array, stride: int, most: int) -> tuple[Array, Array, int]:
         """Append the next part's positions, thinned to one stride and to `most` of a walker in all."""

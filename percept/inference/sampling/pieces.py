@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.ensembles import advance
 from percept.inference.sampling.estimands import Estimands
+from percept.inference.sampling.heap import keep_freed_memory
 from percept.inference.sampling.transported import Transported
 from percept.inference.sampling.unfinished import Ensembles
 from percept.inference.share import Share
@@ -90,6 +91,7 @@ def run_piece(
 def _run(
     here: Transported, estimands: Estimands, state: Ensembles, steps: int, stride: int, walkers: int
 ) -> Piece:
+    keep_freed_memory()
     state, points = advance(here, state, steps=steps, stride=stride, walkers=walkers)
     flat = here.map(points.reshape(-1, points.shape[-1]))
     components = estimands.components(flat).reshape(*points.shape[:3], -1)

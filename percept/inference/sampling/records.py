@@ -124,7 +124,7 @@ class Run:
     components : ndarray, shape (E, T, W, C)
         What the estimands keep per draw.
     estimates : Estimates
-        Estimates with their influence functions.
+        What was asked for.
     errors : ndarray, shape (Q,)
         Monte Carlo standard errors.
     times : ndarray, shape (Q,)

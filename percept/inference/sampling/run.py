@@ -14,15 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.sampling.checked import Checked, Target
-from percept.inference.sampling.diagnostics import (
-    autocorrelation_time,
-    monte_carlo_error,
-    normal_scores,
-    some_walkers,
-)
 from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
+from percept.inference.sampling.heap import keep_freed_memory
+from percept.inference.sampling.judgement import judge
 from percept.inference.sampling.parts import Closed
 from percept.inference.sampling.pieces import run_piece
 from percept.inference.sampling.records import Gate, Progress, Run, Settings
@@ -38,9 +34,12 @@ _BURN_IN = 24
 _FIRST_ROUND = 144
 #: A run predicted to take so many times its first round begins anew, with a transport fitted to that round.
 _WORTH_REFINING = 3.0
-#: It then has so many times the walkers, which share array calls, and a shorter first round.
-_MORE_WALKERS, _REFINED_ROUND = 4, 96
-_STRIDE = 3  # steps between kept positions, a fraction of an autocorrelation time
+#: Its autocorrelation times are then about so much shorter. It has so many times the walkers, which share
+#: array calls, that it takes about so many steps; its first round is at least so long.
+_SHORTER, _MORE_WALKERS, _REFINED_STEPS, _REFINED_ROUND = 0.65, (2, 4, 8), 168, 96
+#: Steps between kept positions, a fraction of an autocorrelation time. Keeping and judging a position takes
+#: as long as a few steps: long runs keep fewer.
+_STRIDE, _REFINED_STRIDE = 3, 6
 _PIECE = 480  # steps after which an unfinished run can be stored
 #: Kept draws of a part of a run over all ensembles, and numbers worked out from them.
 _KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 26
@@ -86,6 +85,7 @@ def sample(
     RefusalError
         If the density is NaN, or -inf at every walker.
     """
+    keep_freed_memory()
     target = Checked(target)
     kept = keeper.load() if keeper is not None else None
     run = _Running(target, estimands, kept or _begin(target, estimands, settings), share)
@@ -102,7 +102,8 @@ def sample(
             if judged.gate.passed or run.at_its_end(settings):
                 return judged
             if not run.refined and needed > _WORTH_REFINING * run.spanned:
-                refined = _refined(target, estimands, settings, judged.points)
+                by_error = _SHORTER * run.steps_by_error(judged, settings)
+                refined = _refined(target, estimands, settings, judged.points, by_error)
                 run = _Running(target, estimands, refined, share)
             else:
                 run.go_on(judged, needed, settings)
@@ -113,32 +114,40 @@ def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
     return np.random.SeedSequence(settings.seed).spawn(4)
 
 
-def _walkers(settings: Settings, dimension: int, *, refined: bool) -> tuple[int, int]:
-    """Walkers of an ensemble, and of how many of them positions are kept."""
+def _walkers(settings: Settings, dimension: int, *, steps: float = 0.0) -> tuple[int, int]:
+    """Walkers of an ensemble, and of how many positions are kept, where `_WALKERS` would take `steps`."""
     if settings.walkers:
         return settings.walkers, settings.walkers
     least = 2 * (dimension + 1)
-    kept = _WALKERS * (_MORE_WALKERS if refined and least <= _WALKERS else 1)
-    return max(kept, least), kept
+    times = 1
+    if steps and least <= _WALKERS:
+        times = min(_MORE_WALKERS, key=lambda times: abs(math.log(steps / (times * _REFINED_STEPS))))
+    return max(times * _WALKERS, least), times * _WALKERS
 
 
 def _begin(target: Target, estimands: Estimands, settings: Settings) -> Unfinished:
     """Warm up, burn in, and keep nothing yet."""
     dimension = len(target.names)
-    walkers, kept = _walkers(settings, dimension, refined=False)
+    walkers, kept = _walkers(settings, dimension)
     warm_seed, run_seed, *_ = _seeds(settings)
     here, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
-    return _burnt_in(here, points, run_seed, estimands, kept, refined=False)
+    return _burnt_in(here, points, run_seed, estimands, kept)
 
 
-def _refined(target: Target, estimands: Estimands, settings: Settings, kept: Array) -> Unfinished:
-    """Begin anew with a transport fitted to kept positions (E, T, W, d), and keep none of them."""
+def _refined(
+    target: Target, estimands: Estimands, settings: Settings, kept: Array, steps: float
+) -> Unfinished:
+    """Begin anew with a transport fitted to kept positions (E, T, W, d), and keep none of them.
+
+    As many walkers as those of the positions would take `steps`.
+    """
     *_, warm_seed, run_seed = _seeds(settings)
     ensembles, *_, dimension = kept.shape
-    walkers, keeping = _walkers(settings, dimension, refined=True)
+    walkers, keeping = _walkers(settings, dimension, steps=steps)
     rng = np.random.default_rng(warm_seed)
     here, points = refine(target, kept.reshape(-1, dimension), (ensembles, walkers), rng)
-    return _burnt_in(here, points, run_seed, estimands, keeping, refined=True)
+    predicted = min(steps * kept.shape[2] / keeping, settings.most_steps - _BURN_IN)
+    return _burnt_in(here, points, run_seed, estimands, keeping, refined=max(predicted, _REFINED_ROUND))
 
 
 def _burnt_in(
@@ -148,15 +157,20 @@ def _burnt_in(
     estimands: Estimands,
     kept: int,
     *,
-    refined: bool,
+    refined: float = 0.0,
 ) -> Unfinished:
-    """Burn in from starting points; of so many walkers per ensemble positions will be kept."""
+    """Burn in from starting points; of so many walkers per ensemble positions will be kept.
+
+    A refined run is predicted to take so many steps.
+    """
     state, _ = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN)
     ensembles, _, dimension = points.shape
     nothing = np.empty((ensembles, 0, kept, dimension))
     components = np.empty((ensembles, 0, kept, estimands.components(here.map(points[0, :1])).shape[1]))
-    first = _REFINED_ROUND if refined else _FIRST_ROUND
-    return Unfinished(here.transport, state, nothing, components, _STRIDE, first, refined, None)
+    stride, first = _STRIDE, _FIRST_ROUND
+    if refined:
+        stride, first = _REFINED_STRIDE, math.ceil(refined)
+    return Unfinished(here.transport, state, nothing, components, stride, first, refined > 0, None)
 
 
 class _Running:
@@ -175,6 +189,7 @@ class _Running:
         numbers = dimension + 3 * begun.components.shape[-1]
         most = min(_KEPT_LIMIT, _NUMBERS_LIMIT // numbers) // (ensembles * walkers)
         self._most = max(most, _FEWEST_POSITIONS)
+        self.goal = min(self.goal, self._most * self.stride)
 
     def unfinished(self) -> Unfinished:
         """Return all that is needed to go on from here."""
@@ -236,31 +251,30 @@ class _Running:
     def judge(self, settings: Settings) -> Run:
         """Estimate, measure and pass the gate or not."""
         points, components, stride, state = self._points, self._components, self.stride, self.state
-        estimates = self._estimands.estimate(components.reshape(-1, components.shape[-1]), self._share)
-        influence = estimates.influence.reshape(*components.shape[:3], -1)
-        varying = np.ptp(components, axis=(0, 1, 2)) > 0
-        own = autocorrelation_time(influence)
-        errors = monte_carlo_error(influence, own)
-        # Ranks: a heavy tail would make the autocorrelation that of its few extreme draws.
-        scores = normal_scores(some_walkers(components[..., varying]))
-        slowest = float(max(own.max(), autocorrelation_time(scores).max(initial=0.0)))
+        full = self._full or self.at_its_end(settings)
+        judged = judge(self._estimands, components, settings.tolerance, full=full, share=self._share)
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         if self._closed:
-            estimates, errors = self._closed.estimates(estimates, errors, self.steps)
+            judged = self._closed.judged(judged, self.steps)
             points, components, stride = self._closed.positions(points, components, stride, self._most)
         gate = pass_gate(
-            settings, estimates, errors, (influence, scores), slowest, state.accepted / state.steps, moved,
-            stride=self.stride, spanned=self.spanned, full=self._full or self.at_its_end(settings),
+            settings, judged, state.accepted / state.steps, moved,
+            length=self._points.shape[1], stride=self.stride, spanned=self.spanned,
         )  # fmt: skip
+        times = judged.times * self.stride
         return Run(
-            points, components, estimates, errors, own * self.stride, gate, state.steps, stride, settings
+            points, components, judged.estimates, judged.errors, times, gate, state.steps, stride, settings
         )
+
+    def steps_by_error(self, judged: Run, settings: Settings) -> float:
+        """Predict the steps after which the estimates are accurate enough."""
+        ratio = judged.gate.worst_error / settings.tolerance
+        return self.spanned * (ratio * ratio * 1.1 if math.isfinite(ratio) else 2.0)
 
     def steps_needed(self, judged: Run, settings: Settings) -> int:
         """Predict the steps the run should span in all; it at least grows by a tenth."""
         spanned = self.spanned
-        ratio = judged.gate.worst_error / settings.tolerance
-        by_error = spanned * ratio * ratio * 1.1 if math.isfinite(ratio) else 2.0 * spanned
+        by_error = self.steps_by_error(judged, settings)
         by_time = spanned - self.steps + _steps_to_settle(judged)
         return math.ceil(min(max(by_error, by_time, 1.1 * spanned), 4.0 * spanned))
 

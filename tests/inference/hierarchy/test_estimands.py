@@ -14,7 +14,7 @@ def test_the_scale_of_both_ends_is_half_the_width() -> None:
     model = Pooled(CollapsedDensity(designs.study("balanced", np.random.default_rng(1)).statistics))
     estimands = IntervalEstimands(model)
     points = np.random.default_rng(2).normal(size=(50, len(model.names)))
-    found = estimands.estimate(estimands.components(points))
+    found, _ = estimands.estimate(estimands.components(points))
     # Kinds, ends, cells.
     lower, upper = np.moveaxis(found.value.reshape(3, 2, -1), 1, 0)
     half = 0.5 * (upper - lower)

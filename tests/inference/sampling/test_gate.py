@@ -11,6 +11,7 @@ from percept.inference.sampling.diagnostics import autocorrelation_time
 from percept.inference.sampling.ensembles import advance, start
 from percept.inference.sampling.estimands import Estimates, Means
 from percept.inference.sampling.gate import pass_gate
+from percept.inference.sampling.judgement import Judged
 from percept.inference.sampling.run import Settings, sample
 from percept.inference.sampling.transported import Affine
 from percept.inference.sampling.unfinished import Ensembles, Unfinished
@@ -86,15 +87,15 @@ def test_stuck_walkers_are_withheld():
 
 def test_a_walker_that_hardly_accepts_is_withheld():
     """It moved now and then, but far too seldom to have seen its surroundings."""
-    watched = np.random.default_rng(1).normal(size=(4, 60, 8, 1))
-    estimates = Estimates(("E x",), np.zeros(1), np.ones(1), watched.reshape(-1, 1))
+    estimates = Estimates(("E x",), np.zeros(1), np.ones(1))
+    found = Judged(estimates, np.array([0.02]), np.ones(1), 1.0, 1.0)
     acceptance = np.full((4, 8), 0.5)
     acceptance[2, 3] = 0.004
 
     def judged(acceptance):
         return pass_gate(
-            Settings(tolerance=0.5), estimates, np.array([0.02]), (watched,), 1.0, acceptance,
-            np.ones((4, 8), dtype=bool), stride=1, spanned=60, full=False,
+            Settings(tolerance=0.5), found, acceptance, np.ones((4, 8), dtype=bool),
+            length=60, stride=1, spanned=60,
         )  # fmt: skip
 
     assert judged(acceptance).reasons == ("a walker is stuck: it accepted 0.40% of its proposals.",)
@@ -166,8 +167,7 @@ def test_a_long_run_begins_anew_with_a_transport_of_its_first_round():
     short, long = (
         sample(Normal(4), MEAN, Settings(tolerance=tolerance, seed=2)) for tolerance in (0.02, 0.003)
     )
-    first = short.points.shape[1]
-    assert long.points.shape[1] > first
+    assert long.points.size > short.points.size
     assert not np.isin(short.points[:, :, :, 0], long.points[:, :, :, 0]).any()
     assert abs(long.estimates.value[0]) < 4 * long.errors[0] < 0.02
 
@@ -215,10 +215,13 @@ class Sum:
     def components(self, points):
         raise AssertionError
 
-    def estimate(self, components, share=None):
+    def parts(self):
+        return (self,)
+
+    def estimate(self, components):
         total = components.sum(axis=1, keepdims=True)
         mean = total.mean(axis=0)
-        return Estimates(("sum",), mean, total.std(axis=0), total - mean)
+        return Estimates(("sum",), mean, total.std(axis=0)), total - mean
 
 
 def test_ensembles_that_disagree_in_components_are_withheld_though_their_sum_agrees():
@@ -255,10 +258,21 @@ def test_autocorrelation_times_are_in_steps_and_all_walkers_count():
 
 
 @pytest.mark.parametrize(
-    ("dimension", "refined", "walkers", "kept"),
-    [(5, False, 64, 64), (5, True, 256, 256), (40, False, 82, 64), (40, True, 82, 64)],
+    ("dimension", "steps", "walkers", "kept"),
+    [
+        (5, 0, 64, 64),
+        (5, 400, 128, 128),
+        (5, 600, 256, 256),
+        (5, 1000, 512, 512),
+        (5, 1e9, 512, 512),
+        (40, 0, 82, 64),
+        (40, 1000, 82, 64),
+    ],
 )
-def test_an_ensemble_has_more_than_two_walkers_a_coordinate(dimension, refined, walkers, kept):
-    """Differences of the other half must span the space: emcee's own rule, and two walkers more."""
-    assert running._walkers(Settings(), dimension, refined=refined) == (walkers, kept)
-    assert running._walkers(Settings(walkers=100), dimension, refined=refined) == (100, 100)
+def test_an_ensemble_has_more_than_two_walkers_a_coordinate(dimension, steps, walkers, kept):
+    """Differences of the other half must span the space: emcee's own rule, and two walkers more.
+
+    A run that 64 walkers would take many steps for has more of them.
+    """
+    assert running._walkers(Settings(), dimension, steps=steps) == (walkers, kept)
+    assert running._walkers(Settings(walkers=100), dimension, steps=steps) == (100, 100)

@@ -1,0 +1,82 @@
+"""Estimands judged in parts by several, alone, and against the diagnostics worked out at once."""
+
+import numpy as np
+import pytest
+
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    normal_scores,
+    rank_rhat,
+)
+from percept.inference.sampling.estimands import Means
+from percept.inference.sampling.judgement import judge
+from percept.inference.share import ALONE
+
+
+class Apart(Means):
+    """Means of two components, each a part of its own."""
+
+    def __init__(self, columns=(0, 1)):
+        super().__init__(tuple(f"E {column}" for column in columns), lambda points: points)
+        self._columns = columns
+
+    def parts(self):
+        return [Apart((column,)) for column in self._columns]
+
+    def estimate(self, components):
+        return super().estimate(components[:, self._columns])
+
+
+class Backwards:
+    """Works on the last call first, as other processes may."""
+
+    parts = 2
+
+    def __call__(self, function, arguments):
+        return [function(*each) for each in arguments[::-1]][::-1]
+
+
+def chains(rho=0.6, apart=0.0):
+    rng = np.random.default_rng(1)
+    series = rng.normal(size=(4, 90, 70, 3))
+    for t in range(1, 90):
+        series[:, t] = rho * series[:, t - 1] + np.sqrt(1 - rho * rho) * series[:, t]
+    series[..., 1] = series[..., 1] ** 2
+    series[..., 2] = 4.0  # what never changes says nothing
+    return series + apart * np.array([1, -1, 1, -1])[:, None, None, None]
+
+
+@pytest.mark.parametrize("share", [ALONE, Backwards()])
+def test_parts_together_are_the_whole(share):
+    components = chains()
+    found = judge(Apart(), components, 0.5, full=False, share=share)
+    influence = components[..., :2] - components[..., :2].mean(axis=(0, 1, 2))
+    times = autocorrelation_time(influence)
+    assert found.estimates.names == ("E 0", "E 1")
+    np.testing.assert_allclose(found.estimates.value, components[..., :2].mean(axis=(0, 1, 2)), rtol=1e-12)
+    np.testing.assert_allclose(found.times, times, rtol=1e-9)
+    errors = [monte_carlo_error(influence[..., [i]], times[[i]])[0] for i in range(2)]
+    np.testing.assert_allclose(found.errors, errors, rtol=1e-9)
+    ranks = autocorrelation_time(normal_scores(components[..., :2]))
+    assert found.slowest == pytest.approx(max(times.max(), ranks.max()))
+
+
+def test_rhat_is_that_of_influences_and_of_ranks():
+    components = chains(rho=0.0)
+    found = judge(Apart(), components, 0.5, full=False)
+    scores = normal_scores(components[..., :2])
+    both = [rank_rhat(series.reshape(4, -1, 2)).max() for series in (components[..., :2], scores)]
+    assert found.rhat == pytest.approx(max(both), abs=1e-6)
+    assert found.rhat < 1.01
+    assert judge(Apart(), chains(apart=0.3), 0.5, full=False).rhat > 1.01
+
+
+def test_rhat_waits_for_every_part_to_be_accurate():
+    components = chains()
+    errors = judge(Apart(), components, 0.5, full=False)
+    relative = errors.errors / errors.estimates.scale
+    between = float(relative.mean())
+    assert relative.min() < between < relative.max()
+    assert judge(Apart(), components, between, full=False).rhat is None
+    assert judge(Apart(), components, between, full=True).rhat == errors.rhat
