@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import IO, Any, TypeVar
 
 from percept.cores import cores
+from percept.pipes import receive, send
 
 __all__ = ["Processes", "serve"]
 
@@ -32,6 +33,8 @@ serve()
 _MOST = 4
 #: Whether an answer is known, and the answer.
 _UNKNOWN: tuple[bool, Any] = (False, None)
+#: What cannot be pickled raises any of these.
+_UNPICKLABLE = (pickle.PickleError, AttributeError, TypeError)
 
 
 class Processes:
@@ -85,8 +88,8 @@ class Processes:
         self._threads = ThreadPoolExecutor(max_workers=max(1, len(self.others)))
         for other in self.others:
             with suppress(OSError):
-                _tell(other, sys.path)
-                _tell(other, self._preload)
+                _open(other.stdin).write(pickle.dumps(sys.path))
+                send(_open(other.stdin), self._preload)
             self._idle.put(other)
         return self
 
@@ -157,11 +160,10 @@ class Processes:
     def _asked(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[bool, Any]:
         """Have a call made elsewhere; its answer is not known where that fails."""
         other = self._idle.get()
-        # What cannot be pickled raises any of the last three.
-        with suppress(OSError, EOFError, pickle.PickleError, AttributeError, TypeError):
+        with suppress(OSError, EOFError, *_UNPICKLABLE):
             try:
-                _tell(other, (function, arguments))
-                known, value = pickle.load(_open(other.stdout))  # noqa: S301 - our own process
+                send(_open(other.stdin), (function, arguments))
+                known, value = receive(_open(other.stdout))
             finally:
                 self._idle.put(other)
             self.answered += known
@@ -177,24 +179,18 @@ def serve() -> None:
     # What a library prints must not come between answers.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     with suppress(EOFError, OSError):
-        for name in pickle.load(questions):  # noqa: S301 - our own process
+        for name in receive(questions):
             importlib.import_module(name)
         while True:
-            function, arguments = pickle.load(questions)  # noqa: S301 - our own process
+            function, arguments = receive(questions)
             try:
-                answer = pickle.dumps((True, function(*arguments)))
+                answer = (True, function(*arguments))
             except Exception:  # noqa: BLE001 - it is made again where any error can be told
-                answer = pickle.dumps(_UNKNOWN)
-            answers.write(answer)
-            answers.flush()
-
-
-def _tell(other: subprocess.Popen[bytes], message: Any) -> None:
-    # Whole before it is sent: what cannot be pickled must not leave half a message behind.
-    whole = pickle.dumps(message)
-    pipe = _open(other.stdin)
-    pipe.write(whole)
-    pipe.flush()
+                answer = _UNKNOWN
+            try:
+                send(answers, answer)
+            except _UNPICKLABLE:
+                send(answers, _UNKNOWN)
 
 
 def _open(pipe: IO[bytes] | None) -> IO[bytes]:

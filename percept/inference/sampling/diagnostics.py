@@ -12,7 +12,8 @@ __all__ = ["autocorrelation_time", "monte_carlo_error", "normal_scores", "rank_r
 
 Array = NDArray[np.float64]
 _WINDOW = 5.0  # Sokal's window, in autocorrelation times
-#: Ranks of more values than this, or of fewer walkers per ensemble, are not needed to see that a run is well.
+#: More values of a quantity than these, or fewer walkers per ensemble, are not needed to see how long it
+#: remembers.
 _MOST_VALUES, _FEWEST_WALKERS = 1 << 15, 8
 _BATCHES = (4, 20)  # fewest and most batches per ensemble
 
@@ -130,13 +131,15 @@ def normal_scores(values: Array) -> Array:
     return np.ascontiguousarray(columns.T).reshape(values.shape)
 
 
-def some_walkers(series: Array) -> Array:
-    """Thin walkers evenly, for what takes long and needs no more than 2^15 values of a quantity.
+def some_walkers(series: Array, most: int = _MOST_VALUES) -> Array:
+    """Thin walkers evenly, for what takes long and needs no more than so many values of a quantity.
 
     Parameters
     ----------
     series : ndarray, shape (E, T, W, Q)
         Q quantities over T kept positions of W walkers in E ensembles.
+    most : int
+        Values of a quantity to keep about.
 
     Returns
     -------
@@ -144,8 +147,8 @@ def some_walkers(series: Array) -> Array:
         A view; w at least 8, or W where there are fewer.
     """
     ensembles, length, walkers, _ = series.shape
-    most = max(_FEWEST_WALKERS, _MOST_VALUES // (ensembles * length))
-    return series[:, :, :: math.ceil(walkers / most)]
+    kept = max(_FEWEST_WALKERS, most // (ensembles * length))
+    return series[:, :, :: math.ceil(walkers / kept)]
 
 
 def _rhat(chains: Array) -> Array:

@@ -24,6 +24,8 @@ from percept.inference.share import ALONE, Share
 __all__ = ["Judged", "judge"]
 
 Array = NDArray[np.float64]
+#: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
+_RANKED = 1 << 14
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -108,5 +110,5 @@ def _judge_part(estimands: Estimands, components: Array, tolerance: float, full:
 def _rhat(series: Array, slowest: float) -> float:
     """Largest rank R-hat of series (E, T, W, V), at about every independent position."""
     ensembles, length, _, count = series.shape
-    apart = some_walkers(series[:, :: max(1, round(min(slowest, length / 4.0)))])
+    apart = some_walkers(series[:, :: max(1, round(min(slowest, length / 4.0)))], _RANKED)
     return float(rank_rhat(apart.reshape(ensembles, -1, count)).max(initial=1.0))
