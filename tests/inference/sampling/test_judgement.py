@@ -39,8 +39,8 @@ class Backwards:
 
 def chains(rho=0.6, apart=0.0):
     rng = np.random.default_rng(1)
-    series = rng.normal(size=(4, 90, 70, 3))
-    for t in range(1, 90):
+    series = rng.normal(size=(4, 60, 64, 3))
+    for t in range(1, 60):
         series[:, t] = rho * series[:, t - 1] + np.sqrt(1 - rho * rho) * series[:, t]
     series[..., 1] = series[..., 1] ** 2
     series[..., 2] = 4.0  # what never changes says nothing
