@@ -25,6 +25,8 @@ SCHEMA = "percept-benchmark-1"
 #: Errors over half-width at which times are compared.
 LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _OURS = ("percept", "mixture")
+#: Draws per chain that samplers of this kind take where nothing else is asked for.
+_USUAL_DRAWS = 1000
 _RATIO = 2.0  # time goes with the error to this power, once a sampler has converged
 
 
@@ -181,16 +183,24 @@ def _promises(measured: Sequence[Measured], times: Sequence[Reached]) -> list[di
     if not nutpie or not ours:
         return []
     best = max(ours, key=lambda one: one.effective_per_second)
-    theirs = max(nutpie, key=lambda one: one.size)
+    # With divergences its effective draws vary many times from run to run: what users take, and its best.
+    usual = min(nutpie, key=lambda one: abs(one.size - _USUAL_DRAWS))
+    luckiest = max(nutpie, key=lambda one: one.effective_per_second)
     at = next(row for row in times if row.engine == "nutpie" and row.level == 0.01)
     steps = min(one.notes["autocorrelation_time"] for one in ours)
     return [
-        {
-            "what": "effective draws per second over nutpie’s",
-            "value": best.effective_per_second / theirs.effective_per_second,
-            "processor": best.effective_per_processor_second / theirs.effective_per_processor_second,
-            "aim": 1000.0, "floor": 300.0, "more_is_better": True,
-        },
+        *(
+            {
+                "what": f"effective draws per second over nutpie’s{when}",
+                "value": best.effective_per_second / theirs.effective_per_second,
+                "processor": best.effective_per_processor_second / theirs.effective_per_processor_second,
+                "aim": 1000.0, "floor": 300.0, "more_is_better": True,
+            }
+            for theirs, when in (
+                (usual, f", 4 × {usual.size:.0f} draws"),
+                (luckiest, f" at its best, 4 × {luckiest.size:.0f} draws"),
+            )
+        ),
         {
             "what": "nutpie’s sampling time to an error of 1 %, over percept’s", "value": at.warm_ratio,
             "processor": at.processor_ratio, "aim": 5000.0, "floor": 1000.0, "more_is_better": True,

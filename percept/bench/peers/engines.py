@@ -105,11 +105,12 @@ def _budgets(*pairs: tuple[float, int]) -> tuple[Budget, ...]:
 _NUTS_UNIT = "draws per chain, 4 chains"
 _NUTS_SIZES = _budgets((250, 5), (1000, 5), (4000, 3), (16000, 1))
 _WALKER_SIZES = _budgets((1000, 5), (4000, 5), (16000, 3), (64000, 1))
+_NUTPIE_SIZES = _budgets((250, 5), (1000, 15), (4000, 3), (16000, 1))
 _NUTPIE = ("nutpie", "pymc", "pytensor", "numba")
 ENGINES = (
     Engine(
         "percept", "percept", "with_percept", ("percept", "emcee", "numpy", "scipy"), "tolerance",
-        _budgets((0.1, 5), (0.02, 5), (0.01, 5), (0.005, 5), (0.002, 3)), (0.1,),
+        _budgets((0.1, 5), (0.02, 5), (0.01, 5), (0.005, 5), (0.002, 3), (0.001, 2)), (0.1,),
     ),
     Engine(
         "percept-stretch", "percept's density, emcee's stretch moves", "with_stretch", ("percept", "emcee"),
@@ -121,7 +122,7 @@ ENGINES = (
     ),
     Engine(
         "nutpie", "nutpie, written plainly", "with_pymc", _NUTPIE, _NUTS_UNIT,
-        _NUTS_SIZES, (50,), (("sampler", "nutpie"), ("form", "centred")),
+        _NUTPIE_SIZES, (50,), (("sampler", "nutpie"), ("form", "centred")),
     ),
     Engine(
         "nutpie-noncentred", "nutpie, non-centred by hand", "with_pymc", _NUTPIE, _NUTS_UNIT,
