@@ -48,29 +48,36 @@ def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> tup
     quantile : ndarray, shape (Q,)
         Quantiles, by safeguarded Newton steps on the tail probability's logarithm.
     influence : ndarray, shape (S, Q)
-        -(Phi_s(q) - mean Phi(q)) / mean phi(q), to eight digits.
+        -(Phi_s(x) - mean Phi(x)) / mean phi(x), of many draws at an x that is near the quantile.
     """
     sign = 1.0 if upper else -1.0
     exact = _EXACT_OF_MANY if len(mean) > _MANY else _EXACT
-    x, beyond, held, density = _quantile(sign * mean, sd, tail, exact)
-    beyond -= held
-    beyond *= sign / density
-    return sign * x, beyond
+    x, beyond, held, density = _quantile(_rows(mean) * sign, _rows(sd), tail, exact)
+    beyond -= held[:, None]
+    beyond *= (sign / density)[:, None]
+    return sign * x, beyond.T
+
+
+def _rows(draws: Array) -> Array:
+    """Quantities as rows, (Q, S): loops over all draws of one are the fast ones."""
+    return np.ascontiguousarray(draws.T)
 
 
 def _quantile(mean: Array, sd: Array, tail: float, exact: float) -> tuple[Array, Array, Array, Array]:
     """Upper quantile, and near it each component's probability beyond, its mean, and the mean density."""
     z = -special.ndtri(tail)
-    if len(mean) > _MANY:
-        x = _quantile(mean[::_SPARSE], sd[::_SPARSE], tail, _EXACT_OF_START)[0]
-        spread = np.sqrt(np.var(mean[::_SPARSE], axis=0) + np.mean(sd[::_SPARSE] ** 2, axis=0))
+    if mean.shape[1] > _MANY:
+        some, sd_of_some = (np.ascontiguousarray(part[:, ::_SPARSE]) for part in (mean, sd))
+        x = _quantile(some, sd_of_some, tail, _EXACT_OF_START)[0]
+        spread = np.sqrt(some.var(axis=1) + (sd_of_some**2).mean(axis=1))
     else:
-        spread = np.sqrt(np.var(mean, axis=0) + np.mean(sd * sd, axis=0))
-        x = mean.mean(axis=0) + z * spread
+        spread = np.sqrt(mean.var(axis=1) + (sd * sd).mean(axis=1))
+        x = mean.mean(axis=1) + z * spread
     # Arrays of all draws are written in place: making new ones takes as long as the arithmetic.
-    beyond = mean + z * sd
+    beyond = z * sd
+    beyond += mean
     # The mixture's quantile lies between the nearest and the farthest of its components'.
-    low, high = beyond.min(axis=0), beyond.max(axis=0)
+    low, high = beyond.min(axis=1), beyond.max(axis=1)
     held, density = np.empty_like(x), np.empty_like(x)
 
     def short_of_tail(x: Array) -> tuple[Array, Array]:
@@ -83,20 +90,20 @@ def _quantile(mean: Array, sd: Array, tail: float, exact: float) -> tuple[Array,
 
 
 def _beyond(x: Array, mean: Array, sd: Array, *, out: Array) -> tuple[Array, Array]:
-    """Probability beyond x of components (S, Q), into `out`; its mean, and the mean density at x."""
+    """Probability beyond x of components (Q, S), into `out`; its mean, and the mean density at x."""
     held, density = np.zeros((2, len(x)))
-    for start in range(0, len(mean), _BLOCK):
+    for start in range(0, mean.shape[1], _BLOCK):
         part = slice(start, start + _BLOCK)
-        standard = mean[part] - x
-        standard /= sd[part]
-        special.ndtr(standard, out=out[part])
-        held += out[part].sum(axis=0)
+        standard = mean[:, part] - x[:, None]
+        standard /= sd[:, part]
+        special.ndtr(standard, out=out[:, part])
+        held += out[:, part].sum(axis=1)
         standard *= standard
         standard *= -0.5
         np.exp(standard, out=standard)
-        standard /= sd[part]
-        density += standard.sum(axis=0)
-    return held / len(mean), density / (_SQRT_2PI * len(mean))
+        standard /= sd[:, part]
+        density += standard.sum(axis=1)
+    return held / mean.shape[1], density / (_SQRT_2PI * mean.shape[1])
 
 
 class _Reach:
@@ -179,7 +186,7 @@ def share_content(
     Parameters
     ----------
     half_width, centre : ndarray, shape (Q,)
-        The intervals.
+        The intervals; of any shape that fits that of the draws.
     mean, sd : ndarray, shape (S, Q)
         Conditional mean and SD of the population's mean.
     spread : ndarray, shape (S, Q)
@@ -213,13 +220,13 @@ def share_content(
 
 
 def _rate_of_draws(half_width: Array, confidence: float) -> Array:
-    """Density of half-widths (S, Q) at their quantile, by a difference of quantiles.
+    """Density of half-widths (Q, S) at their quantile, by a difference of quantiles.
 
     Where the mean is known far better than the spread a draw's probability is a step, and at a given
     half-width the steps' slopes may all underflow, or one of them be all there is.
     """
     step = 0.5 * min(confidence, 1.0 - confidence)
-    low, high = np.quantile(half_width, [confidence - step, confidence + step], axis=0)
+    low, high = np.quantile(half_width, [confidence - step, confidence + step], axis=1)
     return np.divide(2.0 * step, high - low, out=np.zeros_like(high), where=high > low)
 
 
@@ -242,19 +249,25 @@ def share_half_width(
     influence : ndarray, shape (S, 2Q)
         Pull of each draw on centre - h and on centre + h.
     """
-    centre = mean.mean(axis=0)
     exact = _EXACT_OF_SHARE if len(mean) > _MANY else _EXACT
+    mean, sd, spread = _rows(mean), _rows(sd), _rows(spread)
+    centre = mean.mean(axis=1)
     h, content = _half_width(centre, mean, sd, spread, share, confidence, exact)
-    enough = min(_FEW, _FEW_SHARE * len(mean))
-    few = content.rate**2 * len(mean) <= enough * content.square_rate
+    draws = mean.shape[1]
     rate = content.rate
+    few = rate**2 * draws <= min(_FEW, _FEW_SHARE * draws) * content.square_rate
     if few.any():
         rate = np.where(few, _rate_of_draws(_least(spread, share), confidence), rate)
-    off = mean - centre
+    # Both ends move with the centre, and apart with the half-width.
+    influence = np.empty((2, *mean.shape))
+    off = np.subtract(mean, centre[:, None], out=influence[0])
     pull = content.probability
-    pull -= content.held - content.tilt * off
-    pull *= -1.0 / rate
-    return centre, h, np.concatenate([off - pull, off + pull], axis=1)
+    pull -= content.held[:, None]
+    pull += np.multiply(content.tilt[:, None], off, out=influence[1])
+    pull *= (-1.0 / rate)[:, None]
+    np.add(off, pull, out=influence[1])
+    off -= pull
+    return centre, h, influence.reshape(-1, draws).T
 
 
 def _least(spread: Array, share: float) -> Array:
@@ -268,7 +281,7 @@ class _Content:
 
     Attributes
     ----------
-    probability : ndarray, shape (S, Q)
+    probability : ndarray, shape (Q, S)
         Of holding the share.
     held, rate, square_rate, tilt : ndarray, shape (Q,)
         Its mean, the means of its derivative in half-width and of that one's square, and the mean of its
@@ -285,15 +298,18 @@ class _Content:
 def _half_width(
     centre: Array, mean: Array, sd: Array, spread: Array, share: float, confidence: float, exact: float
 ) -> tuple[Array, _Content]:
-    """Half-widths about given centres, and what the draws hold near them."""
+    """Half-widths about given centres, and what draws (Q, S) hold near them."""
     least = _least(spread, share)
-    low = least.min(axis=0)
-    high = np.max(least + np.abs(mean - centre) - special.ndtri(1e-3 * (1 - confidence)) * sd, axis=0)
-    if len(mean) > _MANY:
-        mean_of_few, sd_of_few, spread_of_few = (part[::_SPARSE] for part in (mean, sd, spread))
-        h, _ = _half_width(centre, mean_of_few, sd_of_few, spread_of_few, share, confidence, _EXACT_OF_START)
+    low = least.min(axis=1)
+    high = least + np.abs(mean - centre[:, None])
+    high -= special.ndtri(1e-3 * (1 - confidence)) * sd
+    if mean.shape[1] > _MANY:
+        some, sd_of_some, spread_of_some = (
+            np.ascontiguousarray(part[:, ::_SPARSE]) for part in (mean, sd, spread)
+        )
+        h, _ = _half_width(centre, some, sd_of_some, spread_of_some, share, confidence, _EXACT_OF_START)
     else:
-        h = np.quantile(least, confidence, axis=0)
+        h = np.quantile(least, confidence, axis=1)
     aim = special.ndtri(confidence)
     nothing = np.zeros_like(h)
     content = _Content(np.empty(mean.shape), nothing, nothing, nothing, nothing)
@@ -302,16 +318,19 @@ def _half_width(
         # Half-widths are about lognormal: in log h the normal score of the probability is about straight.
         h = np.exp(log_h)
         sums = np.zeros((4, len(h)))
-        for start in range(0, len(mean), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            probability, slope, tilt = share_content(h, centre, mean[part], sd[part], spread[part], share)
+        for start in range(0, mean.shape[1], _BLOCK):
+            part = np.s_[:, start : start + _BLOCK]
+            probability, slope, tilt = share_content(
+                h[:, None], centre[:, None], mean[part], sd[part], spread[part], share
+            )
             content.probability[part] = probability
             for total, each in zip(sums, (probability, slope, slope * slope, tilt), strict=True):
-                total += each.sum(axis=0)
-        content.held, content.rate, content.square_rate, content.tilt = sums / len(mean)
+                total += each.sum(axis=1)
+        content.held, content.rate, content.square_rate, content.tilt = sums / mean.shape[1]
         score = special.ndtri(content.held)
         with np.errstate(over="ignore", invalid="ignore"):
             return score - aim, content.rate * h * _SQRT_2PI * np.exp(0.5 * score * score)
 
-    found = root(short_of_confidence, np.log(h), np.log(low), np.log(high), np.ones_like(h), exact)
+    log_low, log_high = np.log(low), np.log(high.max(axis=1))
+    found = root(short_of_confidence, np.log(h), log_low, log_high, np.ones_like(h), exact)
     return np.exp(found), content
