@@ -56,7 +56,8 @@ def root(
         fast, safe = ((place >= low) & (place <= high) for place in (cubic, newton))
         after = np.where(fast, cubic, np.where(safe, newton, 0.5 * (low + high)))
         moved = np.abs(after - x) / scale
-        if np.all(moved * np.where(fast, np.minimum(last, 1.0), moved) <= exact):
+        # Of steps that are not the cubic's nothing is known but their own length.
+        if np.all(moved * np.where(fast, np.minimum(last, 1.0), 1.0) <= exact):
             return after
         before, last, x = (x, value, slope), moved, after
     return x
