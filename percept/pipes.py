@@ -8,7 +8,7 @@ from typing import IO, Any
 
 import numpy as np
 
-__all__ = ["receive", "send"]
+__all__ = ["pack", "receive", "send", "write"]
 
 _NUMBER = struct.Struct("<Q")
 
@@ -23,9 +23,37 @@ def send(pipe: IO[bytes], message: Any) -> None:
     message : object
         What can be pickled. What cannot raises before anything is written.
     """
+    write(pipe, pack(message))
+
+
+def pack(message: Any) -> list[memoryview]:
+    """Pickle an object, its arrays apart from the rest and not copied.
+
+    Parameters
+    ----------
+    message : object
+        What can be pickled.
+
+    Returns
+    -------
+    list of memoryview
+        For `write`.
+    """
     buffers: list[pickle.PickleBuffer] = []
     head = pickle.dumps(message, protocol=5, buffer_callback=buffers.append)
-    parts = [memoryview(head), *(buffer.raw() for buffer in buffers)]
+    return [memoryview(head), *(buffer.raw() for buffer in buffers)]
+
+
+def write(pipe: IO[bytes], parts: list[memoryview]) -> None:
+    """Write what `pack` returned.
+
+    Parameters
+    ----------
+    pipe : binary stream
+        Where to write.
+    parts : list of memoryview
+        The object.
+    """
     pipe.write(_NUMBER.pack(len(parts)) + b"".join(_NUMBER.pack(part.nbytes) for part in parts))
     for part in parts:
         pipe.write(part)

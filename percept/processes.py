@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import IO, Any, TypeVar
 
 from percept.cores import cores
-from percept.pipes import receive, send
+from percept.pipes import pack, receive, send, write
 
 __all__ = ["Processes", "serve"]
 
@@ -188,9 +188,10 @@ def serve() -> None:
             except Exception:  # noqa: BLE001 - it is made again where any error can be told
                 answer = _UNKNOWN
             try:
-                send(answers, answer)
-            except _UNPICKLABLE:
-                send(answers, _UNKNOWN)
+                parts = pack(answer)
+            except Exception:  # noqa: BLE001 - objects say themselves how they are pickled
+                parts = pack(_UNKNOWN)
+            write(answers, parts)
 
 
 def _open(pipe: IO[bytes] | None) -> IO[bytes]:

@@ -86,6 +86,27 @@ def test_what_cannot_be_sent_or_sent_back_is_worked_on_here():
         assert processes.answered == 1
 
 
+class Odd:
+    """What says that it cannot be pickled in a way of its own."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def __reduce__(self):
+        raise self._error
+
+
+def _odd(kind):
+    return Odd(kind("no"))
+
+
+@pytest.mark.parametrize("kind", [ValueError, OSError, RuntimeError])
+def test_an_answer_that_cannot_be_pickled_does_not_end_the_other_process(kind):
+    with Processes(2) as processes:
+        assert isinstance(processes.ask(_odd, kind)(), Odd)
+        assert processes.ask(os.getpid)() == processes.others[0].pid
+
+
 def _maker(value):
     return lambda: value
 

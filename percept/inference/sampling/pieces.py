@@ -93,9 +93,10 @@ def _run(
 ) -> Piece:
     keep_freed_memory()
     state, points = advance(here, state, steps=steps, stride=stride, walkers=walkers)
-    flat = here.map(points.reshape(-1, points.shape[-1]))
-    components = estimands.components(flat).reshape(*points.shape[:3], -1)
-    return Piece(state, flat.reshape(points.shape), components)
+    # In one order of memory, however many pieces there are: the last bits of sums depend on it.
+    flat = np.ascontiguousarray(here.map(points.reshape(-1, points.shape[-1])))
+    components = np.ascontiguousarray(estimands.components(flat))
+    return Piece(state, flat.reshape(points.shape), components.reshape(*points.shape[:3], -1))
 
 
 def _divided(state: Ensembles, parts: int) -> list[Ensembles]:

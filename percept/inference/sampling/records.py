@@ -64,7 +64,8 @@ class Gate:
     reasons : tuple of str
         What failed, each with what to do.
     rhat : float or None
-        Largest rank R-hat across ensembles; None where another condition failed before it was needed.
+        Largest rank R-hat across ensembles; None where the estimates are not accurate enough for it to
+        matter.
     autocorrelation_time : float
         Longest autocorrelation time of a reported quantity, in steps.
     times_run : float

@@ -146,7 +146,7 @@ def _refined(
     walkers, keeping = _walkers(settings, dimension, steps=steps)
     rng = np.random.default_rng(warm_seed)
     here, points = refine(target, kept.reshape(-1, dimension), (ensembles, walkers), rng)
-    predicted = min(steps * kept.shape[2] / keeping, settings.most_steps - _BURN_IN)
+    predicted = min(steps * kept.shape[2] / keeping, 4.0 * _REFINED_ROUND, settings.most_steps - _BURN_IN)
     return _burnt_in(here, points, run_seed, estimands, keeping, refined=max(predicted, _REFINED_ROUND))
 
 
@@ -255,7 +255,9 @@ class _Running:
     def judge(self, settings: Settings) -> Run:
         """Estimate, measure and pass the gate or not."""
         points, components, stride, state = self._points, self._components, self.stride, self.state
-        full = self._full or self.at_its_end(settings)
+        # Of a later part R-hat must be known whatever its own errors: together with the parts before it is
+        # more accurate than alone.
+        full = self._full or self._closed is not None or self.at_its_end(settings)
         judged = judge(self._estimands, components, settings.tolerance, full=full, share=self._share)
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         if self._closed:

@@ -24,7 +24,9 @@ __all__ = ["Transport"]
 Array = NDArray[np.float64]
 _DRIVERS = 6  # most drivers
 _SIGNIFICANT = 4.0  # standard errors a bend or a widening must have to be believed
+_ALIKE = 1e-9  # effects that differ by no more are the same
 _SHORT = 0.5  # most a coefficient of a log scale changes in one step of its fit
+_COLUMNS = 32  # points are mapped in multiples of, so that none depends on how many there are
 _PASS = 1024  # points mapped at a time: what is made on the way stays in the processor's cache
 _CLIP = 3.0  # beyond so many SDs a driver's effect stays what it is
 
@@ -80,7 +82,11 @@ class Transport:
             passes = [self(z[start : start + _PASS]) for start in range(0, len(z), _PASS)]
             points, log_jacobians = zip(*passes, strict=True)
             return np.concatenate(points), np.concatenate(log_jacobians)
-        z = np.ascontiguousarray(z.T)
+        count = len(z)
+        # Whole multiples: products of matrices sum what is left over in another order.
+        padded = np.zeros((z.shape[1], count + -count % _COLUMNS))
+        padded[:, :count] = z.T
+        z = padded
         y = np.empty_like(z)
         features = np.ones((self.mean.shape[1], z.shape[1]))
         log_jacobian = np.full(z.shape[1], np.log(np.diag(self.factor)).sum())
@@ -101,7 +107,7 @@ class Transport:
         s += m
         y[self.others] = s
         x, log_slope = self.spline(y)
-        return x.T, log_jacobian + log_slope
+        return x[:, :count].T, (log_jacobian + log_slope)[:count]
 
     @functools.cached_property
     def _by_driver(self) -> list[Array]:
@@ -138,7 +144,9 @@ def _drivers(y: Array) -> NDArray[np.intp]:
     effect[(effect * count < 2.0 * _SIGNIFICANT**2) | np.eye(size, dtype=bool)] = 0.0
     chosen: list[int] = []
     for _ in range(_DRIVERS):
-        best = int(np.argmax(effect.sum(axis=0)))
+        # Of a pair that widen each other alike the first: rounding must not choose.
+        total = effect.sum(axis=0)
+        best = int(np.argmax(total >= (1.0 - _ALIKE) * total.max()))
         if not effect[:, best].any():
             break
         chosen.append(best)

@@ -9,6 +9,7 @@ from percept.errors import UsageError
 from percept.inference import tolerance_factor
 from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.unpooled import Unpooled
+from percept.inference.sampling import mixture as mixtures
 from percept.inference.sampling.mixture import (
     mixture_quantile,
     share_content,
@@ -64,6 +65,26 @@ def test_many_draws_have_the_root_of_all_of_them():
     spread = np.exp(0.3 * rng.normal(size=(9000, 1)))
     centre, half, _ = share_half_width(mean, sd, spread, share=0.9, confidence=0.95)
     assert abs(share_content(half, centre, mean, sd, spread, 0.9)[0].mean() - 0.95) < 1e-12
+
+
+def test_influence_of_many_draws_is_that_of_few(monkeypatch):
+    """It is taken a step away from the root, which is far less than its Monte Carlo error."""
+    rng = np.random.default_rng(8)
+    mean, sd = 0.3 * rng.normal(size=(6000, 3)), np.exp(0.2 * rng.normal(size=(6000, 3)))
+    spread = np.exp(0.3 * rng.normal(size=(6000, 3)))
+
+    def found():
+        return [
+            mixture_quantile(mean, sd, 0.005, upper=True),
+            mixture_quantile(mean, sd, 0.005, upper=False),
+            share_half_width(mean, 0.2 * sd, spread, share=0.9, confidence=0.95)[1:],
+        ]
+
+    many = found()
+    monkeypatch.setattr(mixtures, "_MANY", 10_000)
+    for (value, influence), (exact, wanted) in zip(many, found(), strict=True):
+        np.testing.assert_allclose(value, exact, rtol=1e-7)
+        np.testing.assert_allclose(influence, wanted, atol=1e-3 * np.abs(wanted).max())
 
 
 def weighted_root(function, weights, low, high):
