@@ -147,7 +147,8 @@ def _refined(
     rng = np.random.default_rng(warm_seed)
     here, points = refine(target, kept.reshape(-1, dimension), (ensembles, walkers), rng)
     predicted = min(steps * kept.shape[2] / keeping, 4.0 * _REFINED_ROUND, settings.most_steps - _BURN_IN)
-    return _burnt_in(here, points, run_seed, estimands, keeping, refined=max(predicted, _REFINED_ROUND))
+    first = math.ceil(max(predicted, _REFINED_ROUND))
+    return _burnt_in(here, points, run_seed, estimands, keeping, refined=first)
 
 
 def _burnt_in(
@@ -157,19 +158,17 @@ def _burnt_in(
     estimands: Estimands,
     kept: int,
     *,
-    refined: float = 0.0,
+    refined: int = 0,
 ) -> Unfinished:
     """Burn in from starting points; of so many walkers per ensemble positions will be kept.
 
-    A refined run is predicted to take so many steps.
+    A refined run has a first round of so many steps.
     """
     state, _ = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN)
     ensembles, _, dimension = points.shape
     nothing = np.empty((ensembles, 0, kept, dimension))
     components = np.empty((ensembles, 0, kept, estimands.components(here.map(points[0, :1])).shape[1]))
-    stride, first = _STRIDE, _FIRST_ROUND
-    if refined:
-        stride, first = _REFINED_STRIDE, math.ceil(refined)
+    stride, first = (_REFINED_STRIDE, refined) if refined else (_STRIDE, _FIRST_ROUND)
     return Unfinished(here.transport, state, nothing, components, stride, first, refined > 0, None)
 
 
