@@ -33,8 +33,6 @@ serve()
 _MOST = 4
 #: Whether an answer is known, and the answer.
 _UNKNOWN: tuple[bool, Any] = (False, None)
-#: What cannot be pickled raises any of these.
-_UNPICKLABLE = (pickle.PickleError, AttributeError, TypeError)
 
 
 class Processes:
@@ -159,10 +157,15 @@ class Processes:
 
     def _asked(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[bool, Any]:
         """Have a call made elsewhere; its answer is not known where that fails."""
+        try:
+            parts = pack((function, arguments))
+        except Exception:  # noqa: BLE001 - objects say themselves how they are pickled
+            return _UNKNOWN
         other = self._idle.get()
-        with suppress(OSError, EOFError, *_UNPICKLABLE):
+        # An answer that cannot be unpickled raises any of the last three.
+        with suppress(OSError, EOFError, pickle.PickleError, AttributeError, TypeError):
             try:
-                send(_open(other.stdin), (function, arguments))
+                write(_open(other.stdin), parts)
                 known, value = receive(_open(other.stdout))
             finally:
                 self._idle.put(other)

@@ -104,6 +104,7 @@ def _odd(kind):
 def test_an_answer_that_cannot_be_pickled_does_not_end_the_other_process(kind):
     with Processes(2) as processes:
         assert isinstance(processes.ask(_odd, kind)(), Odd)
+        assert processes.ask(type, Odd(kind("no")))() is Odd
         assert processes.ask(os.getpid)() == processes.others[0].pid
 
 

@@ -219,12 +219,12 @@ class _Running:
             steps=steps, stride=self.stride, walkers=self._points.shape[2], share=self._share,
         )  # fmt: skip
         self.state = piece.state
-        # The first piece of a part as it is: it may be as large as memory allows.
-        started = self._points.shape[1] > 0
-        self._points = np.concatenate([self._points, piece.points], axis=1) if started else piece.points
-        self._components = (
-            np.concatenate([self._components, piece.components], axis=1) if started else piece.components
-        )
+        if not self._points.shape[1]:
+            # Without a copy: it may be as large as memory allows.
+            self._points, self._components = piece.points, piece.components
+            return
+        self._points = np.concatenate([self._points, piece.points], axis=1)
+        self._components = np.concatenate([self._components, piece.components], axis=1)
 
     def at_its_end(self, settings: Settings) -> bool:
         """Whether no steps are left, or too few to judge another part by."""

@@ -46,6 +46,7 @@ def test_means_are_those_of_all_draws(small):
     begun = [len(values) for values in means.values].index(1, 1)
     drawn = np.concatenate(means.values[begun + 1 :])
     assert len(drawn) > 3 * kept
+    # Sums of half a million numbers in two orders.
     np.testing.assert_allclose(run.estimates.value, drawn.mean(axis=0), rtol=0, atol=1e-13)
 
 
