@@ -17,21 +17,19 @@ ALLOWED = {
     "cores": set(),
     "durable": set(),
     "browser": set(),
-    "pipes": set(),
-    "processes": {"cores", "pipes"},
     "haptics": {"notebook", "errors"},
     "inference": {"notebook", "errors"},
     "boundary": {"haptics", "inference", "notebook", "errors"},
     "sessions": {"cores", "errors"},
     "scene": {"inference", "notebook", "errors"},
-    "study": _ANALYSIS - {"study"} | {"processes"},
+    "study": _ANALYSIS - {"study"},
     "cache": {"inference", "durable", "errors"},
     "workers": {"cache", "cores", "errors"},
     "planning": {"inference", "notebook", "errors"},
     "simulate": {"sessions", "inference", "durable", "errors"},
     "calibration": _ANALYSIS | {"simulate", "workers", "durable"},
     "batch": {"study", "sessions", "scene", "workers", "cache", "durable", "errors"},
-    "report": _ANALYSIS | {"processes", "durable", "browser", "__version__"},
+    "report": _ANALYSIS | {"durable", "browser", "__version__"},
     "reproduce": _ANALYSIS | {"report", "simulate"},
 }
 #: The ends, which may import everything, and which nothing but an end imports.
@@ -90,14 +88,6 @@ def test_a_part_imports_only_what_lies_below(part):
 def test_a_part_imports_only_the_packages_it_has_a_use_for(part):
     for path in files(part):
         assert imports(path)[0] - sys.stdlib_module_names - {"percept"} <= OUTSIDE[part], path
-
-
-def test_emcee_is_imported_in_one_place():
-    """Whoever imports it elsewhere pays for scipy.stats; calibration and benchmarks want its own moves."""
-    found = {str(path.relative_to(ROOT)) for path in ROOT.rglob("*.py") if "emcee" in imports(path)[0]}
-    assert {path for path in found if not path.startswith(("bench/", "calibration/"))} == {
-        "inference/sampling/lean_emcee.py"
-    }
 
 
 def test_public_names():

@@ -182,11 +182,11 @@ def _main(words: Sequence[str] | None = None) -> None:
         if asked.scene == "page and figures":
             from percept.report.fit import write_fit
 
-            write_fit(study, Path(folder) / "out", processes=1)
+            write_fit(study, Path(folder) / "out")
         else:
             from percept.report.write import write_report
 
-            write_report(study, Path(folder) / "out", processes=1)
+            write_report(study, Path(folder) / "out")
     diagnostics = study.diagnostics or {"dimension": 0}
     found = {
         "seconds": time.process_time(),

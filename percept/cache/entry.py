@@ -1,4 +1,4 @@
-"""A run, finished or not, as bytes and back."""
+"""A run as bytes and back."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ from typing import Any
 import numpy as np
 
 from percept.inference.sampling.estimands import Estimates
-from percept.inference.sampling.parts import Closed
 from percept.inference.sampling.records import Gate, Run, Settings
-from percept.inference.sampling.spline import Spline
-from percept.inference.sampling.transport import Transport
-from percept.inference.sampling.transported import Affine
-from percept.inference.sampling.unfinished import Ensembles, Unfinished
 
 __all__ = ["DamagedEntry", "decode", "encode"]
 
@@ -29,12 +24,6 @@ _RECORDS: dict[str, type[Any]] = {
         Estimates,
         Gate,
         Settings,
-        Unfinished,
-        Closed,
-        Ensembles,
-        Affine,
-        Transport,
-        Spline,
     )
 }
 
@@ -43,13 +32,12 @@ class DamagedEntry(ValueError):  # noqa: N818 - what is caught is damage, and no
     """Bytes that are not a whole entry."""
 
 
-def encode(run: Run | Unfinished) -> bytes:
+def encode(run: Run) -> bytes:
     """Turn a run into bytes: a checksum, the records as JSON, and the arrays they refer to.
 
     Parameters
     ----------
-    run : Run or Unfinished
-        Finished or not.
+    run : Run
 
     Returns
     -------
@@ -70,7 +58,7 @@ def encode(run: Run | Unfinished) -> bytes:
     return _MAGIC + _checksum(content) + content
 
 
-def decode(data: bytes) -> Run | Unfinished:
+def decode(data: bytes) -> Run:
     """Turn bytes into the run they were made of.
 
     Parameters
@@ -80,7 +68,7 @@ def decode(data: bytes) -> Run | Unfinished:
 
     Returns
     -------
-    Run or Unfinished
+    Run
 
     Raises
     ------
@@ -97,7 +85,7 @@ def decode(data: bytes) -> Run | Unfinished:
         run = _record(head, body)
     except (TypeError, ValueError, KeyError) as error:
         raise DamagedEntry(f"it does not hold a run: {error}") from error
-    if not isinstance(run, (Run, Unfinished)):
+    if not isinstance(run, Run):
         raise DamagedEntry("it does not hold a run")
     return run
 

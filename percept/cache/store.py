@@ -15,13 +15,10 @@ from percept.cache.folder import cache_limit
 from percept.cache.key import run_key
 from percept.durable import exclusive, remove_abandoned, shared, write_whole
 from percept.inference.sampling.records import Run
-from percept.inference.sampling.unfinished import Keeper, Unfinished
 
 __all__ = ["Entry", "PosteriorCache"]
 
 _SUFFIX = ".run"
-#: A run that was stopped; it goes when the run is finished, or like any other entry.
-_UNFINISHED = ".unfinished.run"
 _log = logging.getLogger("percept.cache")
 
 
@@ -63,7 +60,7 @@ class PosteriorCache:
         self.folder = folder
         self.limit = cache_limit() if limit is None else limit
 
-    def run(self, asked: tuple[object, ...], compute: Callable[[Keeper], Run]) -> Run:
+    def run(self, asked: tuple[object, ...], compute: Callable[[], Run]) -> Run:
         """Return the stored run of what is asked, or compute and store it.
 
         Parameters
@@ -71,7 +68,7 @@ class PosteriorCache:
         asked : tuple
             Model, estimands and settings; see `percept.cache.key.run_key`.
         compute : callable
-            Gives the run where none is stored; told where an unfinished one is kept.
+            Gives the run where none is stored.
 
         Returns
         -------
@@ -81,21 +78,13 @@ class PosteriorCache:
         key = run_key(*asked)
         found = self.load(key)
         if found is None:
-            found = compute(_InCache(self, key))
+            found = compute()
             self.store(key, found)
-            with suppress(OSError):
-                (self.folder / f"{key}{_UNFINISHED}").unlink()
         return found
 
     def load(self, key: str) -> Run | None:
         """Return a stored run; None where there is none or it was damaged and is now discarded."""
-        found = self._read(self._path(key))
-        if not isinstance(found, Run):
-            return None
-        _log.info("posterior %s found in %s", key[:12], self.folder)
-        return found
-
-    def _read(self, path: Path) -> Run | Unfinished | None:
+        path = self._path(key)
         try:
             data = path.read_bytes()
         except FileNotFoundError:
@@ -111,11 +100,12 @@ class PosteriorCache:
                 path.unlink()
             return None
         self._stamp(path)
+        _log.info("posterior %s found in %s", key[:12], self.folder)
         return run
 
-    def store(self, key: str, run: Run | Unfinished) -> None:
+    def store(self, key: str, run: Run) -> None:
         """Store a run, then remove what is beyond the limit; says so where it cannot."""
-        path = self._path(key) if isinstance(run, Run) else self.folder / f"{key}{_UNFINISHED}"
+        path = self._path(key)
         data = encode(run)
         if len(data) > self.limit:
             _log.info("posterior %s takes %d bytes, more than the cache may", key[:12], len(data))
@@ -183,26 +173,6 @@ class PosteriorCache:
             if self._path(entry.key) != keep:
                 self._path(entry.key).unlink(missing_ok=True)
                 total -= entry.size
-
-
-class _InCache:
-    """Where one run is kept until it is finished."""
-
-    def __init__(self, cache: PosteriorCache, key: str) -> None:
-        self._cache = cache
-        self._key = key
-
-    def load(self) -> Unfinished | None:
-        """Return what an earlier attempt left."""
-        found = self._cache._read(self._cache.folder / f"{self._key}{_UNFINISHED}")
-        if not isinstance(found, Unfinished):
-            return None
-        _log.info("posterior %s taken up after %d steps", self._key[:12], found.state.steps)
-        return found
-
-    def save(self, unfinished: Unfinished) -> None:
-        """Keep it in place of what was kept before."""
-        self._cache.store(self._key, unfinished)
 
 
 def _why(error: OSError) -> str:

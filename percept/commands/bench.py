@@ -16,7 +16,7 @@ EXAMPLE = "percept bench sampling --json"
 _OUT = "benchmark"
 #: Parts that measure simulated studies.
 _SIMULATED = {
-    "sampling", "propagation", "envelope", "density", "skipping", "coverage", "workers", "processes",
+    "sampling", "propagation", "envelope", "density", "skipping", "coverage", "workers",
     "growth",
 }  # fmt: skip
 
@@ -212,12 +212,6 @@ def _workers(arguments: argparse.Namespace) -> Sequence[Any]:
     return batch_costs(arguments.studies)
 
 
-def _processes(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.processes import process_gains
-
-    return process_gains(told=_told)
-
-
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": _sampling,
     "magnitude": _magnitude,
@@ -231,7 +225,6 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "haptics": _haptics,
     "skipping": _skipping,
     "workers": _workers,
-    "processes": _processes,
     "growth": _growth,
 }
 

@@ -38,18 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the methods' comparison for one path, the difference of the studies for two."""
-    from percept.study.divided import divided, for_sampling
     from percept.study.pairs import compare_studies
 
     with Working("comparing", shown=not arguments.quiet) as progress:
         pair = _pair(arguments, progress)
         if pair is None:
             study = open_study(arguments, progress)
-            with divided(study, count=for_sampling(study)):
-                return _methods(study, as_json=arguments.json)
+            return _methods(study, as_json=arguments.json)
         studies, names = pair
-        with divided(*studies, count=for_sampling(*studies)):
-            found = compare_studies(*studies)
+        found = compare_studies(*studies)
     if arguments.json:
         parts = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
         _print_json({"studies": names, **_stated(studies[0]), "notes": found.notes, **parts})

@@ -38,7 +38,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Print how far the environment lies from the tested ones, its intervals, and what was left out."""
     from percept.errors import UsageError
     from percept.report.plain import dumps, plain
-    from percept.study.divided import divided, for_sampling
     from percept.study.prediction import predict
 
     if arguments.leave_one_out and (arguments.k is not None or arguments.b is not None):
@@ -48,10 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     with Working("predicting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         if arguments.leave_one_out:
-            with divided(study):
-                return _left_out(study, arguments)
-        with divided(study, count=for_sampling(study)):
-            found = predict(study, stiffness=arguments.k, damping=arguments.b)
+            return _left_out(study, arguments)
+        found = predict(study, stiffness=arguments.k, damping=arguments.b)
     if arguments.json:
         said = {"sentence": found.sentence, "extrapolates": found.extrapolates}
         print(dumps({**said, **plain(found)}), end="")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -36,7 +35,6 @@ def build_document(
     study: Study,
     *,
     curves: bool = True,
-    seen: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
     """Build the document that the page, the tables and the figures are made from.
 
@@ -46,9 +44,6 @@ def build_document(
         What it has not computed yet is computed now.
     curves : bool
         Whether boundaries, the coupling judged by them and the band law are wanted; else they are absent.
-    seen : callable, optional
-        Shown the document, not to be changed, when its intervals, its boundaries, and its coupling and band
-        are there.
 
     Returns
     -------
@@ -59,7 +54,6 @@ def build_document(
         what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
         of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
-    show = seen or (lambda _: None)
     document: dict[str, Any] = dict.fromkeys(_PARTS)
     document |= {
         "schema": SCHEMA,
@@ -71,20 +65,17 @@ def build_document(
         "close": [],
         "readings": [],
     }
-    show(document)
     document["boundaries"] = plain(study.boundaries) if curves else []
     if document["boundaries"]:
         document["zoom"] = zoom_windows(study.scene, distinct(document["boundaries"], "environment"))
         document["close"] = close_views(study, document["zoom"])
         document["readings"] = readings(study)
-    show(document)
     document |= {
         "coupling": plain(study.coupling) if curves else None,
         "passivity": plain(study.passivity) if curves else None,
         "band": plain(study.band) if curves else None,
         "design": design_of(study) if document["boundaries"] and study.scene.coupling else None,
     }
-    show(document)
     document |= {
         "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from percept.report.document import build_document
 from percept.report.folder import filled_folder
 from percept.report.plain import dumps
-from percept.study.divided import divided, for_sampling
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["write_fit"]
 
 
-def write_fit(study: Study, out_dir: str | Path, *, processes: int | None = None) -> Path:
+def write_fit(study: Study, out_dir: str | Path) -> Path:
     """Write fit.json, in report.json's schema without curves, and posterior.nc.
 
     Parameters
@@ -25,9 +24,6 @@ def write_fit(study: Study, out_dir: str | Path, *, processes: int | None = None
         What it has not computed yet is computed now.
     out_dir : str or Path
         Folder, made where it does not exist; files of other programs in it stay.
-    processes : int, optional
-        1: everything in this process. By default others, where there are more cores, take a part of the
-        sampling; the files are the same.
 
     Returns
     -------
@@ -43,8 +39,7 @@ def write_fit(study: Study, out_dir: str | Path, *, processes: int | None = None
     """
     from percept.study.posterior_file import write_posterior
 
-    count = for_sampling(study, count=processes)
-    with filled_folder(out_dir, last="fit.json") as folder, divided(study, count=count):
+    with filled_folder(out_dir, last="fit.json") as folder:
         (folder / "fit.json").write_text(dumps(build_document(study, curves=False)), encoding="utf-8")
         if study.posterior_groups is not None:
             write_posterior(study.posterior_groups, folder / "posterior.nc")

@@ -21,8 +21,6 @@ from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
 from percept.inference.hierarchy.unpooled import Unpooled
 from percept.inference.sampling.records import Progress, Run, Settings
-from percept.inference.sampling.unfinished import Keeper
-from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import Cell, cell_moments
@@ -85,9 +83,9 @@ class Fit:
 
 
 class RunStore(Protocol):
-    """Keeps finished runs, so that none is sampled twice, and unfinished ones, to be taken up again."""
+    """Keeps finished runs, so that none is sampled twice."""
 
-    def run(self, asked: tuple[object, ...], compute: Callable[[Keeper], Run]) -> Run:
+    def run(self, asked: tuple[object, ...], compute: Callable[[], Run]) -> Run:
         """Return the kept run of what is asked, or compute and keep it."""
 
 
@@ -172,7 +170,6 @@ def fit(
     *,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
-    share: Share = ALONE,
 ) -> Fit:
     """Sample a prepared model to the scene's tolerance.
 
@@ -186,8 +183,6 @@ def fit(
         Told the state after every round.
     store : RunStore, optional
         Asked first, and given what was sampled.
-    share : Share
-        Who works on the sampling.
 
     Returns
     -------
@@ -217,10 +212,10 @@ def fit(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )
 
-    def sampled(keeper: Keeper | None = None) -> Run:
+    def sampled() -> Run:
         from percept.inference.sampling.run import sample
 
-        run = sample(prepared.model, estimands, settings, progress=progress, keeper=keeper, share=share)
+        run = sample(prepared.model, estimands, settings, progress=progress)
         # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
         points, components = np.ascontiguousarray(run.points), np.ascontiguousarray(run.components)
         return dataclasses.replace(run, points=points, components=components)

@@ -15,7 +15,6 @@ from percept.boundary.grid import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
 from percept.haptics import AnyDevice
-from percept.inference.share import Share
 from percept.study.apparatus import Apparatus
 from percept.study.regions import Draws, Region
 
@@ -133,7 +132,6 @@ def boundaries_of(
     regions: Collection[Region],
     draws: Collection[Draws],
     frequencies: Range,
-    share: Share,
 ) -> tuple[Boundary, ...]:
     """Draw the boundaries of several environments.
 
@@ -149,21 +147,18 @@ def boundaries_of(
         Of any environments.
     frequencies : Range
         Where.
-    share : Share
-        Who works on it, environment by environment.
 
     Returns
     -------
     tuple of Boundary
         In the order of the environments.
     """
-    parts = []
+    found: list[Boundary] = []
     for environment in environments:
         around = [region for region in regions if region.environment == environment]
-        through = [one.within(environment) for one in draws if environment in one.pairs]
-        parts.append((apparatus, environment, around, through, frequencies))
-    found = share(environment_boundaries, parts)
-    return tuple(boundary for boundaries in found for boundary in boundaries)
+        through = [drawn for drawn in draws if environment in drawn.pairs]
+        found += environment_boundaries(apparatus, environment, around, through, frequencies)
+    return tuple(found)
 
 
 @dataclasses.dataclass(frozen=True)

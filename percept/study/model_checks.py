@@ -14,7 +14,6 @@ from percept.inference.checks.pooling import correlation_draws, shrinkage
 from percept.inference.checks.prior import draw_prior
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress
-from percept.inference.share import ALONE, Share
 from percept.notebook import NotebookRecord
 from percept.scene import Scene
 from percept.study.bands import weber_trend
@@ -71,7 +70,6 @@ def model_checks(
     scene: Scene,
     *,
     progress: Callable[[Progress], None] | None = None,
-    share: Share = ALONE,
 ) -> ModelChecks | None:
     """Check a fit against its data, its priors and its own assumptions.
 
@@ -83,8 +81,6 @@ def model_checks(
         Level, seed, caps, and whether to sample anew without influential subjects.
     progress : callable, optional
         Told the state of that sampling.
-    share : Share
-        Who works on it.
 
     Returns
     -------
@@ -97,7 +93,7 @@ def model_checks(
         return None
     level, seed = scene.inference.level, scene.inference.seed
     return ModelChecks(
-        loo=check_subjects(fit, subjects, scene, progress=progress, share=share),
+        loo=check_subjects(fit, subjects, scene, progress=progress),
         statistics=check_statistics(fit, subjects, scene),
         prior=prior_quantiles(fit, subjects, seed=seed),
         sensitivity=power_scaling(data_tree(full_groups(fit, seed=seed))),

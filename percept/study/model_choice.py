@@ -11,7 +11,6 @@ import pandas as pd
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.scales import Options
 from percept.inference.sampling.records import Progress
-from percept.inference.share import ALONE, Share
 from percept.notebook import NotebookRecord
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -65,7 +64,6 @@ def compare_models(
     models: tuple[str, ...] = tuple(MODELS),
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
-    share: Share = ALONE,
 ) -> ModelChoice:
     """Fit models of `MODELS` and compare them by leave-one-subject-out predictive density.
 
@@ -84,8 +82,6 @@ def compare_models(
         Told the state of every sampling.
     store : RunStore, optional
         Asked for finished runs first.
-    share : Share
-        Who works on the samplings.
 
     Returns
     -------
@@ -117,11 +113,11 @@ def compare_models(
         model = scene.model.model_dump(exclude_none=True) | dataclasses.asdict(MODELS[name])
         asked = scene.with_tables(model=model)
         prepared = prepare(sessions, asked, parameters)
-        sampled = fit(prepared, asked, progress=progress, store=store, share=share)
+        sampled = fit(prepared, asked, progress=progress, store=store)
         if sampled.run.gate.passed:
             subjects = subject_density(sampled)
             assert subjects is not None
-            found[name] = check_subjects(sampled, subjects, asked, progress=progress, share=share)
+            found[name] = check_subjects(sampled, subjects, asked, progress=progress)
         else:
             failed.append(f"{name}: {' '.join(sampled.run.gate.reasons)}")
     if not found:

@@ -13,7 +13,6 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.statistics import from_cells
 from percept.inference.sampling.records import Progress
-from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Reduced
 from percept.study.bayesian import Prepared, RunStore, fit, pooled
@@ -34,7 +33,6 @@ def reduced_intervals(
     *,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
-    share: Share = ALONE,
 ) -> pd.DataFrame:
     """Work out the intervals of a study that was reduced while it was read.
 
@@ -48,8 +46,6 @@ def reduced_intervals(
         Told the state of the sampler after every round.
     store : RunStore, optional
         Where finished runs of the sampler are kept.
-    share : Share
-        Who works on the sampling.
 
     Returns
     -------
@@ -80,7 +76,7 @@ def reduced_intervals(
         if not rows and scene.inference.method == "classical":
             refuse_nothing(cells)
     if scene.inference.method != "classical":
-        found = fit(prepare_reduced(reduced, scene), scene, progress=progress, store=store, share=share)
+        found = fit(prepare_reduced(reduced, scene), scene, progress=progress, store=store)
         why = " ".join(found.run.gate.reasons)
         if found.run.gate.passed:
             rows += bayesian_rows(found, scene, reference)

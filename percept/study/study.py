@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
 from percept.errors import UsageError, counted
-from percept.inference.share import ALONE, Share
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.chosen import analysed, chosen
@@ -60,9 +59,6 @@ class Study:
         Told the state of the sampler after every round.
     store : RunStore, optional
         Where finished runs of the sampler are kept, such as `percept.cache.PosteriorCache`; none by default.
-    share : Share
-        Who works on what can be divided, such as `percept.processes.Processes`; by default this process. An
-        attribute too: `percept.study.divided` lends others for a while.
 
     Raises
     ------
@@ -79,7 +75,6 @@ class Study:
         *,
         progress: Callable[[Progress], None] | None = None,
         store: RunStore | None = None,
-        share: Share = ALONE,
     ) -> None:
         if not isinstance(sessions, Sessions):
             raise UsageError(
@@ -88,13 +83,12 @@ class Study:
             )
         self.sessions = sessions
         self.scene = scene or Scene()
-        self.share = share
         self._progress = progress
         self._store = store
 
     def over(self, sessions: Sessions) -> Study:
-        """Analyse other sessions under the same scene, with the same progress, store and share."""
-        return Study(sessions, self.scene, progress=self._progress, store=self._store, share=self.share)
+        """Analyse other sessions under the same scene with the same progress and store."""
+        return Study(sessions, self.scene, progress=self._progress, store=self._store)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -135,7 +129,7 @@ class Study:
         from percept.study.bayesian import fit, prepare
 
         prepared = prepare(self.sessions, self.scene, self.parameters)
-        return fit(prepared, self.scene, progress=self._progress, store=self._store, share=self.share)
+        return fit(prepared, self.scene, progress=self._progress, store=self._store)
 
     @cached_property
     def posterior_groups(self) -> Groups | None:
@@ -163,7 +157,7 @@ class Study:
             return None
         from percept.study.model_checks import model_checks
 
-        return model_checks(self.fit, self.scene, progress=self._progress, share=self.share)
+        return model_checks(self.fit, self.scene, progress=self._progress)
 
     @cached_property
     def model_choice(self) -> ModelChoice:
@@ -176,7 +170,6 @@ class Study:
             self.parameters,
             progress=self._progress,
             store=self._store,
-            share=self.share,
         )
 
     @property
@@ -280,7 +273,7 @@ class Study:
 
         regions = [one for one in self.regions if one.kind in kinds and one.joint in joints]
         draws = [one for one in self.curve_draws if one.kind in kinds and "joint" in joints]
-        return boundaries_of(self.apparatus, environments, regions, draws, frequencies, self.share)
+        return boundaries_of(self.apparatus, environments, regions, draws, frequencies)
 
     @cached_property
     def apparatus(self) -> Apparatus | None:

@@ -20,7 +20,6 @@ from percept.inference.checks.predictive import (
 )
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress, Settings
-from percept.inference.share import ALONE, Share
 from percept.notebook import NotebookRecord
 from percept.scene import Scene
 from percept.study.bayesian import Fit
@@ -76,7 +75,6 @@ def check_subjects(
     scene: Scene,
     *,
     progress: Callable[[Progress], None] | None = None,
-    share: Share = ALONE,
 ) -> SubjectChecks:
     """Leave every subject out.
 
@@ -91,8 +89,6 @@ def check_subjects(
         caps of that.
     progress : callable, optional
         Told the state of that sampling.
-    share : Share
-        Who works on it.
 
     Returns
     -------
@@ -104,7 +100,7 @@ def check_subjects(
     refitted = np.zeros(subjects.subjects, dtype=bool)
     refit = scene.checks is not None and scene.checks.refit
     if refit:
-        loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress, share)
+        loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress)
     return _tables(fit, subjects, loo, predicted, refitted, refit=refit)
 
 
@@ -114,7 +110,6 @@ def _refit(
     predicted: Predicted,
     scene: Scene,
     progress: Callable[[Progress], None] | None,
-    share: Share,
 ) -> tuple[Loo, Predicted, NDArray[np.bool_]]:
     """Replace what reweighting cannot tell; a run that fails its gate changes nothing."""
     from percept.inference.checks.refit import sample_without
@@ -127,7 +122,7 @@ def _refit(
     done = np.zeros(subjects.subjects, dtype=bool)
     names = subjects.density.statistics.subjects
     for i in np.flatnonzero(loo.influential):
-        anew = sample_without(subjects, int(i), names[i], settings, progress=progress, share=share)
+        anew = sample_without(subjects, int(i), names[i], settings, progress=progress)
         if anew is None:
             continue
         done[i] = anew.error <= _ROUGH

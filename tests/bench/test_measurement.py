@@ -16,7 +16,6 @@ from percept.bench.growth import Growth
 from percept.bench.haptics import MagnitudeCost
 from percept.bench.haptics_digits import Digits
 from percept.bench.measurement import described, measurement, measurement_markdown
-from percept.bench.processes import ProcessGain
 from percept.bench.propagation import PropagationCost, PropagationMemory
 from percept.bench.sampling import SamplingCost
 from percept.bench.skipping import Saving
@@ -26,7 +25,7 @@ from percept.cli import main
 
 RECORDS = (
     SamplingCost, MagnitudeCost, PropagationCost, EnvelopeCost, PropagationMemory, MomentDigits,
-    ToleranceDigits, DensityDigits, Coverage, Digits, Saving, BatchCost, ProcessGain, Growth,
+    ToleranceDigits, DensityDigits, Coverage, Digits, Saving, BatchCost, Growth,
 )  # fmt: skip
 
 

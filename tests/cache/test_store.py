@@ -12,9 +12,6 @@ from percept.cache import PosteriorCache, cache_folder, cache_limit
 from percept.cache.entry import decode, encode
 from percept.durable import exclusive
 from percept.errors import UsageError
-from percept.inference.sampling.estimands import Means
-from percept.inference.sampling.run import Settings, sample
-from tests.inference.sampling.targets import SkewedHeavy
 
 KEYS = [f"{i:064x}" for i in range(8)]
 
@@ -31,7 +28,7 @@ def names(cache):
 def test_a_run_is_computed_once(cache, run):
     computed = []
 
-    def compute(_):
+    def compute():
         computed.append(1)
         return run
 
@@ -46,13 +43,13 @@ def test_a_run_is_computed_once(cache, run):
 
 @pytest.mark.parametrize("harm", ["torn", "flipped", "empty", "foreign"])
 def test_a_damaged_entry_is_said_discarded_and_computed_again(cache, run, caplog, harm):
-    cache.run(("x",), lambda _: run)
+    cache.run(("x",), lambda: run)
     (path,) = cache.folder.iterdir()
     data = path.read_bytes()
     flipped = data[:-1] + bytes([data[-1] ^ 1])
     path.write_bytes({"torn": data[:-100], "flipped": flipped, "empty": b"", "foreign": b"PAR1"}[harm])
     computed = []
-    found = cache.run(("x",), lambda _: computed.append(1) or run)
+    found = cache.run(("x",), lambda: computed.append(1) or run)
     assert computed
     assert found is run
     assert "damaged" in caplog.text
@@ -83,7 +80,7 @@ def test_a_clock_that_went_back_does_not_change_what_is_longest_unused(cache, ru
 
 def test_what_is_larger_than_the_cache_is_not_kept(tmp_path, run):
     cache = PosteriorCache(tmp_path / "kept", limit=100)
-    assert cache.run((1,), lambda _: run) is run
+    assert cache.run((1,), lambda: run) is run
     assert cache.entries() == []
 
 
@@ -110,7 +107,7 @@ def test_clear_removes_entries_and_nothing_else(cache, run):
 def test_a_folder_that_cannot_be_made_is_said_and_the_analysis_goes_on(tmp_path, run, caplog):
     (tmp_path / "file").write_text("")
     cache = PosteriorCache(tmp_path / "file" / "kept")
-    assert cache.run((1,), lambda _: run) is run
+    assert cache.run((1,), lambda: run) is run
     assert "not kept for next time" in caplog.text
 
 
@@ -124,7 +121,7 @@ from percept.cache.entry import decode
 run = decode(Path(sys.argv[1]).read_bytes())
 cache = PosteriorCache(Path(sys.argv[3]))
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-assert cache.run((1,), lambda _: run) is run
+assert cache.run((1,), lambda: run) is run
 print(sorted(path.name for path in Path(sys.argv[3]).iterdir()))
 """
 
@@ -216,50 +213,8 @@ def test_a_limit_that_is_no_number_is_wrong_usage(monkeypatch):
 
 
 def test_hits_are_told_to_the_log_only(cache, run, caplog, capsys):
-    cache.run((1,), lambda _: run)
+    cache.run((1,), lambda: run)
     with caplog.at_level(logging.INFO, "percept.cache"):
-        cache.run((1,), lambda _: run)
+        cache.run((1,), lambda: run)
     assert "found in" in caplog.text
     assert capsys.readouterr() == ("", "")
-
-
-def test_an_unfinished_run_is_found_by_the_next_attempt_and_goes_with_the_last(cache):
-    target, estimands = SkewedHeavy(3), Means(("a",), lambda points: np.tanh(points[:, :1]))
-    settings = Settings(tolerance=0.01, seed=2)
-    whole = sample(target, estimands, settings)
-
-    def stop(_):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        cache.run(("x",), lambda keeper: sample(target, estimands, settings, keeper=keeper, progress=stop))
-    (left,) = names(cache)
-    assert left.endswith(".unfinished.run")
-    found = []
-
-    def resume(keeper):
-        found.append(keeper.load())
-        return sample(target, estimands, settings, keeper=keeper)
-
-    again = cache.run(("x",), resume)
-    assert found[0].points.shape[1] > 0
-    np.testing.assert_array_equal(again.points, whole.points)
-    np.testing.assert_array_equal(again.estimates.value, whole.estimates.value)
-    (kept,) = names(cache)
-    assert not kept.endswith(".unfinished.run")
-
-
-def test_a_damaged_unfinished_run_is_begun_anew(cache, caplog):
-    target, estimands = SkewedHeavy(3), Means(("a",), lambda points: np.tanh(points[:, :1]))
-    settings = Settings(tolerance=0.05, seed=2)
-
-    def stop(_):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        cache.run(("x",), lambda keeper: sample(target, estimands, settings, keeper=keeper, progress=stop))
-    (path,) = cache.folder.iterdir()
-    path.write_bytes(path.read_bytes()[:-7])
-    again = cache.run(("x",), lambda keeper: sample(target, estimands, settings, keeper=keeper))
-    assert "damaged" in caplog.text
-    np.testing.assert_array_equal(again.points, sample(target, estimands, settings).points)

@@ -1,9 +1,7 @@
-"""percept itself: sampled to a tolerance on all cores; limits from the mixture and from raw draws."""
+"""percept itself: sampled to a tolerance; limits from the mixture and from raw draws."""
 
 from __future__ import annotations
 
-import atexit
-import contextlib
 import time
 
 import numpy as np
@@ -15,7 +13,6 @@ from percept.bench.peers.responses import Responses
 from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.laws import Laws, Model
 from percept.inference.sampling.run import Run, Settings, sample
-from percept.processes import Processes
 
 __all__ = ["StudyEstimands", "estimands_of", "limits_of_mixture", "prepare"]
 
@@ -81,15 +78,11 @@ def prepare(study: Responses, source: str) -> Sampler:
     """Read the study and make the density."""
     del study
     estimands = estimands_of(source)
-    # As `percept fit` has them; they end with this process.
-    others = contextlib.ExitStack()
-    share = others.enter_context(Processes(preload=["percept.inference.sampling.pieces"]))
-    atexit.register(others.close)
 
     def fit(budget: float, seed: int) -> Fitted:
         started = time.perf_counter()
         settings = Settings(tolerance=budget, seed=seed, most_steps=_MOST_STEPS)
-        run = sample(estimands.model, estimands, settings, share=share)
+        run = sample(estimands.model, estimands, settings)
         seconds = time.perf_counter() - started
         shape = (len(KINDS), 2, len(estimands.cells))
         gate = run.gate

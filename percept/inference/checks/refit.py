@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.records import Progress, Settings
-from percept.inference.share import ALONE, Share
 
 __all__ = ["Anew", "Without", "sample_without"]
 
@@ -88,7 +87,6 @@ def sample_without(
     settings: Settings,
     *,
     progress: Callable[[Progress], None] | None = None,
-    share: Share = ALONE,
 ) -> Anew | None:
     """Sample the posterior without one subject.
 
@@ -105,8 +103,6 @@ def sample_without(
         log of the mean density may have no finite error to stop at.)
     progress : callable, optional
         Told the state after every round.
-    share : Share
-        Who works on the ensembles.
 
     Returns
     -------
@@ -117,7 +113,7 @@ def sample_without(
 
     target = Without(subjects, member)
     watched = Means((f"log density of {name} left out",), target.watched)
-    run = sample(target, watched, settings, progress=progress, share=share)
+    run = sample(target, watched, settings, progress=progress)
     if not run.gate.passed:
         return None
     points = np.concatenate(run.independent())

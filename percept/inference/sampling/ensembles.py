@@ -2,18 +2,48 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
+import emcee
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.sampling.checked import Checked, Target, refuse_impossible
-from percept.inference.sampling.lean_emcee import emcee
 from percept.inference.sampling.moves import standard_moves
 from percept.inference.sampling.reference import Reference
-from percept.inference.sampling.unfinished import Ensembles
 
 __all__ = ["advance", "start"]
 
 Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Ensembles:
+    """Everything E ensembles of W walkers need to go on.
+
+    Attributes
+    ----------
+    coords : ndarray, shape (E, W, d)
+        Walkers.
+    log_density : ndarray, shape (E, W)
+        Their log densities.
+    schedule : tuple
+        State of the generator that chooses the kind of step (legacy Mersenne Twister tuple).
+    generators : tuple of dict
+        State of each ensemble's own generator.
+    accepted : ndarray of int, shape (E, W)
+        Accepted steps per walker so far.
+    steps : int
+        Steps taken so far.
+    """
+
+    coords: Array
+    log_density: Array
+    schedule: tuple[Any, ...]
+    generators: tuple[dict[str, Any], ...]
+    accepted: NDArray[np.int64]
+    steps: int
 
 
 def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensembles:

@@ -19,7 +19,6 @@ from percept.inference.sampling.diagnostics import (
     some_walkers,
 )
 from percept.inference.sampling.estimands import Estimands, Estimates
-from percept.inference.share import ALONE, Share
 
 __all__ = ["Judged", "judge"]
 
@@ -54,9 +53,7 @@ class Judged:
     rhat: float | None
 
 
-def judge(
-    estimands: Estimands, components: Array, tolerance: float, *, full: bool, share: Share = ALONE
-) -> Judged:
+def judge(estimands: Estimands, components: Array, tolerance: float, *, full: bool) -> Judged:
     """Estimate, and measure errors and convergence.
 
     Parameters
@@ -69,14 +66,12 @@ def judge(
         Largest error, over scale, that counts as accurate.
     full : bool
         Whether R-hat is wanted however large the errors are.
-    share : Share
-        Who works on the parts of the estimands.
 
     Returns
     -------
     Judged
     """
-    parts = share(_judge_part, [(part, components, tolerance, full) for part in estimands.parts()])
+    parts = [_judge_part(part, components, tolerance, full) for part in estimands.parts()]
     estimates = Estimates(
         tuple(name for part in parts for name in part.estimates.names),
         np.concatenate([part.estimates.value for part in parts]),

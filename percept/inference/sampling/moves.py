@@ -14,10 +14,10 @@ import dataclasses
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 
+import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.lean_emcee import emcee
 from percept.inference.sampling.reference import Reference
 
 __all__ = ["DifferentialMove", "EllipticMove", "IndependentMove", "standard_moves"]

@@ -7,6 +7,7 @@ when that is full and has settled, it is closed as a part of the run, and the es
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -14,18 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.sampling.checked import Checked, Target
-from percept.inference.sampling.ensembles import advance, start
+from percept.inference.sampling.ensembles import Ensembles, advance, start
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
-from percept.inference.sampling.heap import keep_freed_memory
 from percept.inference.sampling.judgement import judge
 from percept.inference.sampling.parts import Closed
-from percept.inference.sampling.pieces import run_piece
 from percept.inference.sampling.records import Gate, Progress, Run, Settings
-from percept.inference.sampling.transported import Transported
-from percept.inference.sampling.unfinished import Keeper, Saver, Unfinished
+from percept.inference.sampling.transport import Transport
+from percept.inference.sampling.transported import Affine, Transported
 from percept.inference.sampling.warmup import refine, warm_up
-from percept.inference.share import ALONE, Share
 
 __all__ = ["Gate", "Progress", "Run", "Settings", "sample"]
 
@@ -40,7 +38,7 @@ _SHORTER, _MORE_WALKERS, _REFINED_STEPS, _REFINED_ROUND = 0.65, (2, 4, 8), 168, 
 #: Steps between kept positions, a fraction of an autocorrelation time. Keeping and judging a position takes
 #: as long as a few steps: long runs keep fewer.
 _STRIDE, _REFINED_STRIDE = 3, 6
-_PIECE = 480  # steps after which an unfinished run can be stored
+_SEGMENT = 480  # steps whose positions are mapped at once
 #: Kept draws of a part of a run over all ensembles, and numbers worked out from them.
 _KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 26
 #: Positions a part may have whatever that takes: in fewer it could not span ten autocorrelation times.
@@ -55,8 +53,6 @@ def sample(
     settings: Settings,
     *,
     progress: Callable[[Progress], None] | None = None,
-    keeper: Keeper | None = None,
-    share: Share = ALONE,
 ) -> Run:
     """Sample a target with emcee to a stated accuracy.
 
@@ -70,11 +66,6 @@ def sample(
         Accuracy, seed, caps.
     progress : callable, optional
         Told the state after every round.
-    keeper : Keeper, optional
-        Given the unfinished run every few seconds and when it is interrupted; what it kept of an earlier
-        attempt is taken up, and the result is the same in every digit.
-    share : Share
-        Who works on the ensembles; the result is the same in every digit.
 
     Returns
     -------
@@ -85,28 +76,23 @@ def sample(
     RefusalError
         If the density is NaN, or -inf at every walker.
     """
-    keep_freed_memory()
     target = Checked(target)
-    kept = keeper.load() if keeper is not None else None
-    run = _Running(target, estimands, kept or _begin(target, estimands, settings), share)
-    with Saver(keeper) as saver:
-        while True:
-            while run.steps < run.goal:
-                run.extend(min(_PIECE, run.goal - run.steps))
-                saver.offer(run.unfinished())
-            judged = run.judge(settings)
-            needed = run.steps_needed(judged, settings)
-            if progress:
-                worst = judged.gate.worst_error
-                progress(Progress(run.state.steps, _BURN_IN + needed, worst, settings.tolerance))
-            if judged.gate.passed or run.at_its_end(settings):
-                return judged
-            if not run.refined and needed > _WORTH_REFINING * run.spanned:
-                by_error = _SHORTER * run.steps_by_error(judged, settings)
-                refined = _refined(target, estimands, settings, judged.points, by_error)
-                run = _Running(target, estimands, refined, share)
-            else:
-                run.go_on(judged, needed, settings)
+    run = _Running(target, estimands, _begin(target, estimands, settings))
+    while True:
+        while run.steps < run.goal:
+            run.extend(min(_SEGMENT, run.goal - run.steps))
+        judged = run.judge(settings)
+        needed = run.steps_needed(judged, settings)
+        if progress:
+            worst = judged.gate.worst_error
+            progress(Progress(run.state.steps, _BURN_IN + needed, worst, settings.tolerance))
+        if judged.gate.passed or run.at_its_end(settings):
+            return judged
+        if not run.refined and needed > _WORTH_REFINING * run.spanned:
+            by_error = _SHORTER * run.steps_by_error(judged, settings)
+            run = _Running(target, estimands, _refined(target, estimands, settings, judged.points, by_error))
+        else:
+            run.go_on(judged, needed, settings)
 
 
 def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
@@ -125,7 +111,7 @@ def _walkers(settings: Settings, dimension: int, *, steps: float = 0.0) -> tuple
     return max(times * _WALKERS, least), times * _WALKERS
 
 
-def _begin(target: Target, estimands: Estimands, settings: Settings) -> Unfinished:
+def _begin(target: Target, estimands: Estimands, settings: Settings) -> Begun:
     """Warm up, burn in, and keep nothing yet."""
     dimension = len(target.names)
     walkers, kept = _walkers(settings, dimension)
@@ -134,9 +120,7 @@ def _begin(target: Target, estimands: Estimands, settings: Settings) -> Unfinish
     return _burnt_in(here, points, run_seed, estimands, kept)
 
 
-def _refined(
-    target: Target, estimands: Estimands, settings: Settings, kept: Array, steps: float
-) -> Unfinished:
+def _refined(target: Target, estimands: Estimands, settings: Settings, kept: Array, steps: float) -> Begun:
     """Begin anew with a transport fitted to kept positions (E, T, W, d), and keep none of them.
 
     As many walkers as those of the positions would take `steps`.
@@ -159,7 +143,7 @@ def _burnt_in(
     kept: int,
     *,
     refined: int = 0,
-) -> Unfinished:
+) -> Begun:
     """Burn in from starting points; of so many walkers per ensemble positions will be kept.
 
     A refined run has a first round of so many steps.
@@ -169,14 +153,27 @@ def _burnt_in(
     nothing = np.empty((ensembles, 0, kept, dimension))
     components = np.empty((ensembles, 0, kept, estimands.components(here.map(points[0, :1])).shape[1]))
     stride, first = (_REFINED_STRIDE, refined) if refined else (_STRIDE, _FIRST_ROUND)
-    return Unfinished(here.transport, state, nothing, components, stride, first, refined > 0, None)
+    return Begun(here.transport, state, nothing, components, stride, first, refined > 0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Begun:
+    """A run after its warm-up and burn-in, before any position is kept."""
+
+    transport: Affine | Transport
+    state: Ensembles
+    points: Array  # (E, 0, W, d)
+    components: Array  # (E, 0, W, C)
+    stride: int  # steps between kept positions
+    goal: int  # steps the kept positions must span before they are judged
+    refined: bool  # whether the first round became part of the warm-up
+    closed: Closed | None = None  # what is left of the segments before
 
 
 class _Running:
     """Kept positions of the part at work, their components, and what is left of the parts before it."""
 
-    def __init__(self, target: Target, estimands: Estimands, begun: Unfinished, share: Share) -> None:
-        self._share = share
+    def __init__(self, target: Target, estimands: Estimands, begun: Begun) -> None:
         self._here = Transported(target, begun.transport)
         self._estimands = estimands
         self.state = begun.state
@@ -189,13 +186,6 @@ class _Running:
         most = min(_KEPT_LIMIT, _NUMBERS_LIMIT // numbers) // (ensembles * walkers)
         self._most = max(most, _FEWEST_POSITIONS)
         self.goal = min(self.goal, self._most * self.stride)
-
-    def unfinished(self) -> Unfinished:
-        """Return all that is needed to go on from here."""
-        return Unfinished(
-            self._here.transport, self.state, self._points, self._components,
-            self.stride, self.goal, self.refined, self._closed,
-        )  # fmt: skip
 
     @property
     def steps(self) -> int:
@@ -214,17 +204,19 @@ class _Running:
     def extend(self, steps: int) -> None:
         """Run every ensemble for at least `steps` and keep what is needed."""
         steps = max(self.stride, math.ceil(steps / self.stride) * self.stride)
-        piece = run_piece(
-            self._here, self._estimands, self.state,
-            steps=steps, stride=self.stride, walkers=self._points.shape[2], share=self._share,
-        )  # fmt: skip
-        self.state = piece.state
+        self.state, walked = advance(
+            self._here, self.state, steps=steps, stride=self.stride, walkers=self._points.shape[2]
+        )
+        # In one order of memory: the last bits of sums depend on it.
+        flat = np.ascontiguousarray(self._here.map(walked.reshape(-1, walked.shape[-1])))
+        components = np.ascontiguousarray(self._estimands.components(flat))
+        points, components = flat.reshape(walked.shape), components.reshape(*walked.shape[:3], -1)
         if not self._points.shape[1]:
             # Without a copy: it may be as large as memory allows.
-            self._points, self._components = piece.points, piece.components
+            self._points, self._components = points, components
             return
-        self._points = np.concatenate([self._points, piece.points], axis=1)
-        self._components = np.concatenate([self._components, piece.components], axis=1)
+        self._points = np.concatenate([self._points, points], axis=1)
+        self._components = np.concatenate([self._components, components], axis=1)
 
     def at_its_end(self, settings: Settings) -> bool:
         """Whether no steps are left, or too few to judge another part by."""
@@ -257,7 +249,7 @@ class _Running:
         # Of a later part R-hat must be known whatever its own errors: together with the parts before it is
         # more accurate than alone.
         full = self._full or self._closed is not None or self.at_its_end(settings)
-        judged = judge(self._estimands, components, settings.tolerance, full=full, share=self._share)
+        judged = judge(self._estimands, components, settings.tolerance, full=full)
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         if self._closed:
             judged = self._closed.judged(judged, self.steps)

@@ -8,14 +8,12 @@ from percept.errors import RefusalError
 from percept.inference.sampling import run as running
 from percept.inference.sampling import warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time
-from percept.inference.sampling.ensembles import advance, start
+from percept.inference.sampling.ensembles import Ensembles, advance, start
 from percept.inference.sampling.estimands import Estimates, Means
 from percept.inference.sampling.gate import pass_gate
 from percept.inference.sampling.judgement import Judged
 from percept.inference.sampling.run import Settings, sample
 from percept.inference.sampling.transported import Affine
-from percept.inference.sampling.unfinished import Ensembles, Unfinished
-from percept.inference.share import ALONE
 from tests.inference.sampling.targets import Normal
 
 
@@ -193,8 +191,8 @@ def judged(components, estimands=MEAN):
     accepted = np.full((ensembles, walkers), steps // 2)
     state = Ensembles(points[:, -1], np.zeros((ensembles, walkers)), (), ({},) * ensembles, accepted, steps)
     transport = Affine(np.zeros(1), np.eye(1))
-    begun = Unfinished(transport, state, points, components, 3, steps, False, None)
-    return running._Running(Normal(1), estimands, begun, ALONE).judge(Settings(tolerance=0.9)).gate
+    begun = running.Begun(transport, state, points, components, 3, steps, False)
+    return running._Running(Normal(1), estimands, begun).judge(Settings(tolerance=0.9)).gate
 
 
 def test_rare_spikes_do_not_hide_what_is_slow():

@@ -1,4 +1,4 @@
-"""Estimands judged in parts by several, alone, and against the diagnostics worked out at once."""
+"""Estimands judged in parts, against the diagnostics worked out at once."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ from percept.inference.sampling.diagnostics import (
 )
 from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.judgement import judge
-from percept.inference.share import ALONE
 
 
 class Apart(Means):
@@ -28,15 +27,6 @@ class Apart(Means):
         return super().estimate(components[:, self._columns])
 
 
-class Backwards:
-    """Works on the last call first, as other processes may."""
-
-    parts = 2
-
-    def __call__(self, function, arguments):
-        return [function(*each) for each in arguments[::-1]][::-1]
-
-
 def chains(rho=0.6, apart=0.0):
     rng = np.random.default_rng(1)
     series = rng.normal(size=(4, 60, 64, 3))
@@ -47,10 +37,9 @@ def chains(rho=0.6, apart=0.0):
     return series + apart * np.array([1, -1, 1, -1])[:, None, None, None]
 
 
-@pytest.mark.parametrize("share", [ALONE, Backwards()])
-def test_parts_together_are_the_whole(share):
+def test_parts_together_are_the_whole():
     components = chains()
-    found = judge(Apart(), components, 0.5, full=False, share=share)
+    found = judge(Apart(), components, 0.5, full=False)
     influence = components[..., :2] - components[..., :2].mean(axis=(0, 1, 2))
     times = autocorrelation_time(influence)
     assert found.estimates.names == ("E 0", "E 1")

@@ -5,15 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from percept.inference.sampling import pieces
 from percept.inference.sampling import run as running
+from percept.inference.sampling.ensembles import Ensembles
 from percept.inference.sampling.estimands import Estimates, Means
 from percept.inference.sampling.judgement import Judged
 from percept.inference.sampling.parts import Closed
 from percept.inference.sampling.run import Settings, sample
 from percept.inference.sampling.transported import Affine
-from percept.inference.sampling.unfinished import Ensembles, Unfinished
-from percept.inference.share import ALONE
 from tests.inference.sampling.targets import Normal, SkewedHeavy
 
 
@@ -86,7 +84,7 @@ def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
             )
             return moved, np.stack(kept, axis=1)
 
-    monkeypatch.setattr(pieces, "advance", Walk())
+    monkeypatch.setattr(running, "advance", Walk())
     means = Means(("E x",), lambda points: points[:, :1])
     run = sample(Normal(1), means, Settings(tolerance=0.008, seed=1))
     assert run.gate.passed, run.gate.reasons
@@ -120,11 +118,11 @@ def test_a_last_part_whose_ensembles_disagree_is_withheld_though_all_parts_are_a
     before = Closed(
         10_000, np.zeros(1), np.array([1e-3]), components[:, :1], components[:, :1], running._STRIDE
     )
-    begun = Unfinished(
+    begun = running.Begun(
         Affine(np.zeros(1), np.eye(1)), state, components, components, running._STRIDE, 120, True, before
     )
     means = Means(("E x",), lambda points: points)
-    judged = running._Running(Normal(1), means, begun, ALONE).judge(Settings(tolerance=0.005))
+    judged = running._Running(Normal(1), means, begun).judge(Settings(tolerance=0.005))
     assert judged.gate.worst_error < 0.005
     assert "the ensembles disagree" in " ".join(judged.gate.reasons)
 
