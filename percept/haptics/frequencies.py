@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from percept.errors import UsageError
 from percept.haptics._arrays import FloatArray
+from percept.haptics._search import local_minima
 from percept.haptics.parameters import AnyDevice, Device, TabulatedDevice
 
-__all__ = ["covers_range", "search_grid"]
+__all__ = ["covers_range", "dips_and_peaks", "search_grid"]
 
 _COVERED = 1e-3
 """A table may leave out this share of the range up to Nyquist at either end."""
+# Nearer to an end of a range, as a share of it, a minimum is the end itself.
+_AT_END = 1e-9
 
 
 def covers_range(device: AnyDevice, period: float) -> bool:
@@ -49,3 +54,10 @@ def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArr
         parts.append((2 / period) * np.arctan(np.maximum(rate + width * offsets, 0.0) * period / 2))
     omega = np.unique(np.concatenate(parts))
     return omega[omega <= nyquist]
+
+
+def dips_and_peaks(curve: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
+    """Return the ω (N,) between the ends of an increasing grid where a curve has local minima and maxima."""
+    found = [local_minima(lambda omega, sign=sign: sign * curve(omega), grid) for sign in (1.0, -1.0)]
+    omega = np.unique(np.concatenate(found))
+    return omega[(omega > (1 + _AT_END) * grid[0]) & (omega < (1 - _AT_END) * grid[-1])]

@@ -118,10 +118,13 @@ class CouplingDesign(NotebookRecord):
         In the order of the boundaries.
     common : QualifyingRegion
         For all boundaries together.
+    frequencies : int
+        At how many ω a coupling was checked; between them it may leave a boundary.
     """
 
     each: tuple[QualifyingRegion, ...]
     common: QualifyingRegion
+    frequencies: int
 
 
 def design_couplings(
@@ -152,6 +155,7 @@ def design_couplings(
     return CouplingDesign(
         each=tuple(_region(judge.only(i), seen.only(i)) for i in range(len(boundaries))),
         common=_region(judge, seen),
+        frequencies=judge.grid.omega.size,
     )
 
 

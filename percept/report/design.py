@@ -27,14 +27,17 @@ def design_of(study: Study) -> dict[str, Any] | None:
         with ``name`` (None for all together, last), ``intervals`` (per line, a list of ``[low, high]`` of
         k_c, N/m), ``largest`` and ``softest`` (``stiffness``, ``damping``, or None). ``stable``:
         ``stiffness`` and ``damping`` along the edge of the stable region of a rigid device, None with modes
-        or a measured device. ``kind`` and ``family`` of the boundary. None where the study has no such map.
+        or a measured device. ``kind`` and ``family`` of the boundary; ``frequencies``, at how many ω each
+        coupling was checked. None where the study has no such map.
     """
     found = study.coupling_design
     if not found:
         return None
+    (frequencies,) = {design.frequencies for design in found.values()}
     return {
         "kind": "user",
         "family": study.scene.inference.family,
+        "frequencies": frequencies,
         "stable": _edge(study),
         "maps": [{"method": method, **_map(design, study.environments)} for method, design in found.items()],
     }

@@ -18,6 +18,7 @@ from percept.sessions.checks import (
     refuse_twin,
     repeats_over_sessions,
     unit_doubt,
+    units_of_scene,
 )
 from percept.sessions.numbering import Registry, codes_of, distinct, grown
 from percept.sessions.options import IDS, ReadOptions
@@ -334,6 +335,7 @@ class CellSums:
 
     def _check_units(self) -> None:
         """Compare adjustments with references as `check_plausible` does, trials by their cell's mean."""
+        units = self.declared_units | units_of_scene(self.options.environments)
         for mean, p in zip(self.means, self.parameters, strict=False):
             ratio = np.exp(mean) if self.family == "lognormal" else 1.0 + mean
             known = np.flatnonzero((ratio > 0) & (self.n > 0))
@@ -342,10 +344,10 @@ class CellSums:
             rising = known[np.argsort(ratio[known])]
             reached = np.cumsum(self.n[rising])
             typical = ratio[rising[np.searchsorted(reached, 0.5 * reached[-1])]]
-            doubt = unit_doubt(p, float(typical))
+            doubt = unit_doubt(p, float(typical), units)
             if doubt is None:
                 continue
-            if not self.declared_units & {f"{p}_adj", f"{p}_ref"}:
+            if doubt.hint is not None:
                 raise UsageError(doubt.text, file=self.sources[0].name, column=f"{p}_adj", hint=doubt.hint)
             self.notices.append(Notice(doubt.text, column=f"{p}_adj"))
 

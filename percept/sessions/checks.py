@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,7 @@ __all__ = [
     "repeats_over_sessions",
     "settle_references",
     "unit_doubt",
+    "units_of_scene",
 ]
 
 Place = Callable[[int], Mapping[str, object]]
@@ -191,25 +192,7 @@ def check_plausible(
     place: Place,
     problems: Problems,
 ) -> list[Notice]:
-    """Compare adjustments with references: a median ratio of 100 or more means a unit is not as declared.
-
-    Where the unit of the adjustment or of the reference was declared, this gives a notice only.
-
-    Parameters
-    ----------
-    table : DataFrame
-        All observations, in N/m and N·s/m.
-    parameters : iterable of {"k", "b"}
-        Those adjusted.
-    declared_units : set of str
-        Columns whose unit was declared.
-    place, problems
-        As `settle_references`.
-
-    Returns
-    -------
-    list of Notice
-    """
+    """Refuse adjustments whose median ratio to their references is at least 100, or at most 1/100."""
     notices: list[Notice] = []
     for p in parameters:
         adjusted = table[f"{p}_adj"].to_numpy(dtype=float)
@@ -217,10 +200,10 @@ def check_plausible(
         known = (adjusted > 0) & (reference > 0)
         if not known.any():
             continue
-        doubt = unit_doubt(p, _typical_ratio(adjusted[known], reference[known]))
+        doubt = unit_doubt(p, _typical_ratio(adjusted[known], reference[known]), declared_units)
         if doubt is None:
             continue
-        if declared_units & {f"{p}_adj", f"{p}_ref"}:
+        if doubt.hint is None:
             notices.append(Notice(doubt.text, column=f"{p}_adj"))
             continue
         at = int(np.flatnonzero(known)[0])
@@ -229,21 +212,33 @@ def check_plausible(
 
 
 class UnitDoubt(NamedTuple):
-    """What makes a unit doubtful, and what to do."""
+    """What makes a unit doubtful, and what to do; both units declared leave nothing to do."""
 
     text: str
-    hint: str
+    hint: str | None
 
 
-def unit_doubt(parameter: str, ratio: float) -> UnitDoubt | None:
-    """Say that units seem to differ, where adjustments are typically `ratio` times their references."""
+def unit_doubt(parameter: str, ratio: float, declared_units: Set[str]) -> UnitDoubt | None:
+    """Say that units seem to differ, where adjustments are at the median `ratio` times their references."""
     if 1 / _FAR < ratio < _FAR:
         return None
-    unit = "N/mm" if parameter == "k" else "N·s/mm"
-    return UnitDoubt(
-        f"{parameter}_adj is typically {ratio:.3g} times {parameter}_ref: their units seem to differ.",
-        f'Declare the units: [columns] {parameter}_adj = {{ name = "…", unit = "{unit}" }}.',
-    )
+    adjusted, reference = f"{parameter}_adj", f"{parameter}_ref"
+    text = f"{adjusted} is {ratio:.3g} times {reference} at the median: their units seem to differ."
+    declared = {adjusted, reference} & declared_units
+    if len(declared) == 2:
+        return UnitDoubt(text, None)
+    if declared:
+        # One declared unit is as likely to be the slip as the other column: it settles nothing.
+        hint = f"Correct the unit in [columns], or declare the units of both {adjusted} and {reference}."
+        return UnitDoubt(text, hint)
+    # A slip makes numbers too small where the larger unit was meant.
+    column, unit = adjusted if ratio < 1 else reference, "N/mm" if parameter == "k" else "N·s/mm"
+    return UnitDoubt(text, f'Declare the unit: [columns] {column} = {{ name = "…", unit = "{unit}" }}.')
+
+
+def units_of_scene(environments: Mapping[str, Mapping[str, float]]) -> set[str]:
+    """Name the references that stand in the scene's [environments], whose unit is percept's own."""
+    return {name for references in environments.values() for name in references}
 
 
 def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:

@@ -283,6 +283,7 @@ def _trials(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Session
     checks.settle_references(table, options.environments, parameters, place, problems)
     checks.check_duplicates(table, place, problems)
     units = set().union(*(part.declared_units for part in study.parts))
+    units |= checks.units_of_scene(options.environments)
     study.notices += checks.check_plausible(table, parameters, units, place, problems)
     problems.raise_if_any()
     if options.unfinished == "exclude":

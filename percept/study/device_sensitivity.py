@@ -41,7 +41,9 @@ class DeviceSensitivity(NotebookRecord):
         By damping and mass: "stable", "marginal" or "unstable"; None without a coupling.
     inside : dict of str to tuple of tuple of int
         By kind, then likewise: in how many environments the reference, through the coupling if there is one,
-        stays inside the exact envelope of that kind's classical limits at every omega looked at.
+        stays inside the exact envelope of that kind's classical limits at every omega checked.
+    frequencies : int
+        At how many omega that was checked.
     environments : int
         How many were judged.
     required_damping : float or None
@@ -55,6 +57,7 @@ class DeviceSensitivity(NotebookRecord):
     own: tuple[int, int]
     verdict: tuple[tuple[str | None, ...], ...]
     inside: Mapping[str, tuple[tuple[int, ...], ...]]
+    frequencies: int
     environments: int
     required_damping: float | None
     method: str
@@ -112,6 +115,7 @@ def device_sensitivity(study: Study) -> DeviceSensitivity | None:
         own=(dampings.index(float(own.damping)), masses.index(float(own.mass))),
         verdict=tuple(tuple(_verdict(one) for one in row) for row in moved),
         inside=inside,
+        frequencies=omega.size,
         environments=len(some),
         required_damping=needed,
         method="classical",

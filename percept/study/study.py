@@ -40,6 +40,7 @@ __all__ = ["Study"]
 Array = NDArray[np.float64]
 #: Frequencies of an even grid where the scene leaves their number open.
 DEFAULT_POINTS = 241
+# Realism starts from these and takes as many more as it needs.
 _REALISM_POINTS = 80
 
 

@@ -173,17 +173,36 @@ def test_a_map_is_proposed_for_one_file_read_as_the_scene_says(tmp_path, capsys)
 
 
 def test_what_the_reader_noticed_is_said(tmp_path, capsys):
-    """The scene declares kN/m of a column in N/m: numbers a thousand times too large, but no error."""
+    """The scene declares both units, so that numbers a thousand times too large are no error."""
     study = write(tmp_path, [*ROWS, "S3,B,100,2,97,2.0"])
     scene = tmp_path / "scene.toml"
-    scene.write_text('[columns]\nk_adj = {name = "k_adj", unit = "kN/m"}\n', encoding="utf-8")
+    scene.write_text(
+        '[columns]\nk_adj = {name = "k_adj", unit = "kN/m"}\nk_ref = {name = "k_ref", unit = "N/m"}\n',
+        encoding="utf-8",
+    )
     asked = ["fit", study, "--scene", str(scene), "--method", "classical", "--out", str(tmp_path / "out")]
     assert main(asked) == 0
     said = capsys.readouterr().err
-    assert "notice: k_adj: k_adj is typically 9" in said
-    assert "times k_ref: their units seem to differ." in said
+    assert "notice: k_adj: k_adj is 9" in said
+    assert "times k_ref at the median: their units seem to differ." in said
     assert main([*asked, "--quiet"]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("column", "ratio"), [("k_adj", "960"), ("k_ref", "0.00096")])
+def test_a_unit_declared_by_mistake_is_refused(tmp_path, capsys, column, ratio):
+    study = write(tmp_path, [*ROWS, "S3,B,100,2,97,2.0"])
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f'[columns]\n{column} = {{name = "{column}", unit = "N/mm"}}\n', encoding="utf-8")
+    out = tmp_path / "out"
+    for asked in (["validate"], ["fit", "--method", "classical", "--out", str(out)]):
+        assert main([asked[0], study, "--scene", str(scene), *asked[1:]]) == 2
+        captured = capsys.readouterr()
+        said = captured.out + captured.err
+        assert "study.csv:2" in said
+        assert f"k_adj is {ratio} times k_ref at the median" in said
+        assert "declare the units of both k_adj and k_ref" in said
+    assert not out.exists()
 
 
 def test_of_many_notices_the_first_are_said(tmp_path, capsys):

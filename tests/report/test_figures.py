@@ -443,11 +443,13 @@ def test_the_map_s_caption_names_what_is_drawn():
         for used in ({}, scene):
             document = {
                 "coupling": None,
-                "design": {"maps": maps, "stable": edge, "family": "normal"},
+                "design": {"maps": maps, "stable": edge, "family": "normal", "frequencies": 81},
                 "provenance": {"scene": used},
             }
             (found,) = coupling_drawings(document)
-            said[bool(edge), bool(used)] = found.description.partition("envelope).")[2]
+            said[bool(edge), bool(used)] = found.description.partition(
+                "envelope), checked at 81 frequencies only."
+            )[2]
     assert said == {
         (False, False): "",
         (True, False): " The line is the edge of what is stable.",

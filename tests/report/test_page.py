@@ -165,6 +165,16 @@ def test_hostile_names_appear_as_text(classical):
     assert "49" not in [cell["bare"] for cell in read.cells]
 
 
+def test_it_says_at_how_many_frequencies_couplings_and_devices_were_checked(both, read):
+    for part in ("design", "sensitivity"):
+        assert both[part]["frequencies"] == 31  # the scene's own grid
+    text = " ".join("".join(read.text).split())
+    assert "Each coupling is checked at 31 frequencies only, and may leave the boundary between them." in text
+    assert "Stiffest and softest coupling that qualifies, checked at 31 frequencies only." in text
+    assert "(Bayesian, lognormal, envelope), checked at 31 frequencies only." in text
+    assert "stay inside their boundary, checked at 31 frequencies only: kind mean" in text
+
+
 def names_of(document):
     return [part.name for part in build_parts(document)]
 

@@ -191,11 +191,12 @@ def test_references_are_held_to_one_value(tmp_path):
 def test_units_are_declared_converted_and_checked(tmp_path):
     rows = "subject,environment,k_ref,k_adj\n1,a,1000,1.1\n2,a,1000,0.9\n"
     error = refusal(tmp_path, rows)
-    assert "k_adj is typically 0.000995 times k_ref" in str(error)
+    assert "k_adj is 0.000995 times k_ref at the median" in str(error)
     assert "unit" in error.hint
     sessions = read(tmp_path, rows, {"columns": {"k_adj": {"name": "k_adj", "unit": "N/mm"}}})
     assert sessions.table["k_adj"].tolist() == [1100.0, 900.0]
-    sessions = read(tmp_path, rows, {"columns": {"k_adj": {"name": "k_adj", "unit": "N/m"}}})
+    both = {column: {"name": column, "unit": "N/m"} for column in ("k_adj", "k_ref")}
+    sessions = read(tmp_path, rows, {"columns": both})
     assert any("their units seem to differ" in notice.text for notice in sessions.notices)
     with pytest.raises(UsageError) as caught:
         ReadOptions.from_mapping({"columns": {"b_ref": {"name": "b", "unit": "N/m"}}}, file="scene.toml")
@@ -203,6 +204,46 @@ def test_units_are_declared_converted_and_checked(tmp_path):
     for unit in ("kg", "furlong", "10**10**10", "N/m; import os", ""):
         with pytest.raises(UsageError, match="not a unit of stiffness"):
             factor(unit, "k")
+
+
+@pytest.mark.parametrize(
+    ("adjusted", "reference", "declared", "ratio", "hint"),
+    [
+        (1.2, 1000, {}, "0.0012", '[columns] k_adj = { name = "…", unit = "N/mm" }'),
+        (1200, 1, {}, "1.2e+03", '[columns] k_ref = { name = "…", unit = "N/mm" }'),
+        (1200, 1000, {"k_ref": "N/mm"}, "0.0012", "declare the units of both k_adj and k_ref"),
+        (1200, 1000, {"k_adj": "N/mm"}, "1.2e+03", "declare the units of both k_adj and k_ref"),
+        (1.2, 1000, {"k_adj": "N/m"}, "0.0012", "declare the units of both k_adj and k_ref"),
+        (1200, 1, {"k_adj": "N/m"}, "1.2e+03", "declare the units of both k_adj and k_ref"),
+        (99, 1, {}, None, None),
+        (1, 99, {}, None, None),
+        (30, 1, {"k_adj": "N/m"}, None, None),
+    ],
+)
+def test_a_slip_of_units_is_refused_in_both_directions(tmp_path, adjusted, reference, declared, ratio, hint):
+    """Environments of reference zero have no ratio, and do not count."""
+    rows = "subject,environment,k_ref,k_adj\n" + "".join(
+        f"{s},{e},{scale * reference},{scale * adjusted * factor}\n"
+        for s, factor in ((1, 0.5), (2, 1), (3, 2))
+        for e, scale in (("a", 1), ("b", 10), ("zero", 0))
+    ).replace("zero,0,0.0", "zero,0,3").replace("zero,0,0", "zero,0,3")
+    tables = {"columns": {column: {"name": column, "unit": unit} for column, unit in declared.items()}}
+    if ratio is None:
+        assert len(read(tmp_path, rows, tables).table) == 9
+        return
+    error = refusal(tmp_path, rows, tables)
+    assert f"k_adj is {ratio} times k_ref at the median: their units seem to differ." in str(error)
+    assert (error.file, error.column) == (str(tmp_path / "f.csv"), "k_adj")
+    assert hint in error.hint
+
+
+def test_references_of_the_scene_have_their_unit(tmp_path):
+    """One declared unit settles the column of adjustments; the file has no other to declare."""
+    rows = "subject,environment,k_adj\n1,a,1.1\n2,a,0.9\n"
+    scene = {"environments": {"a": {"k_ref": 1000.0}}}
+    assert "k_adj is 0.000995 times k_ref" in str(refusal(tmp_path, rows, scene))
+    sessions = read(tmp_path, rows, scene | {"columns": {"k_adj": {"name": "k_adj", "unit": "N/m"}}})
+    assert any("their units seem to differ" in notice.text for notice in sessions.notices)
 
 
 @pytest.mark.parametrize(

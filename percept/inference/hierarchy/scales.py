@@ -18,6 +18,8 @@ __all__ = ["Layout", "Options", "Scales"]
 Array = NDArray[np.float64]
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _TINY = 1e-300
+#: Share of a squared scatter that trials must leave unexplained for the rest to place a coordinate.
+_LEAST_LEFT = 0.05
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -186,8 +188,13 @@ class Layout:
             excess = np.log(np.maximum(sd, _TINY) / np.maximum(apart, _TINY)) * np.sqrt(2.0 * apart_df)
             less = (apart > 0) & (excess > 5.0)
             sd, df = np.where(less, apart, sd), np.where(less, apart_df, df)
-        with np.errstate(divide="ignore"):
-            return np.where(sd > 0, np.log(np.where(sd > 0, sd, 1.0)), 0.0), np.where(sd > 0, 2.0 * df, 0.0)
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            left = np.where(sd > 0, 1.0 - (self._trial_noise() / sd) ** 2, 0.0)
+        # Trials explain part of the scatter of cell means. A smaller remainder is mostly chance.
+        known = left >= _LEAST_LEFT
+        left = np.where(known, left, 0.0)
+        log_sd = np.log(np.where(known, sd, 1.0)) + 0.5 * np.log(np.where(known, left, 1.0))
+        return log_sd, 2.0 * df * left**2
 
     def _rough_trial(self) -> tuple[Array, Array]:
         df = np.broadcast_to(self.statistics.trial_df, (self.parameters, self.environments))
@@ -195,6 +202,19 @@ class Layout:
         return np.where(scatter > 0, np.log(np.where(scatter > 0, scatter, 1.0)), 0.0), np.where(
             scatter > 0, 2.0 * df, 0.0
         )
+
+    def _trial_noise(self) -> Array:
+        """SD that the scatter between trials gives to a cell's means, (P, J); zero without repeats."""
+        df = self.statistics.trial_df
+        squares = (self.statistics.trial_rows**2).sum(axis=1)
+        # An environment without repeats takes the variance that the others have together.
+        pooled = squares.sum(axis=1, keepdims=True) / max(df.sum(), 1.0)
+        variance = np.where(df > 0, squares / np.maximum(df, 1.0), pooled)
+        subjects, shares = np.zeros(self.environments), np.zeros(self.environments)
+        for pattern in self.statistics.patterns:
+            subjects[pattern.environments] += pattern.subjects
+            shares[pattern.environments] += pattern.subjects / pattern.trials
+        return np.sqrt(variance * shares / subjects)
 
     def scales(self, coords: Array) -> Scales:
         """Map coordinates to scales.

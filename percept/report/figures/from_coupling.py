@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from percept.errors import counted
 from percept.report.figures.canvas import Drawing, Figure, grid, legend_below, panels, row_labels
 from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
@@ -51,8 +52,9 @@ def coupling_drawings(document: Mapping[str, Any]) -> list[Drawing]:
             Drawing(
                 "design",
                 "Couplings that qualify, by environment",
-                "Shaded: stable with this device, and inside the next user's boundary over the whole range "
-                f"({METHOD_NAMES[chosen['method']]}, {design['family']}, envelope)."
+                "Shaded: stable with this device, and inside the next user's boundary "
+                f"({METHOD_NAMES[chosen['method']]}, {design['family']}, envelope), checked at "
+                f"{counted(design['frequencies'], 'frequency', 'frequencies')} only."
                 f"{_marks(bool(design['stable']), bool(document['provenance']['scene'].get('coupling')))}",
                 (175.0, 16.0 + 52.0 * rows),
                 partial(
