@@ -5,18 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 
-__all__ = ["find_browser"]
-
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 
 
 def find_browser() -> str | None:
-    """Return the path of a Chromium, None where there is none.
-
-    Returns
-    -------
-    str or None
-        What the environment variable PERCEPT_BROWSER names, else the first of the usual names.
-    """
+    """Return the path of a Chromium, None where there is none."""
     named = os.environ.get("PERCEPT_BROWSER")
     return next((path for name in ([named] if named else _NAMES) if (path := shutil.which(name))), None)

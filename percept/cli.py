@@ -13,8 +13,6 @@ from collections.abc import Collection, Sequence
 from percept import __version__
 from percept.errors import PerceptError, printable
 
-__all__ = ["COMMANDS", "build_parser", "main"]
-
 #: Commands in the order of an analyst's work, with the line each has in the help.
 COMMANDS = {
     "new": "write a commented scene file",
@@ -41,17 +39,7 @@ _EXAMPLE = """example:
 
 
 def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser:
-    """Build the parser; imports the command modules, which import no numerics.
-
-    Parameters
-    ----------
-    only : collection of str, optional
-        Commands whose arguments are wanted, all by default; the others are listed without being imported.
-
-    Returns
-    -------
-    argparse.ArgumentParser
-    """
+    """Build the parser; imports the command modules, which import no numerics."""
     parser = argparse.ArgumentParser(
         prog="percept",
         description="Realistic performance boundaries of haptic systems, classical and Bayesian.",
@@ -83,19 +71,7 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Command line without the program's name; `sys.argv` by default.
-
-    Returns
-    -------
-    int
-        0 done; 1 the analysis refuses; 2 wrong usage or unreadable input; 130 interrupted; 141 nobody
-        reads the output any more.
-    """
+    """Run a command."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A locale without ω or × is no reason to print nothing.
         sys.stdout.reconfigure(errors="backslashreplace")

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["exclusive", "remove_abandoned", "shared", "whole_file", "write_whole"]
-
 _SUFFIX = ".part"
 # What a file system says that has no locks; those of NFS before version 4 among them.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
@@ -22,21 +20,6 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
 
     `path` is never seen in part, whatever stops the process or the machine: the bytes go to the disk first.
-
-    Parameters
-    ----------
-    path : Path
-        File to make or to replace; its folder exists. Of a link, the file it leads to.
-
-    Yields
-    ------
-    Path
-        An empty file to fill.
-
-    Raises
-    ------
-    OSError
-        Where it cannot be written; what stood there before stays, as it does after any error inside.
     """
     path = path.resolve()
     aside = path.with_name(f".{path.name}-{secrets.token_hex(8)}{_SUFFIX}")
@@ -53,15 +36,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file by `whole_file`.
-
-    Parameters
-    ----------
-    path : Path
-        File to make or to replace; its folder exists.
-    data : bytes
-        All of it.
-    """
+    """Write a file by `whole_file`."""
     with whole_file(path) as aside:
         aside.write_bytes(data)
 
@@ -82,23 +57,6 @@ def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
 
     The lock is the operating system's, on the folder itself: it ends with the process however that ends, and
     neither a process number nor a clock is trusted.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder that exists.
-    wait : bool
-        Wait for those who hold it.
-
-    Yields
-    ------
-    bool
-        False where the file system or the operating system has no such locks.
-
-    Raises
-    ------
-    BlockingIOError
-        Where somebody else holds it and `wait` is false.
     """
     with _locked(folder, alone=True, wait=wait) as held:
         yield held

@@ -7,8 +7,6 @@ import html
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-__all__ = ["NotebookRecord", "fields_html"]
-
 #: Longer sequences are told by their shape or length.
 _MOST = 6
 
@@ -25,20 +23,7 @@ class NotebookRecord:
 
 
 def fields_html(values: Mapping[str, Any], *, caption: str = "") -> str:
-    """Lay named values out as a table.
-
-    Parameters
-    ----------
-    values : mapping of str to object
-        Numbers, text, arrays, tables or records.
-    caption : str
-        A sentence above them.
-
-    Returns
-    -------
-    str
-        HTML; all text is escaped.
-    """
+    """Lay named values out as a table."""
     rows = "".join(
         f"<tr><th>{html.escape(name)}</th><td>{_html(value)}</td></tr>" for name, value in values.items()
     )

@@ -29,38 +29,16 @@ _MOST = 10_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Plan(NotebookRecord):
-    """The number of subjects for a wanted width, and how sure it is.
+    """The number of subjects for a wanted width, and how sure it is."""
 
-    Parameters
-    ----------
-    kind : {"mean", "user", "share"}
-        What the planned interval covers.
-    n : int
-        Subjects.
-    assurance : float
-        Probability that a study of `n` subjects reaches the width; at least the one wanted.
-    expected : float
-        Average over studies of the width, in the terms of `wanted`; under ``"lognormal"`` of its logarithm,
-        turned back.
-    wanted : float
-        Kind ``"mean"``: the half-width, in the unit of the SD (``"lognormal"``: as a fraction). Kinds
-        ``"user"`` and ``"share"``: width over that of the population's own interval.
-    level : float
-        Level of the interval; for ``"share"`` its confidence.
-    share : float or None
-        Kind ``"share"``: share of users held.
-    family : {"normal", "lognormal"}
-        Distribution between users.
-    """
-
-    kind: Kind
-    n: int
-    assurance: float
-    expected: float
-    wanted: float
-    level: float
-    share: float | None = None
-    family: Parametric = "normal"
+    kind: Kind  # What the planned interval covers
+    n: int  # Subjects
+    assurance: float  # Probability that a study of `n` subjects reaches the width
+    expected: float  # Average over studies of the width, in the terms of `wanted`
+    wanted: float  # Kind ``"mean"``: the half-width, in the unit of the SD (``"lognormal"``: as a fraction)
+    level: float  # Level of the interval
+    share: float | None = None  # Kind ``"share"``: share of users held
+    family: Parametric = "normal"  # Distribution between users
 
     @property
     def covers(self) -> str:
@@ -93,35 +71,7 @@ def plan_mean(
     family: Parametric = "normal",
     joint: Joint = "marginal",
 ) -> Plan:
-    """Find the n for which the t-interval of the mean has a wanted half-width.
-
-    Parameters
-    ----------
-    half_width : float
-        At most, in the unit of `sd`; under ``"lognormal"`` as a fraction, 0.1 for limits within a factor 1.1.
-    sd : float
-        SD between users to be expected; under ``"lognormal"`` their coefficient of variation.
-    level : float or OneMinus
-        Confidence level.
-    assurance : float
-        Probability of reaching the width; 0 to 1, exclusive.
-    family : {"normal", "lognormal"}
-        Distribution between users.
-    joint : {"marginal", "bonferroni"}
-        As `percept.inference.t_interval`.
-
-    Returns
-    -------
-    Plan
-        The smallest n, at least 2.
-
-    Raises
-    ------
-    UsageError
-        A width or SD that is not positive, a probability outside (0, 1), an unknown option.
-    RefusalError
-        More than ten million subjects needed.
-    """
+    """Find the n for which the t-interval of the mean has a wanted half-width."""
     _positive(half_width=half_width, sd=sd)
     claim = Claim(level, parametric_family(family), joint)
     if family == "lognormal":
@@ -147,32 +97,7 @@ def plan_mean(
 def plan_user(
     ratio: float, *, level: Level = 0.99, assurance: float = 0.8, joint: Joint = "marginal"
 ) -> Plan:
-    """Find the n for which the prediction interval is close to the population's own.
-
-    Parameters
-    ----------
-    ratio : float
-        Width at most, over that of the interval which holds `level` of the users; above 1. On the log scale,
-        where the family is lognormal.
-    level : float or OneMinus
-        Level of the interval.
-    assurance : float
-        Probability of reaching the ratio.
-    joint : {"marginal", "bonferroni"}
-        As `percept.inference.prediction_interval`.
-
-    Returns
-    -------
-    Plan
-        The smallest n, at least 2.
-
-    Raises
-    ------
-    UsageError
-        A ratio of 1 or below, a probability outside (0, 1).
-    RefusalError
-        More than ten million subjects needed.
-    """
+    """Find the n for which the prediction interval is close to the population's own."""
     _above_one(ratio)
     half_tail = Claim(level, joint=joint).tail() / 2.0
     least = float(normal_upper(half_tail))
@@ -199,32 +124,7 @@ def plan_share(
     assurance: float = 0.8,
     joint: Joint = "marginal",
 ) -> Plan:
-    """Find the n for which the tolerance interval is close to the population's own.
-
-    Parameters
-    ----------
-    ratio : float
-        Width at most, over that of the interval which holds exactly `share` of the users; above 1. On the log
-        scale, where the family is lognormal.
-    share, confidence : float or OneMinus
-        As `percept.inference.tolerance_interval`.
-    assurance : float
-        Probability of reaching the ratio.
-    joint : {"marginal", "bonferroni"}
-        As `percept.inference.tolerance_interval`.
-
-    Returns
-    -------
-    Plan
-        The smallest n, at least 2.
-
-    Raises
-    ------
-    UsageError
-        A ratio of 1 or below, a probability outside (0, 1).
-    RefusalError
-        More than ten million subjects needed.
-    """
+    """Find the n for which the tolerance interval is close to the population's own."""
     _above_one(ratio)
     claim = Claim(share, joint=joint, share=share, confidence=confidence)
     outside, doubt = OneMinus(claim.tail("share")), OneMinus(claim.tail("confidence"))

@@ -13,8 +13,6 @@ from percept.batch.rows import SCHEMA, Outcome, Status
 from percept.durable import exclusive, remove_abandoned, whole_file, write_whole
 from percept.errors import UsageError
 
-__all__ = ["TABLE_NAME", "BatchFolder"]
-
 #: All studies in one table, in the order they were asked for.
 TABLE_NAME = "batch.parquet"
 # Studies per row group of that table: some ten thousand rows.

@@ -15,8 +15,6 @@ from percept.errors import UsageError
 from percept.scene import Scene
 from percept.sessions.sources import expand, fitting, is_pattern, may_be_study
 
-__all__ = ["SCENE_NAME", "StudyFiles", "StudySource", "batch_version", "sources"]
-
 #: A scene of this name in a study's folder goes before the batch's own.
 SCENE_NAME = "scene.toml"
 
@@ -28,27 +26,13 @@ def batch_version() -> str:
 
 @dataclasses.dataclass(frozen=True)
 class StudyFiles:
-    """A study as bytes: what a worker needs, wherever it runs.
+    """A study as bytes: what a worker needs, wherever it runs."""
 
-    Attributes
-    ----------
-    name : str
-        The path it was given by.
-    root : str
-        What stands before the relative paths where the files were read.
-    files : tuple of (str, bytes)
-        Relative path and content of every file.
-    scene : dict
-        Tables of the scene.
-    version : str
-        `batch_version` of the machine that asks.
-    """
-
-    name: str
-    root: str
-    files: tuple[tuple[str, bytes], ...]
-    scene: dict[str, Any]
-    version: str
+    name: str  # The path it was given by
+    root: str  # What stands before the relative paths where the files were read
+    files: tuple[tuple[str, bytes], ...]  # Relative path and content of every file
+    scene: dict[str, Any]  # Tables of the scene
+    version: str  # `batch_version` of the machine that asks
 
     @property
     def key(self) -> str:

@@ -10,8 +10,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-__all__ = ["SCHEMA", "Outcome", "Status", "to_parquet"]
-
 Status = Literal["done", "withheld", "refused", "failed"]
 
 _TEXT, _REAL, _COUNT = pa.string(), pa.float64(), pa.int64()
@@ -33,41 +31,16 @@ SCHEMA = pa.schema(
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of one study.
+    """What became of one study."""
 
-    Attributes
-    ----------
-    status : str
-        "done", "withheld", "refused" or "failed"; see `SCHEMA`.
-    message : str or None
-        Why, unless it is done.
-    table : bytes
-        Its rows as Parquet.
-    seconds : float
-        Time the analysis took; in no file, since equal runs write equal files.
-    """
-
-    status: Status
-    message: str | None
-    table: bytes
-    seconds: float
+    status: Status  # "done", "withheld", "refused" or "failed"
+    message: str | None  # Why, unless it is done
+    table: bytes  # Its rows as Parquet
+    seconds: float  # Time the analysis took
 
 
 def to_parquet(shared: dict[str, Any], intervals: pd.DataFrame | None = None) -> bytes:
-    """Encode the rows of a study.
-
-    Parameters
-    ----------
-    shared : dict
-        Columns that are the same in all its rows; those of `SCHEMA` that nobody gives are null.
-    intervals : DataFrame, optional
-        `Study.intervals`.
-
-    Returns
-    -------
-    bytes
-        A Parquet file.
-    """
+    """Encode the rows of a study."""
     rows: list[dict[str, Any]] = [{}]
     if intervals is not None and len(intervals):
         rows = intervals.to_dict("records")  # type: ignore[assignment]

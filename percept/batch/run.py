@@ -15,8 +15,6 @@ from percept.batch.work import analyse, nothing_read
 from percept.errors import PerceptError
 from percept.workers import Job, Mapper
 
-__all__ = ["Summary", "run_batch"]
-
 
 @dataclasses.dataclass(frozen=True)
 class Summary:

@@ -14,23 +14,9 @@ from percept.scene import Scene
 from percept.sessions import ReadOptions, read_sessions
 from percept.study import Study
 
-__all__ = ["analyse", "nothing_read"]
-
 
 def analyse(files: StudyFiles) -> Outcome:
-    """Fit a study and encode its intervals.
-
-    Parameters
-    ----------
-    files : StudyFiles
-        The study. It comes with its files, so that workers need not share a file system.
-
-    Returns
-    -------
-    Outcome
-        Also where the reader or the analysis refuses, and where anything else goes wrong: one study never
-        ends a batch.
-    """
+    """Fit a study and encode its intervals."""
     started = time.perf_counter()
     status: Status
     intervals, shared = None, dict[str, Any]()
@@ -49,21 +35,7 @@ def analyse(files: StudyFiles) -> Outcome:
 
 
 def nothing_read(name: str, key: str, message: str, *, status: Status) -> Outcome:
-    """Return the outcome of a study no worker gave one of.
-
-    Parameters
-    ----------
-    name, key : str
-        The study, and the name its result has.
-    message : str
-        What happened.
-    status : str
-        "refused" or "failed".
-
-    Returns
-    -------
-    Outcome
-    """
+    """Return the outcome of a study no worker gave one of."""
     shared = {"study": name, "key": key, "status": status, "message": message}
     return Outcome(status, message, to_parquet(shared), 0.0)
 

@@ -12,8 +12,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DIGITS", "Levels", "dense", "exact", "woodbury"]
-
 Array: TypeAlias = NDArray[np.float64]
 # mpmath numbers and matrices have no types.
 Number: TypeAlias = Any
@@ -24,40 +22,17 @@ _ALPHA_SD, _GAMMA_SD = 1.0, 0.25
 
 @dataclasses.dataclass(frozen=True)
 class Levels:
-    """SDs of the model's levels, equal for both parameters and all environments, on the response scale.
-
-    Attributes
-    ----------
-    between, shared, trial, tau : float
-        SD between subjects within an environment, of the subject effect, between trials, and of an
-        environment's own bias.
-    rest : float
-        1 - rho, rho the correlation of both parameters at every level.
-    """
+    """SDs of the model's levels, equal for both parameters and all environments, on the response scale."""
 
     between: float
     shared: float
     trial: float
     tau: float
-    rest: float
+    rest: float  # 1 - rho, rho the correlation of both parameters at every level
 
 
 def exact(response: Array, x: Array, levels: Levels) -> Number:
-    """Evaluate the log density in `DIGITS` digits.
-
-    Parameters
-    ----------
-    response : ndarray, shape (N, J, R, 2)
-        Responses of N subjects, R trials in each of J environments.
-    x : ndarray, shape (2, J)
-        Decades of the references about their mean.
-    levels : Levels
-
-    Returns
-    -------
-    mpmath.mpf
-        By Woodbury's identity, whose cancellation costs at most some fifty of the digits.
-    """
+    """Evaluate the log density in `DIGITS` digits."""
     import mpmath
 
     with mpmath.workdps(DIGITS):

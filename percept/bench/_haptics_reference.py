@@ -33,19 +33,7 @@ def error_over_condition(
 def errors_over_condition(
     computed: Sequence[complex], exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
 ) -> list[float]:
-    """Return relative errors over max(1, condition of `exact` in its inputs).
-
-    Parameters
-    ----------
-    computed : sequence of complex
-        Values of one quantity, worked out in different ways; NaN counts as an infinite error.
-    exact : callable
-        Takes a namespace with the inputs and z, s, θ; returns an mpmath number.
-    inputs : mapping of str to float
-        With omega and period.
-    at_nyquist : bool
-        Compare with the one-sided limit, 0 and inf included.
-    """
+    """Return relative errors over max(1, condition of `exact` in its inputs)."""
     import mpmath
 
     with mpmath.workdps(DIGITS):

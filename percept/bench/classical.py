@@ -17,89 +17,37 @@ from percept.inference.classical.sample_intervals import prediction_interval, t_
 from percept.inference.classical.trials import subject_means
 from percept.inference.intervals import Family
 
-__all__ = ["Coverage", "Digits", "coverage", "digits_kept", "number_accuracy", "small_large"]
-
 _CHUNK = 100_000
 
 
 @dataclass(frozen=True)
 class Digits:
-    """Digits kept of one quantity of one data set.
+    """Digits kept of one quantity of one data set."""
 
-    Attributes
-    ----------
-    name : str
-        Data set.
-    quantity : {"mean", "sd"}
-        Sample mean or SD; for one-way sets the SD is that within treatments.
-    kept : float or None
-        Decimal digits that agree with the certified value; None where there is none.
-    possible : float or None
-        The same of the exact value on the doubles the decimal data become: what no arithmetic can beat.
-    ulps : float
-        Distance from the correctly rounded value on those doubles, in units in the last place.
-    direct : float
-        Decimal digits of that value, at most 16, that sums of the values and of their squares keep; 0 where
-        they give none.
-    """
-
-    name: str
-    quantity: str
-    kept: float | None
+    name: str  # Data set
+    quantity: str  # Sample mean or SD
+    kept: float | None  # Decimal digits that agree with the certified value
     possible: float | None
-    ulps: float
+    ulps: float  # Distance from the correctly rounded value on those doubles, in units in the last place
     direct: float
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often an interval held what its sentence says.
+    """How often an interval held what its sentence says."""
 
-    Attributes
-    ----------
-    statement : {"mean", "user", "share", "mean read as users"}
-        What was checked; the last is how many users the interval of the mean holds.
-    family : {"normal", "lognormal"}
-        Of population and interval.
-    n : int
-        Subjects per study.
-    cv : float
-        Coefficient of variation of the population.
-    stated : float
-        Level (or confidence) the interval states.
-    theory : float
-        What it should hold: `stated`, but for the misreading.
-    held : float
-        Share of the simulated studies in which it did.
-    error : float
-        Binomial standard error of `held`.
-    """
-
-    statement: str
-    family: Family
-    n: int
-    cv: float
-    stated: float
-    theory: float
-    held: float
-    error: float
+    statement: str  # What was checked
+    family: Family  # Of population and interval
+    n: int  # Subjects per study
+    cv: float  # Coefficient of variation of the population
+    stated: float  # Level (or confidence) the interval states
+    theory: float  # What it should hold: `stated`, but for the misreading
+    held: float  # Share of the simulated studies in which it did
+    error: float  # Binomial standard error of `held`
 
 
 def number_accuracy(which: int) -> tuple[NDArray[np.float64], float, float]:
-    """Return NIST's NumAcc data set 1 to 4, its certified mean and SD.
-
-    Parameters
-    ----------
-    which : int
-        1 to 4.
-
-    Returns
-    -------
-    values : ndarray
-        Shape (3,) or (1001,).
-    mean, sd : float
-        Certified.
-    """
+    """Return NIST's NumAcc data set 1 to 4, its certified mean and SD."""
     if which == 1:
         return np.array([10000001.0, 10000003.0, 10000002.0]), 10000002.0, 1.0
     whole = {2: "1", 3: "1000000", 4: "10000000"}[which]
@@ -108,20 +56,7 @@ def number_accuracy(which: int) -> tuple[NDArray[np.float64], float, float]:
 
 
 def small_large(which: int) -> tuple[NDArray[np.float64], NDArray[np.int64], float]:
-    """Return NIST's one-way data set SmLs01 to SmLs09, and the certified SD within its nine treatments.
-
-    Parameters
-    ----------
-    which : int
-        1 to 9: offsets 1, 10⁶ and 10¹², each with 21, 201 and 2001 replicates.
-
-    Returns
-    -------
-    values, treatment : ndarray
-        Shape (replicates · 9,).
-    sd : float
-        Certified.
-    """
+    """Return NIST's one-way data set SmLs01 to SmLs09, and the certified SD within its nine treatments."""
     whole = ("1", "1000000", "1000000000000")[(which - 1) // 3]
     replicates = (21, 201, 2001)[(which - 1) % 3]
     texts = []
@@ -132,20 +67,7 @@ def small_large(which: int) -> tuple[NDArray[np.float64], NDArray[np.int64], flo
 
 
 def digits_kept(*, long: int = 10_000_000, seed: int = 1) -> list[Digits]:
-    """Compare means and SDs with certified values and with exact rational arithmetic.
-
-    Parameters
-    ----------
-    long : int
-        Values of the sample that is streamed in chunks, offset 10¹⁵.
-    seed : int
-        For the random samples.
-
-    Returns
-    -------
-    list of Digits
-        NumAcc1–4, SmLs01–09, an offset, constant, denormal, huge and cancelling data, and the long sample.
-    """
+    """Compare means and SDs with certified values and with exact rational arithmetic."""
     rows = []
     for which in range(1, 5):
         values, mean, sd = number_accuracy(which)
@@ -195,26 +117,7 @@ def coverage(
     confidence: float = 0.95,
     seed: int = 1,
 ) -> list[Coverage]:
-    """Simulate studies and count how often each interval holds what it says.
-
-    Parameters
-    ----------
-    studies : int
-        Per size, CV and family.
-    sizes : tuple of int
-        Subjects per study.
-    cvs : tuple of float
-        Coefficients of variation of the population, whose mean (lognormal: geometric mean) is 1.
-    level, confidence : float
-        As `percept.inference.tolerance_interval`, with share = level.
-    seed : int
-        For the random numbers.
-
-    Returns
-    -------
-    list of Coverage
-        Four statements for each family, size and CV.
-    """
+    """Simulate studies and count how often each interval holds what it says."""
     rows = []
     streams = np.random.SeedSequence(seed).spawn(2 * len(sizes) * len(cvs))
     families: tuple[Family, ...] = ("normal", "lognormal")

@@ -17,8 +17,6 @@ from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import from_trials
 
-__all__ = ["PROMISE", "DensityDigits", "collapsed", "density_digits"]
-
 PROMISE = 1e-9
 """Largest error promised, per unit of 1 + abs(log p)."""
 
@@ -33,29 +31,14 @@ Formula: TypeAlias = Callable[[Array, Array, Levels], float]
 
 @dataclass(frozen=True)
 class DensityDigits:
-    """The worst case at one point of one sweep.
-
-    Attributes
-    ----------
-    sweep : str
-        What was varied: variances in squared units of the response, 1 - correlation, subjects, or an
-        offset common to all responses.
-    value : float
-        Its value.
-    ours, dense, woodbury : float or None
-        Decimal digits kept, -log10 of the error of log p over 1 + abs(log p), at most 16: by percept, by one
-        multivariate normal over all values, and by Woodbury's identity. Zero where none is right or there
-        is no value; None where it was not tried (the dense one beyond 100 subjects).
-    worst : float
-        percept's error over what is promised; the promise is kept up to 1.
-    """
+    """The worst case at one point of one sweep."""
 
     sweep: str
-    value: float
+    value: float  # Its value
     ours: float
     dense: float | None
     woodbury: float
-    worst: float
+    worst: float  # percept's error over what is promised
 
 
 @dataclass(frozen=True)
@@ -70,44 +53,14 @@ class _Case:
 def density_digits(
     draws: int = 3, *, seed: int = 1, sweeps: tuple[str, ...] = (), formula: Formula | None = None
 ) -> list[DensityDigits]:
-    """Compare log densities with 120-digit arithmetic. Needs mpmath.
-
-    Parameters
-    ----------
-    draws : int
-        Random data sets per case.
-    seed : int
-        Of the data.
-    sweeps : tuple of str, optional
-        Only these; all by default.
-    formula : callable, optional
-        What to judge in the place of `collapsed`, with its arguments.
-
-    Returns
-    -------
-    list of DensityDigits
-        By sweep, in the order of their values.
-    """
+    """Compare log densities with 120-digit arithmetic. Needs mpmath."""
     rng = np.random.default_rng(seed)
     chosen = [case for case in _cases() if case.sweep in (sweeps or (case.sweep,))]
     return [_measure(case, formula or collapsed, draws, rng) for case in chosen]
 
 
 def collapsed(response: Array, x: Array, levels: Levels) -> float:
-    """Evaluate the log density by percept.
-
-    Parameters
-    ----------
-    response : ndarray, shape (N, J, R, 2)
-        Unit-free responses of N subjects, R trials in each of J environments.
-    x : ndarray, shape (2, J)
-        Decades of the references about their mean.
-    levels : Levels
-
-    Returns
-    -------
-    float
-    """
+    """Evaluate the log density by percept."""
     subjects, environments, trials, size = response.shape
     subject, environment, _ = (axis.ravel() for axis in np.indices((subjects, environments, trials)))
     statistics = from_trials(

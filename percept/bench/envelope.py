@@ -20,8 +20,6 @@ from percept.study.regions import Region
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["EnvelopeCost", "envelope_costs"]
-
 Array = NDArray[np.float64]
 _POINTS = (8, 32, 128)
 _RADII = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -31,59 +29,23 @@ _COMPARED = {("bayesian", "mean", "bonferroni"), ("bayesian", "mean", "hotelling
 
 @dataclass(frozen=True)
 class EnvelopeCost:
-    """One way to the envelope of abs(Z_h) over a region.
+    """One way to the envelope of abs(Z_h) over a region."""
 
-    Attributes
-    ----------
-    environment : str
-        Whose region of average users.
-    region : {"rectangle", "ellipse"}
-        Its shape; the ellipse is one in log k and log b.
-    way : {"percept", "points"}
-        Percept's, exact at every omega; or the smallest and largest over points in the region.
-    points : int or None
-        How many points.
-    frequencies : int
-        At which both are worked out.
-    seconds, seconds_low, seconds_high : float
-        Processor time: median and range of the repeats.
-    ratio : float
-        seconds over percept's.
-    error, worst_error : float
-        Root mean square, and largest, difference from the exact limits over omega and both limits, as a
-        fraction of half the envelope's width in log abs(Z_h). Points lie inside: theirs is too narrow.
-    """
-
-    environment: str
-    region: str
-    way: str
-    points: int | None
-    frequencies: int
+    environment: str  # Whose region of average users
+    region: str  # Its shape
+    way: str  # Percept's, exact at every omega
+    points: int | None  # How many points
+    frequencies: int  # At which both are worked out
     seconds: float
     seconds_low: float
     seconds_high: float
-    ratio: float
+    ratio: float  # seconds over percept's
     error: float
     worst_error: float
 
 
 def envelope_costs(study: Study, *, frequencies: int = 500, repeats: int = 5) -> list[EnvelopeCost]:
-    """Time both ways around the Bayesian regions of average users of every environment.
-
-    Parameters
-    ----------
-    study : Study
-        With a passed fit of both parameters, and a device.
-    frequencies : int
-        From 0.1 to 100 rad/s, evenly in log omega.
-    repeats : int
-        How often each is timed.
-
-    Returns
-    -------
-    list of EnvelopeCost
-        By environment and region: percept's, then points, from few to many.
-    """
+    """Time both ways around the Bayesian regions of average users of every environment."""
     apparatus = study.apparatus
     assert apparatus is not None
     omega = np.geomspace(0.1, 100.0, frequencies)

@@ -20,8 +20,6 @@ from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.run import Settings, sample
 
-__all__ = ["FITTED", "SIZES", "Growth", "growth", "growth_study"]
-
 Array: TypeAlias = NDArray[np.float64]
 Task: TypeAlias = Callable[[], None]
 
@@ -54,35 +52,16 @@ _OTHER_OMEGA, _OTHER_DRAWS = 10, 1_000
 
 @dataclass(frozen=True)
 class Growth:
-    """Run time of one task at one size.
+    """Run time of one task at one size."""
 
-    Attributes
-    ----------
-    task : {"density call", "propagation", "fit"}
-        256 values of the log density; quantiles of abs(Z_h) over the draws at all frequencies (10 where
-        the draws are varied, which are 1000 otherwise); sampling to a tolerance of 5 %.
-    along : str
-        What was varied.
-    size : int
-        Its value.
-    seconds : float
-        Median processor time over the rounds.
-    ratio : float
-        Median over the rounds of the time over that of the smallest size in the same round.
-    ratio_low, ratio_high : float
-        Quartiles of the same.
-    promised : float or None
-        What the ratio is promised to stay below.
-    """
-
-    task: str
-    along: str
-    size: int
-    seconds: float
-    ratio: float
-    ratio_low: float
-    ratio_high: float
-    promised: float | None
+    task: str  # 256 values of the log density
+    along: str  # What was varied
+    size: int  # Its value
+    seconds: float  # Median processor time over the rounds
+    ratio: float  # Median over the rounds of the time over that of the smallest size in the same round
+    ratio_low: float  # Quartiles of the same
+    ratio_high: float  # Quartiles of the same
+    promised: float | None  # What the ratio is promised to stay below
 
 
 def growth(
@@ -93,21 +72,7 @@ def growth(
     fitted: Mapping[str, Sequence[int]] = FITTED,
     told: Callable[[str], None] = lambda line: None,
 ) -> list[Growth]:
-    """Time density calls, propagation and fits along every axis.
-
-    Parameters
-    ----------
-    rounds, fit_rounds : int
-        Rounds of density calls and propagation, and of fits; the sizes of an axis take turns in each.
-    sizes, fitted : mapping of str to sequence of int
-        Sizes along the axes of `SIZES`, the smallest first; those at which a study is also fitted.
-    told : callable
-        Told what is measured.
-
-    Returns
-    -------
-    list of Growth
-    """
+    """Time density calls, propagation and fits along every axis."""
     rows = []
     for along, values in sizes.items():
         told(f"growth with {along}")
@@ -125,23 +90,7 @@ def growth(
 
 
 def growth_study(along: str, size: int, *, seed: int = 1) -> Statistics:
-    """Reduce a simulated study of stiffness and damping to what the density reads.
-
-    Parameters
-    ----------
-    along : str
-        "trial rows": 5 subjects in 5 environments, size/25 trials each; "subjects, equal patterns": one
-        trial in each of 5 environments; "patterns": 40 subjects with so many distinct vectors of 1 to 3
-        trials in 5 environments; "environments": 10 subjects, one trial each.
-    size : int
-        Its value.
-    seed : int
-        Of the responses.
-
-    Returns
-    -------
-    Statistics
-    """
+    """Reduce a simulated study of stiffness and damping to what the density reads."""
     counts = _counts(along, size)
     subjects, environments = counts.shape
     rng = np.random.default_rng(seed)

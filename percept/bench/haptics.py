@@ -12,55 +12,23 @@ import numpy as np
 
 from percept.haptics import Device, perceived_magnitude
 
-__all__ = ["MagnitudeCost", "magnitude_cost"]
-
 
 @dataclass(frozen=True)
 class MagnitudeCost:
-    """Run time and memory of abs(Z_h) over ω × environments × draws.
+    """Run time and memory of abs(Z_h) over ω × environments × draws."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        (ω, environments, draws).
-    seconds : float
-        Best of the repeats, results written to an array made beforehand.
-    hypot_seconds : float
-        The same for np.hypot of two full arrays.
-    ratio : float
-        seconds/hypot_seconds.
-    scratch_bytes : int
-        Largest memory held beside the arguments and the result.
-    result_bytes : int
-        Size of the result.
-    """
-
-    shape: tuple[int, int, int]
-    seconds: float
-    hypot_seconds: float
-    ratio: float
-    scratch_bytes: int
-    result_bytes: int
+    shape: tuple[int, int, int]  # (ω, environments, draws)
+    seconds: float  # Best of the repeats, results written to an array made beforehand
+    hypot_seconds: float  # The same for np.hypot of two full arrays
+    ratio: float  # seconds/hypot_seconds
+    scratch_bytes: int  # Largest memory held beside the arguments and the result
+    result_bytes: int  # Size of the result
 
 
 def magnitude_cost(
     *, omegas: int = 1000, environments: int = 5, draws: int = 10_000, repeats: int = 3, seed: int = 1
 ) -> MagnitudeCost:
-    """Time `percept.haptics.perceived_magnitude` on random draws.
-
-    Parameters
-    ----------
-    omegas, environments, draws : int
-        Shape of the result. The defaults need 1.2 GB: the result and the two arguments of np.hypot.
-    repeats : int
-        The best of so many runs counts, the two sides taking turns.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    MagnitudeCost
-    """
+    """Time `percept.haptics.perceived_magnitude` on random draws."""
     rng = np.random.default_rng(seed)
     omega = np.geomspace(0.1, 100, omegas)[:, None, None]
     stiffness = np.exp(rng.normal(np.log(1000), 0.3, (environments, draws)))

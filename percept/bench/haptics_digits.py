@@ -30,8 +30,6 @@ from percept.haptics import (
     velocity_ratio,
 )
 
-__all__ = ["PROMISE", "Digits", "digits_kept"]
-
 PROMISE = 1e-13
 """Largest relative error promised, per unit of the formula's condition."""
 
@@ -40,33 +38,15 @@ Values: TypeAlias = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Digits:
-    """The worst case of one quantity in one decade of ωT.
+    """The worst case of one quantity in one decade of ωT."""
 
-    Attributes
-    ----------
-    quantity : str
-        What was computed.
-    decade : int
-        floor(log10(ωT)); the cases at Nyquist itself are in decade 1.
-    cases : int
-        How many were compared.
-    worst : float
-        Largest relative error over `PROMISE`·max(1, condition); the promise is kept up to 1.
-    digits, direct : float
-        Decimal digits kept beyond what the condition costs, in the worst case (at most 16): by percept, and
-        by the textbook's formula in doubles, 0 where that gives none.
-    typical : float or None
-        Median over the cases of the digits that formula keeps. It and `direct` are None for the two
-        quantities that are searched for.
-    """
-
-    quantity: str
-    decade: int
-    cases: int
-    worst: float
+    quantity: str  # What was computed
+    decade: int  # floor(log10(ωT))
+    cases: int  # How many were compared
+    worst: float  # Largest relative error over `PROMISE`·max(1, condition)
     digits: float
     direct: float | None
-    typical: float | None
+    typical: float | None  # Median over the cases of the digits that formula keeps
 
 
 def digits_kept(
@@ -76,20 +56,6 @@ def digits_kept(
 
     ω runs from 1e-9 rad/s to Nyquist (included, and approached to within 1e-15), T from 1e-6 to 1 s,
     parameters over thirty decades, now and then zero. Needs mpmath.
-
-    Parameters
-    ----------
-    cases : int
-        Sets of parameters; each is used for every quantity.
-    seed : int
-        Of the draws.
-    quantities : tuple of str, optional
-        Only these; all by default.
-
-    Returns
-    -------
-    tuple of Digits
-        By quantity and decade.
     """
     found: dict[tuple[str, int], list[list[float]]] = {}
     chosen = {name: QUANTITIES[name] for name in quantities or QUANTITIES}

@@ -6,25 +6,9 @@ import os
 import platform
 from typing import Any
 
-__all__ = ["machine"]
-
 
 def machine(loads: tuple[float, float], seconds: float) -> dict[str, Any]:
-    """Describe this machine.
-
-    Parameters
-    ----------
-    loads : tuple of float
-        Load average before and after what was measured.
-    seconds : float
-        How long that took, s.
-
-    Returns
-    -------
-    dict
-        ``processors``, ``python``, ``system``, ``architecture``, ``load_before``, ``load_after`` and
-        ``seconds``.
-    """
+    """Describe this machine."""
     return {
         "processors": os.cpu_count(), "python": platform.python_version(), "system": platform.system(),
         "architecture": platform.machine(), "load_before": loads[0], "load_after": loads[1],

@@ -14,8 +14,6 @@ from percept.bench.machine import machine
 from percept.report.folder import filled_folder
 from percept.report.plain import dumps, plain
 
-__all__ = ["SCHEMA", "described", "measurement", "measurement_markdown", "write_measurement"]
-
 SCHEMA = "percept-measurement-1"
 _PACKAGES = ("numpy", "scipy", "emcee", "pandas")
 
@@ -29,28 +27,7 @@ def measurement(
     loads: tuple[float, float],
     seconds: float,
 ) -> dict[str, Any]:
-    """Collect what a part measured.
-
-    Parameters
-    ----------
-    part : str
-        Its name.
-    records : sequence of dataclass instances
-        All of one class, whose docstring says what every field is; at least one.
-    command : str
-        As typed.
-    simulated : bool
-        Whether studies it measured are simulated.
-    loads : tuple of float
-        Load average of the machine before and after.
-    seconds : float
-        The whole run, s.
-
-    Returns
-    -------
-    dict
-        Plain values.
-    """
+    """Collect what a part measured."""
     about, columns = described(type(records[0]))
     found: dict[str, Any] = plain(
         {
@@ -70,19 +47,7 @@ def measurement(
 
 
 def described(record: type) -> tuple[str, list[tuple[list[str], str]]]:
-    """Read a record's docstring: its first sentence, and the meaning of its attributes, several at a time.
-
-    Parameters
-    ----------
-    record : type
-        A dataclass with a docstring in numpydoc's form.
-
-    Returns
-    -------
-    about : str
-    columns : list of (list of str, str)
-        Names, and what they stand for.
-    """
+    """Read a record's docstring: its first sentence, and the meaning of its attributes, several at a time."""
     text = inspect.getdoc(record) or ""
     columns: list[tuple[list[str], str]] = []
     for line in text.partition("Attributes\n----------\n")[2].splitlines():
@@ -95,17 +60,7 @@ def described(record: type) -> tuple[str, list[tuple[list[str], str]]]:
 
 
 def measurement_markdown(document: Mapping[str, Any]) -> str:
-    """Write the document as a page.
-
-    Parameters
-    ----------
-    document : mapping
-        As `measurement` returns it.
-
-    Returns
-    -------
-    str
-    """
+    """Write the document as a page."""
     at = document["machine"]
     names = list(document["rows"][0])
     lines = [
@@ -141,25 +96,7 @@ def _shown(value: Any) -> str:
 
 
 def write_measurement(document: Mapping[str, Any], out_dir: str | Path) -> Path:
-    """Write the document and its page, named after the part.
-
-    Parameters
-    ----------
-    document : mapping
-        As `measurement` returns it.
-    out_dir : str or Path
-        Folder, made where it does not exist; files of other names in it stay.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    UsageError
-        Where the folder is a file or cannot be written.
-    """
+    """Write the document and its page, named after the part."""
     name = f"{document['part']}.md"
     with filled_folder(out_dir, last=name) as folder:
         (folder / f"{document['part']}.json").write_text(dumps(document), encoding="utf-8")

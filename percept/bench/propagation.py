@@ -24,14 +24,6 @@ from percept.haptics import AnyDevice, Device, perceived_magnitude
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = [
-    "PropagationCost",
-    "PropagationMemory",
-    "propagation_costs",
-    "propagation_memory",
-    "study_propagation",
-]
-
 Array = NDArray[np.float64]
 _NAIVE = (0.1, 100.0, 1000)
 #: Departures that percept's frequencies are chosen for, and even frequencies of the other way.
@@ -40,39 +32,17 @@ _BOUNDS, _POINTS = (1e-2, 1e-3), (25, 100, 400)
 
 @dataclass(frozen=True)
 class PropagationCost:
-    """One way to a pointwise band, against the quantiles of every draw at each of many frequencies.
+    """One way to a pointwise band, against the quantiles of every draw at each of many frequencies."""
 
-    Attributes
-    ----------
-    environment : str
-        Whose draws.
-    way : {"percept", "all draws"}
-        Percept's: as many draws as there is information for, at frequencies chosen for them. The other: all
-        draws, np.quantile at frequencies spaced evenly in log omega.
-    draws : int
-        Draws propagated.
-    points : int
-        Frequencies.
-    bound : float or None
-        Largest relative departure that percept's frequencies were chosen for.
-    seconds, seconds_low, seconds_high : float
-        Processor time: median and range of the repeats.
-    ratio : float
-        seconds over that of the band it is compared with.
-    error, worst_error : float
-        Root mean square, and largest, difference from that band over omega and both limits, as a fraction of
-        its half-width in log abs(Z_h): Monte Carlo error of fewer draws and lines between points together.
-    """
-
-    environment: str
-    way: str
-    draws: int
-    points: int
-    bound: float | None
+    environment: str  # Whose draws
+    way: str  # Percept's: as many draws as there is information for, at frequencies chosen for them
+    draws: int  # Draws propagated
+    points: int  # Frequencies
+    bound: float | None  # Largest relative departure that percept's frequencies were chosen for
     seconds: float
     seconds_low: float
     seconds_high: float
-    ratio: float
+    ratio: float  # seconds over that of the band it is compared with
     error: float
     worst_error: float
 
@@ -89,33 +59,7 @@ def propagation_costs(
     frequencies: tuple[float, float, int] = _NAIVE,
     repeats: int = 3,
 ) -> list[PropagationCost]:
-    """Time both ways on draws of one environment, from few draws and frequencies to many.
-
-    Parameters
-    ----------
-    device : Device or TabulatedDevice
-        The device.
-    stiffness, damping : ndarray, shape (N,)
-        All draws, N/m and N·s/m, in an order in which the first `kept` are independent of each other.
-    period : float
-        Sampling period, s.
-    kept : int
-        Draws there is information for.
-    name : str
-        Of the environment.
-    level : float
-        Of the bands.
-    frequencies : tuple of (float, float, int)
-        Range, rad/s, and frequencies of the band that the others are compared with.
-    repeats : int
-        How often each is timed.
-
-    Returns
-    -------
-    list of PropagationCost
-        Percept's, by draws and bound, and then the other way's, by frequencies; the last is the band that
-        all are compared with.
-    """
+    """Time both ways on draws of one environment, from few draws and frequencies to many."""
     lower, upper, points = frequencies
     fine = np.geomspace(lower, upper, points)
 
@@ -173,22 +117,7 @@ def propagation_costs(
 def study_propagation(
     study: Study, *, frequencies: tuple[float, float, int] = _NAIVE, repeats: int = 3
 ) -> list[PropagationCost]:
-    """Time both ways on the next user of every environment of a study.
-
-    Parameters
-    ----------
-    study : Study
-        With a passed fit and a device.
-    frequencies : tuple of (float, float, int)
-        Range, rad/s, and frequencies of the band that the others are compared with.
-    repeats : int
-        How often each is timed.
-
-    Returns
-    -------
-    list of PropagationCost
-        By environment: up to the draws that boundaries go through, against one draw at every kept point.
-    """
+    """Time both ways on the next user of every environment of a study."""
     fit, apparatus = study.fit, study.apparatus
     assert fit is not None
     assert apparatus is not None
@@ -210,50 +139,21 @@ def study_propagation(
 
 @dataclass(frozen=True)
 class PropagationMemory:
-    """What a task holds beside its draws and results.
-
-    Attributes
-    ----------
-    draws, points, environments : int
-        Size of the task: draws of each environment, frequencies.
-    values : int
-        abs(Z_h) worked out: the product of the three.
-    seconds : float
-        Processor time.
-    held : int
-        Growth of the process's largest resident memory over what it had with the draws and room for the
-        results, bytes.
-    bound : int
-        What `percept.boundary.draws` promises, bytes.
-    """
+    """What a task holds beside its draws and results."""
 
     draws: int
     points: int
     environments: int
-    values: int
-    seconds: float
+    values: int  # abs(Z_h) worked out: the product of the three
+    seconds: float  # Processor time
     held: int
-    bound: int
+    bound: int  # What `percept.boundary.draws` promises, bytes
 
 
 def propagation_memory(
     device: Device, *, draws: int = 100_000, points: int = 2000, environments: int = 50, seed: int = 1
 ) -> PropagationMemory:
-    """Propagate draws of many environments in a process of its own, and see how large it grew.
-
-    Parameters
-    ----------
-    device : Device
-        The device.
-    draws, points, environments : int
-        Size of the task.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    PropagationMemory
-    """
+    """Propagate draws of many environments in a process of its own, and see how large it grew."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as fresh:
         return fresh.submit(_propagated, device, draws, points, environments, seed).result()
 

@@ -16,8 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["Cost", "measure", "write_study"]
-
 _REFERENCES = {
     "VE1": (15.0, 0.7),
     "VE2": (1e3, 1.5),
@@ -45,21 +43,12 @@ print(json.dumps([time.perf_counter() - start, time.process_time() - used,
 
 @dataclass(frozen=True)
 class Cost:
-    """What one way of reading cost, the best of several runs.
-
-    Attributes
-    ----------
-    task : str
-    seconds, cpu_seconds : float
-        Wall clock, and processor time over all threads.
-    megabytes : float
-        Peak resident memory of the process.
-    """
+    """What one way of reading cost, the best of several runs."""
 
     task: str
     seconds: float
     cpu_seconds: float
-    megabytes: float
+    megabytes: float  # Peak resident memory of the process
 
 
 def write_study(path: str | Path, rows: int, *, seed: int = 0) -> None:
@@ -77,19 +66,7 @@ def write_study(path: str | Path, rows: int, *, seed: int = 0) -> None:
 
 
 def measure(path: str | Path, task: str, *, repeats: int = 3) -> Cost:
-    """Cost of one way of reading a file.
-
-    Parameters
-    ----------
-    path : str or Path
-    task : {"pandas", "reduce_sessions", "read_sessions"}
-        pandas' C parser with typed columns, or the reader's function of that name.
-    repeats : int, optional
-
-    Returns
-    -------
-    Cost
-    """
+    """Cost of one way of reading a file."""
     runs = []
     for _ in range(repeats):
         done = subprocess.run(

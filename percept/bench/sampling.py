@@ -14,64 +14,25 @@ from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.study.bayesian import prepare
 
-__all__ = ["SamplingCost", "sampling_cost"]
-
 
 @dataclass(frozen=True)
 class SamplingCost:
-    """Medians over seeds of runs to one tolerance.
+    """Medians over seeds of runs to one tolerance."""
 
-    Attributes
-    ----------
-    tolerance : float
-        Monte Carlo error over half-width that was asked for.
-    seconds : float
-        Wall time of a run, warm-up included.
-    steps : float
-        Steps per ensemble.
-    worst_error : float
-        Largest error over half-width that was reached.
-    autocorrelation_time : float
-        Of the slowest reported quantity, in steps.
-    effective_draws_per_second : float
-        Of that quantity.
-    passed : int
-        Runs that passed the gate.
-    runs : int
-        Runs.
-    """
-
-    tolerance: float
-    seconds: float
-    steps: float
-    worst_error: float
-    autocorrelation_time: float
-    effective_draws_per_second: float
-    passed: int
-    runs: int
+    tolerance: float  # Monte Carlo error over half-width that was asked for
+    seconds: float  # Wall time of a run, warm-up included
+    steps: float  # Steps per ensemble
+    worst_error: float  # Largest error over half-width that was reached
+    autocorrelation_time: float  # Of the slowest reported quantity, in steps
+    effective_draws_per_second: float  # Of that quantity
+    passed: int  # Runs that passed the gate
+    runs: int  # Runs
 
 
 def sampling_cost(
     sessions: str | Path, scene: Scene, *, tolerances: Sequence[float] = (0.1, 0.02, 0.01), seeds: int = 5
 ) -> list[SamplingCost]:
-    """Sample a study to several tolerances.
-
-    Parameters
-    ----------
-    sessions : str or Path
-        The study's sessions.
-    scene : Scene
-        What to analyse; both parameters.
-    tolerances : sequence of float
-        Errors over half-width to ask for.
-    seeds : int
-        Runs per tolerance.
-
-    Returns
-    -------
-    list of SamplingCost
-        One per tolerance.
-    """
+    """Sample a study to several tolerances."""
     model = prepare(read_sessions(sessions), scene, ("k", "b")).model
     found = []
     for tolerance in tolerances:

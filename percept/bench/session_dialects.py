@@ -13,8 +13,6 @@ import pandas as pd
 
 from percept.sessions.options import ReadOptions
 
-__all__ = ["WRITERS", "Trial", "Writer", "delimited", "example", "frame"]
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -32,21 +30,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class Writer:
-    """A tool's way of writing trials.
+    """A tool's way of writing trials."""
 
-    Attributes
-    ----------
-    write : callable
-        From trials to the files' names and bytes.
-    tables : mapping
-        The scene's tables with which the files are read.
-    decimals : int, optional
-        Digits after the decimal mark, where the tool rounds.
-    """
-
-    write: Callable[[Sequence[Trial]], Mapping[str, bytes]]
+    write: Callable[[Sequence[Trial]], Mapping[str, bytes]]  # From trials to the files' names and bytes
     tables: Mapping[str, object] = field(default_factory=dict)
-    decimals: int | None = None
+    decimals: int | None = None  # Digits after the decimal mark, where the tool rounds
 
     @property
     def options(self) -> ReadOptions:

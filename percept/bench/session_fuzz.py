@@ -24,8 +24,6 @@ from percept.bench.session_dialects import WRITERS, example
 from percept.errors import PerceptError
 from percept.sessions import ReadOptions, Sessions, read_sessions
 
-__all__ = ["Outcome", "check", "fuzz", "mutate"]
-
 _TOKEN = re.compile(r"[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?")
 _NOT_DROPPED = frozenset(
     {
@@ -44,22 +42,11 @@ _PIECES = (
 
 @dataclass
 class Outcome:
-    """What became of the files.
-
-    Attributes
-    ----------
-    files, accepted : int
-    refused : Counter
-        Refusals by the message's first words.
-    failures : list of (int, str)
-        Seeds of files that were misread, crashed the reader or took too long, and how.
-    slowest : float
-        Seconds of processor time for the slowest file: the clock on the wall counts other programs too.
-    """
+    """What became of the files."""
 
     files: int = 0
     accepted: int = 0
-    refused: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)  # Refusals by the message's first words
     failures: list[tuple[int, str]] = field(default_factory=list)
     slowest: float = 0.0
 
@@ -130,13 +117,7 @@ _EDITS: Sequence[Callable[[bytes, np.random.Generator], bytes]] = (
 
 
 def check(sessions: Sessions, data: bytes, options: ReadOptions) -> str | None:
-    """Look for every number of an accepted file in its text, and for every row.
-
-    Returns
-    -------
-    str or None
-        What is wrong.
-    """
+    """Look for every number of an accepted file in its text, and for every row."""
     text = _text(data)
     lines = re.split(r"\r\n|\n|\r", text)
     everywhere = _numbers(text)
@@ -182,21 +163,7 @@ def _numbers(text: str) -> set[float]:
 
 
 def fuzz(files: int, *, seed: int = 0, seconds_per_100kb: float = 1.0) -> Outcome:
-    """Read mutated files and collect what became of them.
-
-    Parameters
-    ----------
-    files : int
-        How many.
-    seed : int, optional
-        File i of a run is made from (seed, i) alone.
-    seconds_per_100kb : float, optional
-        Processor time a file may take (and never less than this is allowed).
-
-    Returns
-    -------
-    Outcome
-    """
+    """Read mutated files and collect what became of them."""
     outcome = Outcome()
     cases = [
         (data, writer.options)

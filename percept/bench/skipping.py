@@ -22,8 +22,6 @@ from percept.bench.as_installed import as_installed
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["PACKAGES", "SCENES", "STAGES", "Saving", "skipping_cost", "work_of"]
-
 #: Scenes by what each leaves out.
 SCENES = (
     "nothing",
@@ -67,32 +65,16 @@ STAGES = (
 
 @dataclasses.dataclass(frozen=True)
 class Saving:
-    """The cost of one scene.
+    """The cost of one scene."""
 
-    Attributes
-    ----------
-    without : str
-        What is left out, one of `SCENES`.
-    seconds, seconds_low, seconds_high : float
-        Processor time of the whole process, imports included: median and range of the repeats.
-    share : float
-        Of the first scene's time, by default the one that leaves nothing out.
-    imports : tuple of str
-        Of `PACKAGES`.
-    stages : tuple of str
-        Of `STAGES`, those that gave something.
-    coordinates : int
-        Of the hierarchical model; 0 without one.
-    """
-
-    without: str
+    without: str  # What is left out, one of `SCENES`
     seconds: float
     seconds_low: float
     seconds_high: float
-    share: float
-    imports: tuple[str, ...]
-    stages: tuple[str, ...]
-    coordinates: int
+    share: float  # Of the first scene's time, by default the one that leaves nothing out
+    imports: tuple[str, ...]  # Of `PACKAGES`
+    stages: tuple[str, ...]  # Of `STAGES`, those that gave something
+    coordinates: int  # Of the hierarchical model
 
 
 def skipping_cost(
@@ -102,24 +84,7 @@ def skipping_cost(
     scenes: Sequence[str] = SCENES,
     method: str = "both",
 ) -> tuple[Saving, ...]:
-    """Run scenes, round by round, so that all see the same machine.
-
-    Parameters
-    ----------
-    repeats : int
-        Rounds.
-    tolerance : float
-        Of the sampler.
-    scenes : sequence of str
-        Of `SCENES`; shares are of the first one's time.
-    method : {"both", "classical", "bayesian"}
-        As `work_of` takes it.
-
-    Returns
-    -------
-    tuple of Saving
-        In the order of `scenes`.
-    """
+    """Run scenes, round by round, so that all see the same machine."""
     rounds = [
         {scene: work_of(scene, tolerance=tolerance, method=method) for scene in scenes}
         for _ in range(repeats)
@@ -143,24 +108,7 @@ def skipping_cost(
 def work_of(
     scene: str, *, tolerance: float = 0.05, points: int | None = None, method: str = "both"
 ) -> dict[str, Any]:
-    """Run one scene in a fresh process.
-
-    Parameters
-    ----------
-    scene : str
-        One of `SCENES`.
-    tolerance : float
-        Of the sampler.
-    points : int, optional
-        Frequencies of curves; as many as they need by default.
-    method : {"both", "classical", "bayesian"}
-        Asked for, unless that is what the scene leaves out.
-
-    Returns
-    -------
-    dict
-        ``seconds`` of processor time, ``imports``, ``stages`` and ``coordinates``, as in `Saving`.
-    """
+    """Run one scene in a fresh process."""
     command = [sys.executable, "-m", __name__, scene, "--tolerance", str(tolerance), "--method", method]
     if points is not None:
         command += ["--points", str(points)]

@@ -6,29 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["write_small_studies"]
-
 _HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
 _REFERENCES = ((1e3, 5.0), (1e4, 20.0))
 
 
 def write_small_studies(folder: Path, count: int, rng: np.random.Generator) -> list[str]:
-    """Write studies, each a different one, over those that are there.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to; it exists.
-    count : int
-        How many.
-    rng : numpy.random.Generator
-        Of the values.
-
-    Returns
-    -------
-    list of str
-        Their paths.
-    """
+    """Write studies, each a different one, over those that are there."""
     paths = [folder / f"study-{number}.csv" for number in range(count)]
     for path in paths:
         path.write_text(_study(rng), encoding="utf-8")

@@ -25,8 +25,6 @@ import numpy as np
 from percept.bench.small_studies import write_small_studies
 from percept.errors import UsageError
 
-__all__ = ["Slope", "Soak", "slope", "soak"]
-
 _BATCH = 16  # studies per call: each opens, locks and combines anew, over the same workers
 # Part of the time that is left out of the slopes: imports, first allocations.
 _START = 0.25
@@ -34,65 +32,28 @@ _START = 0.25
 
 @dataclasses.dataclass(frozen=True)
 class Slope:
-    """How a series changes.
+    """How a series changes."""
 
-    Attributes
-    ----------
-    name, unit : str
-        Of the series.
-    mean : float
-        Over the time looked at.
-    per_hour, error : float
-        Least-squares slope and its standard error, the scatter about the line taken as independent.
-    """
-
-    name: str
-    unit: str
-    mean: float
+    name: str  # Of the series
+    unit: str  # Of the series
+    mean: float  # Over the time looked at
     per_hour: float
     error: float
 
 
 @dataclasses.dataclass(frozen=True)
 class Soak:
-    """What was seen.
+    """What was seen."""
 
-    Attributes
-    ----------
-    minutes : float
-        How long it ran.
-    workers, studies, samples : int
-        Worker processes, studies analysed, and moments looked at.
-    slopes : tuple of Slope
-        Resident memory of this process and of the workers together; open files and processes of both.
-    """
-
-    minutes: float
+    minutes: float  # How long it ran
     workers: int
     studies: int
     samples: int
-    slopes: tuple[Slope, ...]
+    slopes: tuple[Slope, ...]  # Resident memory of this process and of the workers together
 
 
 def slope(seconds: Sequence[float], values: Sequence[float], name: str, unit: str) -> Slope:
-    """Fit a line to a series, its first quarter left out.
-
-    Parameters
-    ----------
-    seconds, values : sequence of float, length N
-        The series.
-    name, unit : str
-        Of the series.
-
-    Returns
-    -------
-    Slope
-
-    Raises
-    ------
-    UsageError
-        Fewer than three values after the first quarter.
-    """
+    """Fit a line to a series, its first quarter left out."""
     t, y = np.asarray(seconds, dtype=float) / 3600.0, np.asarray(values, dtype=float)
     late = t >= t[0] + _START * (t[-1] - t[0])
     t, y = t[late], y[late]
@@ -106,23 +67,7 @@ def slope(seconds: Sequence[float], values: Sequence[float], name: str, unit: st
 
 
 def soak(minutes: float, *, workers: int = 2, every: float = 5.0, tolerance: float = 0.1) -> Soak:
-    """Run batches for so long and watch them.
-
-    Parameters
-    ----------
-    minutes : float
-        How long; the batch under way is finished.
-    workers : int
-        Processes.
-    every : float
-        Seconds between looks.
-    tolerance : float
-        Of the sampler.
-
-    Returns
-    -------
-    Soak
-    """
+    """Run batches for so long and watch them."""
     from percept.batch import run_batch, sources
     from percept.workers import OnCluster, connected
 

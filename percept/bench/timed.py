@@ -6,28 +6,11 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-__all__ = ["timed"]
-
 T = TypeVar("T")
 
 
 def timed(work: Callable[[], T], repeats: int) -> tuple[T, list[float]]:
-    """Do work and time it.
-
-    Parameters
-    ----------
-    work : callable
-        Without arguments, the same every time.
-    repeats : int
-        How often, at least once.
-
-    Returns
-    -------
-    found : object
-        What it came to the last time.
-    seconds : list of float
-        Processor time of this process, each time, s.
-    """
+    """Do work and time it."""
     seconds = []
     for _ in range(repeats):
         started = time.process_time()

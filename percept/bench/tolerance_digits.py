@@ -13,8 +13,6 @@ from scipy import integrate, optimize, stats
 from percept.inference import tolerance_factor
 from percept.inference.classical.levels import OneMinus
 
-__all__ = ["CASES", "ToleranceDigits", "tolerance_digits"]
-
 # mpmath numbers have no types.
 Number: TypeAlias = Any
 
@@ -30,42 +28,18 @@ CASES: tuple[tuple[int, float, float], ...] = (
 
 @dataclass(frozen=True)
 class ToleranceDigits:
-    """Digits kept of one factor.
+    """Digits kept of one factor."""
 
-    Attributes
-    ----------
-    n : int
-        Subjects.
-    outside, doubt : float
-        1 - share and 1 - confidence.
-    factor : float
-        percept's.
-    ours, direct : float
-        Decimal digits kept, at most 16: by percept, and by the same integral through differences from one,
-        scipy's quadrature and a bracketed root. Zero where that gives none.
-    """
-
-    n: int
+    n: int  # Subjects
     outside: float
     doubt: float
-    factor: float
+    factor: float  # percept's
     ours: float
     direct: float
 
 
 def tolerance_digits(cases: tuple[tuple[int, float, float], ...] = CASES) -> list[ToleranceDigits]:
-    """Compare two-sided factors with 30-digit arithmetic. Needs mpmath.
-
-    Parameters
-    ----------
-    cases : tuple of (int, float, float)
-        Subjects, 1 - share and 1 - confidence.
-
-    Returns
-    -------
-    list of ToleranceDigits
-        In the order of the cases.
-    """
+    """Compare two-sided factors with 30-digit arithmetic. Needs mpmath."""
     rows = []
     for n, outside, doubt in cases:
         factor = float(tolerance_factor(n, OneMinus(outside), OneMinus(doubt)))

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from percept.batch import StudySource
 
-__all__ = ["BatchCost", "batch_costs"]
-
 Done = TypeVar("Done")
 
 # Of the published design, where each study takes some four seconds of a worker.
@@ -37,49 +35,21 @@ _IDLE_SECONDS = 4.0
 
 @dataclasses.dataclass(frozen=True)
 class BatchCost:
-    """What a batch cost on workers that have their imports behind them.
+    """What a batch cost on workers that have their imports behind them."""
 
-    Attributes
-    ----------
-    design : str
-        "small" (four subjects, two environments) or "published".
-    workers, studies : int
-        Processes of one thread, and studies.
-    wall_s : float
-        From the first study read to the table written, s.
-    gain : float or None
-        Wall time of the same batch on one worker over this one's; None where that was not tried.
-    busy : float
-        Processor time of the workers over wall time times workers.
-    worker_s : float
-        Processor time of the workers per study, s.
-    idle : float
-        Processor time over wall time of the process that hands out, dask's scheduler included, while nothing
-        is to be done.
-    coordinator_ms : float
-        Its processor time per study beyond that, ms.
-    read_ms, write_ms, combine_ms : float
-        Of it: to read and hash the files, to write the rows, and to put them into the table, ms. The rest is
-        dask's.
-    write_wait_ms : float
-        Wall time to write the rows, the disk's part included, ms.
-    sent_bytes, returned_bytes : float
-        Per study, pickled.
-    """
-
-    design: str
+    design: str  # "small" (four subjects, two environments) or "published"
     workers: int
     studies: int
-    wall_s: float
-    gain: float | None
-    busy: float
-    worker_s: float
+    wall_s: float  # From the first study read to the table written, s
+    gain: float | None  # Wall time of the same batch on one worker over this one's
+    busy: float  # Processor time of the workers over wall time times workers
+    worker_s: float  # Processor time of the workers per study, s
     idle: float
-    coordinator_ms: float
+    coordinator_ms: float  # Its processor time per study beyond that, ms
     read_ms: float
     write_ms: float
     combine_ms: float
-    write_wait_ms: float
+    write_wait_ms: float  # Wall time to write the rows, the disk's part included, ms
     sent_bytes: float
     returned_bytes: float
 
@@ -91,24 +61,7 @@ def batch_costs(
     published: int = _PUBLISHED,
     tolerance: float = 0.1,
 ) -> list[BatchCost]:
-    """Run a batch of small studies on each number of workers, and one of the published design on the last.
-
-    Parameters
-    ----------
-    studies : int
-        Small studies.
-    workers : sequence of int
-        Processes, one run each.
-    published : int
-        Studies of the published design, at tolerance 0.02.
-    tolerance : float
-        Of the sampler, for the small studies.
-
-    Returns
-    -------
-    list of BatchCost
-        In the order of the runs.
-    """
+    """Run a batch of small studies on each number of workers, and one of the published design on the last."""
     from percept.batch import StudySource, sources
     from percept.batch.work import analyse
     from percept.reproduce.published import dataset

@@ -13,8 +13,6 @@ import numpy as np
 from percept.inference.sampling.estimands import Estimates
 from percept.inference.sampling.records import Gate, Run, Settings
 
-__all__ = ["DamagedEntry", "decode", "encode"]
-
 _MAGIC = b"percept run 2\n"
 _DIGEST_SIZE = 32
 _RECORDS: dict[str, type[Any]] = {
@@ -33,21 +31,7 @@ class DamagedEntry(ValueError):  # noqa: N818 - what is caught is damage, and no
 
 
 def encode(run: Run) -> bytes:
-    """Turn a run into bytes: a checksum, the records as JSON, and the arrays they refer to.
-
-    Parameters
-    ----------
-    run : Run
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    TypeError
-        Where a field has a form this module does not know.
-    """
+    """Turn a run into bytes: a checksum, the records as JSON, and the arrays they refer to."""
     arrays: list[np.ndarray[Any, Any]] = []
     head = json.dumps(_plain(run, arrays)).encode()
     body = io.BytesIO()
@@ -59,22 +43,7 @@ def encode(run: Run) -> bytes:
 
 
 def decode(data: bytes) -> Run:
-    """Turn bytes into the run they were made of.
-
-    Parameters
-    ----------
-    data : bytes
-        What `encode` gave.
-
-    Returns
-    -------
-    Run
-
-    Raises
-    ------
-    DamagedEntry
-        Where a byte is missing or differs, or the records have other fields than this version's.
-    """
+    """Turn bytes into the run they were made of."""
     start = len(_MAGIC) + _DIGEST_SIZE
     content = memoryview(data)[start:]
     if not data.startswith(_MAGIC) or data[len(_MAGIC) : start] != _checksum(content):

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from percept.errors import UsageError
 
-__all__ = ["cache_folder", "cache_limit"]
-
 #: Bytes the cache may take where PERCEPT_CACHE_LIMIT does not say otherwise.
 _DEFAULT_LIMIT = 1_000_000_000
 

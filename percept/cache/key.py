@@ -14,30 +14,9 @@ import numpy as np
 
 import percept
 
-__all__ = ["numbers_version", "run_key"]
-
 
 def run_key(*asked: object) -> str:
-    """Return the key of what a run is asked.
-
-    Parameters
-    ----------
-    *asked : object
-        Model, estimands and settings: records, arrays, numbers, text, containers and objects of percept made
-        of them. All of their state counts: the sufficient statistics, the priors, the options of the model,
-        kinds and levels, tolerance and seed. A setting added later counts without being named here.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits; other versions of percept, of its inference code or of the numerical packages
-        give others.
-
-    Raises
-    ------
-    TypeError
-        Where something has no state that can be read, such as a function.
-    """
+    """Return the key of what a run is asked."""
     digest = hashlib.sha256(numbers_version().encode())
     _Walk(digest).add(asked)
     return digest.hexdigest()

@@ -16,8 +16,6 @@ from percept.cache.key import run_key
 from percept.durable import exclusive, remove_abandoned, shared, write_whole
 from percept.inference.sampling.records import Run
 
-__all__ = ["Entry", "PosteriorCache"]
-
 _SUFFIX = ".run"
 _log = logging.getLogger("percept.cache")
 

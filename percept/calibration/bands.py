@@ -8,33 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-__all__ = ["EcdfBand", "ecdf_band"]
-
 Counts = NDArray[np.int64]
 _HALVINGS = 40
 
 
 class EcdfBand:
-    """Bounds of the number of values below each inner edge of equal bins.
-
-    Parameters
-    ----------
-    count : int
-        Number of values.
-    bins : int
-        Number of equal bins of (0, 1).
-    tail : float
-        Probability of leaving the bounds at a single edge, half on each side.
-
-    Attributes
-    ----------
-    edges : ndarray, shape (bins - 1,)
-        Inner edges.
-    lower, upper : ndarray of int, shape (bins - 1,)
-        Bounds, included.
-    tail : float
-        As given.
-    """
+    """Bounds of the number of values below each inner edge of equal bins."""
 
     def __init__(self, count: int, bins: int, tail: float) -> None:
         self.count, self.tail = count, tail
@@ -76,21 +55,7 @@ class EcdfBand:
 
 @functools.cache
 def ecdf_band(count: int, bins: int, error: float) -> EcdfBand:
-    """Find the narrowest band that uniform values leave with at most the probability given.
-
-    Parameters
-    ----------
-    count : int
-        Number of values.
-    bins : int
-        Number of equal bins.
-    error : float
-        Probability of leaving the band anywhere.
-
-    Returns
-    -------
-    EcdfBand
-    """
+    """Find the narrowest band that uniform values leave with at most the probability given."""
     low, high = 0.0, float(np.log(bins))  # logarithms of error/tail: between one edge and a union of all
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)

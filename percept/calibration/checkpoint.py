@@ -11,29 +11,13 @@ from typing import Any, Generic, TypeVar
 from percept.durable import exclusive
 from percept.errors import UsageError
 
-__all__ = ["Checkpoint"]
-
 Result = TypeVar("Result")
 # How every line starts: what is left of one cut short is told from a file of something else.
 _START = '{"plan": "'
 
 
 class Checkpoint(Generic[Result]):
-    """A file of JSON lines, one per study of a plan; those of other plans stand beside them.
-
-    Parameters
-    ----------
-    path : path or None
-        The file, made where there is none; None keeps nothing.
-    plan : str
-        Key of the plan: other plans' lines are left alone.
-    what : str
-        What the lines hold, for messages.
-    pack : callable
-        A result to named JSON values.
-    unpack : callable
-        The way back; raises KeyError, TypeError or ValueError where the values are not a result's.
-    """
+    """A file of JSON lines, one per study of a plan; those of other plans stand beside them."""
 
     def __init__(
         self,
@@ -48,22 +32,7 @@ class Checkpoint(Generic[Result]):
         self._plan, self._what, self._pack, self._unpack = plan, what, pack, unpack
 
     def read(self, studies: int) -> dict[int, Result]:
-        """Read the results of the plan's first studies by index; cut off a last line that is not whole.
-
-        Parameters
-        ----------
-        studies : int
-            How many studies are wanted; later ones stay in the file.
-
-        Returns
-        -------
-        dict of int to result
-
-        Raises
-        ------
-        UsageError
-            A file that cannot be read, or a line that is not one of results, with its place.
-        """
+        """Read the results of the plan's first studies by index; cut off a last line that is not whole."""
         if self._path is None or not self._path.exists():
             return {}
         with exclusive(self._path.parent):

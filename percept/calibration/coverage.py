@@ -19,43 +19,23 @@ from percept.calibration.studies import computed
 from percept.errors import UsageError
 from percept.workers import InProcess, Mapper
 
-__all__ = ["Coverage", "coverage", "coverage_markdown"]
-
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often a claim held, over simulated studies.
+    """How often a claim held, over simulated studies."""
 
-    Attributes
-    ----------
-    claim, kind, method, family, joint, shape : str
-        As `Judgement`.
-    subjects : int
-        Per study.
-    truth : str
-        Distribution of the simulated users.
-    stated : float or None
-        What is claimed: level, or confidence for kind share; None for withheld and refused.
-    held : float
-        Mean over studies of the share that held.
-    error : float
-        Its standard error, by the scatter over studies.
-    studies : int
-        How many.
-    """
-
-    claim: str
-    kind: str
-    method: str
-    family: str
-    joint: str
-    shape: str
-    subjects: int
-    truth: str
-    stated: float | None
-    held: float
-    error: float
-    studies: int
+    claim: str  # As `Judgement`
+    kind: str  # As `Judgement`
+    method: str  # As `Judgement`
+    family: str  # As `Judgement`
+    joint: str  # As `Judgement`
+    shape: str  # As `Judgement`
+    subjects: int  # Per study
+    truth: str  # Distribution of the simulated users
+    stated: float | None  # What is claimed: level, or confidence for kind share
+    held: float  # Mean over studies of the share that held
+    error: float  # Its standard error, by the scatter over studies
+    studies: int  # How many
 
 
 def coverage(
@@ -66,33 +46,7 @@ def coverage(
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Coverage]:
-    """Simulate and judge studies, and average.
-
-    Parameters
-    ----------
-    plan : CoveragePlan
-        What to simulate and how to analyse it.
-    studies : int
-        How many; study i does not depend on this number.
-    mapper : Mapper, optional
-        The workers; this process by default.
-    checkpoint : path, optional
-        File of judged studies, one JSON line each, appended to; lines of this plan are not computed again.
-    progress : callable, optional
-        Told how many studies are done, and of how many.
-
-    Returns
-    -------
-    list of Coverage
-
-    Raises
-    ------
-    UsageError
-        Fewer than two studies, or a checkpoint that is not one.
-    RefusalError
-        Where a study could not be judged, by an error of the machine or of the code, or the mapper has no
-        workers any more; the checkpoint has the others.
-    """
+    """Simulate and judge studies, and average."""
     if studies < 2:
         raise UsageError("a standard error needs at least two studies.", key="studies", value=studies)
     kept = Checkpoint(checkpoint, plan.key, what="judged", pack=_pack, unpack=_unpack)
@@ -108,17 +62,7 @@ def coverage(
 
 
 def coverage_markdown(rows: list[Coverage]) -> str:
-    """Write coverage as a table in Markdown: each figure with its standard error, in per cent.
-
-    Parameters
-    ----------
-    rows : list of Coverage
-        Of one or more plans.
-
-    Returns
-    -------
-    str
-    """
+    """Write coverage as a table in Markdown: each figure with its standard error, in per cent."""
     lines = [
         "| claim | kind | method | family | joint | shape | users | n | stated | real | ± | studies |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",

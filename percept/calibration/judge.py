@@ -25,8 +25,6 @@ from percept.study import Study
 from percept.study.prediction import predict
 from percept.study.regions import displayable
 
-__all__ = ["Judgement", "judge_study"]
-
 Array = NDArray[np.float64]
 _USERS = 200
 _NAMES = ("k", "b")
@@ -35,44 +33,19 @@ _Key = tuple[str, str, str, str, str, str]
 
 @dataclasses.dataclass(frozen=True)
 class Judgement:
-    """What became of one claim in one study.
-
-    Attributes
-    ----------
-    claim : str
-        "interval", "prediction", "boundary at an omega", "boundary throughout", or their predicted kin.
-    kind, method, family, joint, shape : str
-        Of the interval or boundary; shape is empty for intervals.
-    held : float
-        Share of the environments and parameters (and users, frequencies) for which it was true; for kind
-        user the probability that it is.
-    """
+    """What became of one claim in one study."""
 
     claim: str
-    kind: str
-    method: str
-    family: str
-    joint: str
-    shape: str
-    held: float
+    kind: str  # Of the interval or boundary
+    method: str  # Of the interval or boundary
+    family: str  # Of the interval or boundary
+    joint: str  # Of the interval or boundary
+    shape: str  # Of the interval or boundary
+    held: float  # Share of the environments and parameters (and users, frequencies) for which it was true
 
 
 def judge_study(plan: CoveragePlan, index: int) -> list[Judgement]:
-    """Simulate study number `index` of a plan, analyse it, and judge every claim.
-
-    Parameters
-    ----------
-    plan : CoveragePlan
-        What to simulate.
-    index : int
-        Which study.
-
-    Returns
-    -------
-    list of Judgement
-        One with claim "withheld" and held 1 where the gate did not pass, or "refused" where the data cannot
-        carry the model; the classical claims are judged all the same.
-    """
+    """Simulate study number `index` of a plan, analyse it, and judge every claim."""
     rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(index,)))
     study, populations = _simulated(plan, rng)
     found = []

@@ -18,62 +18,29 @@ from percept.study import Study
 from percept.study.posterior import thinned_points
 from percept.study.responses import refuse_no_ratio
 
-__all__ = ["CoveragePlan", "fitted_values", "refuse_unfit"]
-
 Array = NDArray[np.float64]
 Family = Literal["lognormal", "normal"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoveragePlan:
-    """Studies to simulate, and how to analyse each.
+    """Studies to simulate, and how to analyse each."""
 
-    Parameters
-    ----------
-    references : tuple of (float, float)
-        k, N/m, and b, N·s/m, of the environments tested.
-    held_out : tuple of (float, float), optional
-        One more environment, simulated but not shown to the analysis, which predicts it.
-    subjects : int
-        Per study.
-    truth : {"lognormal", "normal"}
-        Distribution of the simulated users.
-    family : {"lognormal", "normal"}
-        Family of the hierarchical model; classical intervals are given in both.
-    method : {"both", "classical"}
-        Which methods are judged.
-    level, share, confidence : float
-        As `InferenceTable`; the share is the level where it is None.
-    tolerance : float
-        Of the sampler.
-    values : dict, optional
-        What the studies are drawn from, as `fitted_values` gives it; drawn from the default priors where
-        left out.
-    device : tuple of (float, float)
-        Mass, kg, and damping, N·s/m, of the device that curves are drawn for.
-    period : float
-        Sampling period, s.
-    frequencies : tuple of (float, float, int)
-        Lower and upper end, rad/s, and number of frequencies of the curves.
-    seed : int
-        Of the whole; study i is the same whatever the number of studies and workers.
-    """
-
-    references: tuple[tuple[float, float], ...]
+    references: tuple[tuple[float, float], ...]  # k, N/m, and b, N·s/m, of the environments tested
     held_out: tuple[float, float] | None = None
-    subjects: int = 10
-    truth: Family = "lognormal"
-    family: Family = "lognormal"
-    method: Literal["both", "classical"] = "both"
-    level: float = 0.99
-    share: float | None = None
-    confidence: float = 0.95
-    tolerance: float = 0.05
-    values: dict[str, Any] | None = None
+    subjects: int = 10  # Per study
+    truth: Family = "lognormal"  # Distribution of the simulated users
+    family: Family = "lognormal"  # Family of the hierarchical model
+    method: Literal["both", "classical"] = "both"  # Which methods are judged
+    level: float = 0.99  # As `InferenceTable`
+    share: float | None = None  # As `InferenceTable`
+    confidence: float = 0.95  # As `InferenceTable`
+    tolerance: float = 0.05  # Of the sampler
+    values: dict[str, Any] | None = None  # What the studies are drawn from, as `fitted_values` gives it
     device: tuple[float, float] = (1.0, 5.0)
-    period: float = 0.001
+    period: float = 0.001  # Sampling period, s
     frequencies: tuple[float, float, int] = (0.1, 100.0, 31)
-    seed: int = 1
+    seed: int = 1  # Of the whole
 
     def __post_init__(self) -> None:
         if len(self.references) < 2:
@@ -98,17 +65,7 @@ class CoveragePlan:
 
 
 def refuse_unfit(study: Study) -> None:
-    """Refuse a study whose like cannot be simulated, before anything is sampled.
-
-    Parameters
-    ----------
-    study : Study
-
-    Raises
-    ------
-    RefusalError
-        One parameter alone, or a reference that is not positive.
-    """
+    """Refuse a study whose like cannot be simulated, before anything is sampled."""
     if study.parameters != ("k", "b"):
         raise RefusalError(
             "calibration simulates stiffness and damping together; one of them is missing.",
@@ -118,24 +75,7 @@ def refuse_unfit(study: Study) -> None:
 
 
 def fitted_values(study: Study) -> dict[str, Any]:
-    """Take the posterior means of a study as the truth to simulate from.
-
-    Parameters
-    ----------
-    study : Study
-        With a passed fit of a pooled model of both parameters.
-
-    Returns
-    -------
-    dict
-        Numbers and lists, for `CoveragePlan.values`. Trial noise stays in the spread between users where
-        there are no repeats, and is left out of the simulation where there are.
-
-    Raises
-    ------
-    RefusalError
-        Without such a fit, and as `refuse_unfit`.
-    """
+    """Take the posterior means of a study as the truth to simulate from."""
     refuse_unfit(study)
     fit = study.fit
     if fit is None or not fit.run.gate.passed or not isinstance(fit.prepared.model, Pooled):

@@ -25,66 +25,34 @@ from percept.calibration.studies import computed
 from percept.errors import UsageError
 from percept.workers import InProcess, Mapper
 
-__all__ = ["Calibration", "Uniformity", "calibrate", "judge_places", "sbc_markdown"]
-
 #: Probability that a right density is called wrong, per design.
 ERROR = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
 class Uniformity:
-    """Verdict on one quantity.
+    """Verdict on one quantity."""
 
-    Attributes
-    ----------
-    quantity : str
-        Such as "sigma[k,VE1]", "mean[b,VE2]" or "rho_w".
-    inside : bool
-        Whether its empirical distribution stays inside the band.
-    least_tail : float
-        Smallest two-sided tail probability of a count, over the edges of the bins.
-    below : tuple of int
-        Values below each edge.
-    """
-
-    quantity: str
-    inside: bool
-    least_tail: float
-    below: tuple[int, ...]
+    quantity: str  # Such as "sigma[k,VE1]", "mean[b,VE2]" or "rho_w"
+    inside: bool  # Whether its empirical distribution stays inside the band
+    least_tail: float  # Smallest two-sided tail probability of a count, over the edges of the bins
+    below: tuple[int, ...]  # Values below each edge
 
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """Verdict on one design.
+    """Verdict on one design."""
 
-    Attributes
-    ----------
-    design, fault : str
-        As `SbcPlan`.
-    fits, failed : int
-        Studies fitted, and those of them withheld or refused, which give no ranks.
-    reasons : tuple of str
-        Why, each reason once.
-    error : float
-        Probability of any quantity leaving its band if all is right, at most.
-    tail : float
-        The band's tail probability at one edge.
-    lower, upper : tuple of int
-        The band.
-    quantities : tuple of Uniformity
-        Every scale, correlation, location and distribution function.
-    """
-
-    design: str
-    fault: str
+    design: str  # As `SbcPlan`
+    fault: str  # As `SbcPlan`
     fits: int
     failed: int
-    reasons: tuple[str, ...]
-    error: float
-    tail: float
-    lower: tuple[int, ...]
-    upper: tuple[int, ...]
-    quantities: tuple[Uniformity, ...]
+    reasons: tuple[str, ...]  # Why, each reason once
+    error: float  # Probability of any quantity leaving its band if all is right, at most
+    tail: float  # The band's tail probability at one edge
+    lower: tuple[int, ...]  # The band
+    upper: tuple[int, ...]  # The band
+    quantities: tuple[Uniformity, ...]  # Every scale, correlation, location and distribution function
 
     @property
     def outside(self) -> tuple[str, ...]:
@@ -101,35 +69,7 @@ def calibrate(
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Calibration:
-    """Simulate, fit and judge studies of one design.
-
-    Parameters
-    ----------
-    plan : SbcPlan
-        The design and how it is fitted.
-    fits : int
-        How many studies; study i does not depend on this number.
-    mapper : Mapper, optional
-        The workers; this process by default.
-    checkpoint : path, optional
-        File of placed studies, one JSON line each, appended to; lines of this plan are not computed again.
-    seconds : float, optional
-        Hand out no more studies after this time; those done are judged.
-    progress : callable, optional
-        Told how many studies are done, and of how many.
-
-    Returns
-    -------
-    Calibration
-
-    Raises
-    ------
-    UsageError
-        A checkpoint that is not one, or fewer than one study.
-    RefusalError
-        Where a study could not be placed, by an error of the machine or of the code, or the mapper has no
-        workers any more; the checkpoint has the others.
-    """
+    """Simulate, fit and judge studies of one design."""
     if fits < 1:
         raise UsageError("a calibration needs at least one study.", key="fits", value=fits)
     kept = Checkpoint(checkpoint, plan.key, what="placed", pack=dataclasses.asdict, unpack=_unpack)
@@ -147,19 +87,7 @@ def calibrate(
 
 
 def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
-    """Judge all quantities of a design together.
-
-    Parameters
-    ----------
-    plan : SbcPlan
-        What was fitted.
-    placed : list of Placed
-        The studies.
-
-    Returns
-    -------
-    Calibration
-    """
+    """Judge all quantities of a design together."""
     passed = [one.values for one in placed if not one.reason]
     reasons = tuple(dict.fromkeys(one.reason for one in placed if one.reason))
     names = list(passed[0]) if passed else []
@@ -184,19 +112,7 @@ def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
 
 
 def sbc_markdown(found: list[Calibration]) -> str:
-    """Write verdicts as a table in Markdown.
-
-    Parameters
-    ----------
-    found : list of Calibration
-        Of any designs and faults.
-
-    Returns
-    -------
-    str
-        How many fits were made and how many failed, how many quantities left their bands, and which was
-        farthest out.
-    """
+    """Write verdicts as a table in Markdown."""
     lines = [
         "| design | deliberate error | fits | failed | quantities | outside | farthest | tail | band |",
         "|---|---|---|---|---|---|---|---|---|",

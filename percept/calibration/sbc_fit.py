@@ -27,44 +27,20 @@ from percept.simulate import (
     draw_responses,
 )
 
-__all__ = ["Placed", "place_study"]
-
 Array = NDArray[np.float64]
 _SNOOKER_STEPS = 150
 
 
 @dataclasses.dataclass(frozen=True)
 class Placed:
-    """Where the true values of one study lie in its posterior.
+    """Where the true values of one study lie in its posterior."""
 
-    Attributes
-    ----------
-    reason : str
-        Why there is nothing: what the gate said, or the refusal; empty where the fit passed.
-    values : dict of str to float
-        Per quantity a number that is uniform on (0, 1) over studies if all is right: (rank + 1/2)/(draws + 1)
-        of scales and locations, and the posterior distribution function at the population's mean and at a
-        new user.
-    """
-
-    reason: str
+    reason: str  # Why there is nothing: what the gate said, or the refusal
     values: dict[str, float]
 
 
 def place_study(plan: SbcPlan, index: int) -> Placed:
-    """Simulate study `index` of a plan, fit it and place its true values.
-
-    Parameters
-    ----------
-    plan : SbcPlan
-        The plan.
-    index : int
-        Number of the study, from 0.
-
-    Returns
-    -------
-    Placed
-    """
+    """Simulate study `index` of a plan, fit it and place its true values."""
     design = SBC_DESIGNS[plan.design]
     own = np.random.SeedSequence(plan.seed, spawn_key=(list(SBC_DESIGNS).index(plan.design), index))
     truth_seed, run_seed, draw_seed = own.spawn(3)

@@ -12,8 +12,6 @@ import numpy as np
 from percept.errors import UsageError
 from percept.simulate import Design
 
-__all__ = ["FAULTS", "SBC_DESIGNS", "Fault", "SbcPlan"]
-
 Fault = Literal["none", "jacobian", "prior", "snooker"]
 #: Deliberate errors a calibration must catch, with what each breaks.
 FAULTS = {
@@ -46,35 +44,14 @@ SBC_DESIGNS: dict[str, Design] = {
 
 @dataclass(frozen=True, kw_only=True)
 class SbcPlan:
-    """One design, to be simulated from the prior and fitted many times.
+    """One design, to be simulated from the prior and fitted many times."""
 
-    Parameters
-    ----------
-    design : str
-        One of `SBC_DESIGNS`.
-    seed : int
-        Of the whole; fit i is the same whatever the number of fits and workers.
-    draws : int
-        Independent posterior draws a true value is ranked among; one less than a multiple of `bins`.
-    bins : int
-        Equal bins the ranks are counted in.
-    tolerance : float
-        Of the sampler, on the limits of kinds mean and user; ranks need few draws.
-    fault : str
-        One of `FAULTS`.
-
-    Raises
-    ------
-    UsageError
-        An unknown design or fault, or draws that do not fill the bins evenly.
-    """
-
-    design: str
-    seed: int = 1
-    draws: int = 199
-    bins: int = 20
-    tolerance: float = 0.2
-    fault: Fault = "none"
+    design: str  # One of `SBC_DESIGNS`
+    seed: int = 1  # Of the whole
+    draws: int = 199  # Independent posterior draws a true value is ranked among
+    bins: int = 20  # Equal bins the ranks are counted in
+    tolerance: float = 0.2  # Of the sampler, on the limits of kinds mean and user
+    fault: Fault = "none"  # One of `FAULTS`
 
     def __post_init__(self) -> None:
         if self.design not in SBC_DESIGNS:

@@ -13,8 +13,6 @@ from percept.calibration.sbc import Calibration, calibrate, sbc_markdown
 from percept.calibration.sbc_plan import SBC_DESIGNS, Fault, SbcPlan
 from percept.workers import Mapper
 
-__all__ = ["calibrate_designs", "write_calibrations"]
-
 
 def calibrate_designs(
     fits: int,
@@ -27,36 +25,7 @@ def calibrate_designs(
     seconds: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> list[Calibration]:
-    """Calibrate designs with equal shares of the time that is left.
-
-    Parameters
-    ----------
-    fits : int
-        Studies per design, at most.
-    designs : sequence of str
-        Of `SBC_DESIGNS`.
-    fault : str
-        A deliberate error, of `FAULTS`.
-    seed : int
-        Of the whole.
-    mapper : Mapper, optional
-        The workers; this process by default.
-    checkpoint : path, optional
-        File of placed studies; interrupted runs go on from it.
-    seconds : float, optional
-        Time for all designs together.
-    progress : callable, optional
-        Told the design, how many of its studies are done, and of how many.
-
-    Returns
-    -------
-    list of Calibration
-
-    Raises
-    ------
-    UsageError, RefusalError
-        As `calibrate`.
-    """
+    """Calibrate designs with equal shares of the time that is left."""
     stop = None if seconds is None else time.monotonic() + seconds
     found = []
     for done, design in enumerate(designs):
@@ -74,15 +43,7 @@ def calibrate_designs(
 
 
 def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLike[str]) -> None:
-    """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it).
-
-    Parameters
-    ----------
-    found : sequence of Calibration
-        The verdicts.
-    directory : path
-        Made where missing.
-    """
+    """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it)."""
     to = Path(directory)
     to.mkdir(parents=True, exist_ok=True)
     rows = [{**dataclasses.asdict(one), "outside": list(one.outside)} for one in found]

@@ -11,8 +11,6 @@ from scipy import special
 
 from percept.simulate.model import TrueValues
 
-__all__ = ["Population", "populations_of"]
-
 Array = NDArray[np.float64]
 Family = Literal["lognormal", "normal"]
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
@@ -21,24 +19,12 @@ _PARAMETERS = ("k", "b")
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Users of one environment: points of equality, without trial noise.
+    """Users of one environment: points of equality, without trial noise."""
 
-    Attributes
-    ----------
-    family : {"lognormal", "normal"}
-        Distribution of the users.
-    reference : ndarray, shape (P,)
-        N/m and N·s/m.
-    mean : ndarray, shape (P,)
-        On the response scale.
-    covariance : ndarray, shape (P, P)
-        On the response scale.
-    """
-
-    family: Family
-    reference: Array
-    mean: Array
-    covariance: Array
+    family: Family  # Distribution of the users
+    reference: Array  # (P,) N/m and N·s/m
+    mean: Array  # (P,) On the response scale
+    covariance: Array  # (P, P) On the response scale
 
     @property
     def sd(self) -> Array:
@@ -66,18 +52,7 @@ class Population:
         return self.below(p, upper) - self.below(p, lower)
 
     def average(self, family: Family) -> Array:
-        """Return what intervals of kind mean are about, N/m and N·s/m, by the family of the interval.
-
-        Parameters
-        ----------
-        family : {"lognormal", "normal"}
-            ``"normal"``: the mean of all users; ``"lognormal"``: their geometric mean, of the positive ones
-            where the users themselves are normal.
-
-        Returns
-        -------
-        ndarray, shape (P,)
-        """
+        """Return what intervals of kind mean are about, N/m and N·s/m, by the family of the interval."""
         if self.family == "lognormal":
             return self.native(self.mean + (0.5 * self.sd**2 if family == "normal" else 0.0))
         if family == "normal":
@@ -93,21 +68,7 @@ class Population:
 
 
 def populations_of(truth: TrueValues, references: Array, family: Family) -> list[Population]:
-    """Put together the users of every environment.
-
-    Parameters
-    ----------
-    truth : TrueValues
-        What the study was drawn from.
-    references : ndarray, shape (J, P)
-        N/m and N·s/m.
-    family : {"lognormal", "normal"}
-        Distribution between users.
-
-    Returns
-    -------
-    list of Population
-    """
+    """Put together the users of every environment."""
     return [
         Population(family, reference, beta, truth.cov_u + cov_w)
         for reference, beta, cov_w in zip(references, truth.beta, truth.cov_w, strict=True)

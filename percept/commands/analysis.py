@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from percept.study import Study
     from percept.study.bayesian import RunStore
 
-__all__ = ["add_analysis_arguments", "add_setting_arguments", "open_study", "settings", "verdict"]
-
 _NOTICES = 10
 
 
@@ -53,27 +51,7 @@ def settings(arguments: argparse.Namespace) -> dict[str, Any]:
 def open_study(
     arguments: argparse.Namespace, progress: Working | None = None, *, groups: Sequence[str] = ()
 ) -> Study:
-    """Read the sessions and the scene, put them together, and say what the reader noticed.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As `add_analysis_arguments` parses them.
-    progress : Working, optional
-        Told the state of the sampler.
-    groups : sequence of str
-        Columns to keep beside those the scene names.
-
-    Returns
-    -------
-    Study
-        A device's table is read: one that is missing or too short is found out before anything is sampled.
-
-    Raises
-    ------
-    UsageError
-        Unreadable input or a wrong setting.
-    """
+    """Read the sessions and the scene, put them together, and say what the reader noticed."""
     from percept.scene import Scene
     from percept.sessions import ReadOptions, read_sessions
     from percept.study import Study

@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from percept.scene import Scene
     from percept.study import Study
 
-__all__ = ["add_check_arguments", "print_checks", "with_checks"]
-
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the keys of `[checks]`; each of them asks for the checks."""
@@ -26,19 +24,7 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
-    """Return the scene with what the flags ask for beside what it asks for itself.
-
-    Parameters
-    ----------
-    scene : Scene
-        As it was loaded.
-    arguments : argparse.Namespace
-        Of a command with or without the flags.
-
-    Returns
-    -------
-    Scene
-    """
+    """Return the scene with what the flags ask for beside what it asks for itself."""
     flags = {name: bool(vars(arguments).get(name)) for name in ("checks", "refit", "models")}
     if not any(flags.values()):
         return scene
@@ -52,13 +38,7 @@ def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
 
 
 def print_checks(study: Study) -> None:
-    """Print what the checks say in words, where they were asked for.
-
-    Parameters
-    ----------
-    study : Study
-        What it has not computed yet is computed now.
-    """
+    """Print what the checks say in words, where they were asked for."""
     asked = study.scene.checks
     if asked is None or study.checks is None:
         return

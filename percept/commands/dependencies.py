@@ -7,46 +7,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib import metadata
 
-__all__ = ["Dependency", "dependencies", "unmet"]
-
 
 @dataclass(frozen=True)
 class Dependency:
-    """A package percept was installed to work with.
+    """A package percept was installed to work with."""
 
-    Attributes
-    ----------
-    name : str
-        On the package index.
-    version : str or None
-        What is installed; None where it is missing.
-    extra : str or None
-        The optional extra it belongs to; None where percept cannot do without it.
-    wanted : str
-        The versions that will do, such as ``">=2.0"``.
-    fits : bool or None
-        Whether the installed version is one of them; None where nothing can compare versions.
-    """
-
-    name: str
-    version: str | None
-    extra: str | None
-    wanted: str
-    fits: bool | None
+    name: str  # On the package index
+    version: str | None  # What is installed
+    extra: str | None  # The optional extra it belongs to
+    wanted: str  # The versions that will do, such as ``">=2.0"``
+    fits: bool | None  # Whether the installed version is one of them
 
 
 def dependencies(requirements: Iterable[str] | None = None) -> Iterator[Dependency]:
-    """Yield what is asked for, extras included, each package once per extra.
-
-    Parameters
-    ----------
-    requirements : iterable of str, optional
-        As package metadata lists them; percept's own by default.
-
-    Yields
-    ------
-    Dependency
-    """
+    """Yield what is asked for, extras included, each package once per extra."""
     for line in requirements if requirements is not None else metadata.requires("percept") or ():
         requirement, _, marker = line.partition(";")
         parts = re.match(r"\s*([\w.-]+)\s*(?:\[[^\]]*\])?\s*\(?([^)]*)\)?", requirement)

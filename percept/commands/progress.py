@@ -10,22 +10,12 @@ from typing import TYPE_CHECKING, Any, Self
 if TYPE_CHECKING:
     from percept.inference.sampling.run import Progress
 
-__all__ = ["Working"]
-
 _WAIT = 2.0  # seconds before anything is shown
 _WIDE = 80  # columns that leave room for a bar beside the words
 
 
 class Working:
-    """Shows that a command is at work, after two seconds, and how far its sampler is.
-
-    Parameters
-    ----------
-    what : str
-        What it does, shown until the sampler has something to say.
-    shown : bool
-        Whether to show anything; never without a terminal on standard error.
-    """
+    """Shows that a command is at work, after two seconds, and how far its sampler is."""
 
     def __init__(self, what: str, *, shown: bool) -> None:
         self._shown = shown and sys.stderr.isatty()

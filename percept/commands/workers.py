@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-__all__ = ["add_worker_arguments"]
-
 
 def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
     """Add `--workers` and `--scheduler`, as `percept.workers.open_mapper` takes them."""

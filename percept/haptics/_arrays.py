@@ -20,24 +20,7 @@ SHORTEST_PERIOD = 1e-100
 
 
 def real_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
-    """Return `value` as finite doubles, or say what is wrong with it.
-
-    Parameters
-    ----------
-    value : array_like
-        Real numbers; text, booleans, NaN and infinities are refused.
-    name, unit : str
-        How messages call the quantity and its unit.
-
-    Returns
-    -------
-    ndarray of float64
-
-    Raises
-    ------
-    UsageError
-        For anything but finite real numbers of magnitude up to 1e100, unmasked, in rows of one length.
-    """
+    """Return `value` as finite doubles, or say what is wrong with it."""
     array = _numbers(value, name)
     if array.dtype.kind not in "iuf":
         raise UsageError(f"{name} must be real numbers in {unit}, not {array.dtype}.", value=value)
@@ -75,13 +58,7 @@ def nonnegative_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
 
 
 def complex_array(value: ArrayLike, name: str) -> ComplexArray:
-    """Return `value` as a read-only copy of complex doubles, infinite where a limit is.
-
-    Raises
-    ------
-    UsageError
-        For anything but numbers, and for NaN.
-    """
+    """Return `value` as a read-only copy of complex doubles, infinite where a limit is."""
     array = _numbers(value, name)
     if array.dtype.kind not in "iufc":
         raise UsageError(f"{name} must be complex numbers, not {array.dtype}.", value=value)

@@ -24,20 +24,7 @@ _STEPS = 60
 
 
 def local_minima(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
-    """Return where `function` has a local minimum, one place for each dip seen on an increasing grid.
-
-    Parameters
-    ----------
-    function : callable
-        Takes and returns an array of shape (n,).
-    grid : ndarray, shape (n,)
-        Increasing.
-
-    Returns
-    -------
-    ndarray
-        Places within the grid's range.
-    """
+    """Return where `function` has a local minimum, one place for each dip seen on an increasing grid."""
     seen = function(grid)
     padded = np.concatenate([[np.inf], seen, [np.inf]])
     dips = np.flatnonzero((seen <= padded[:-2]) & (seen <= padded[2:]) & np.isfinite(seen))
@@ -83,22 +70,7 @@ def wide_section(
 def stationary_points(
     slopes: Callable[[IntArray, FloatArray], tuple[FloatArray, FloatArray]], seen: FloatArray, reach: float
 ) -> FloatArray:
-    """Return a minimum within `reach` of each place `seen`, by Newton's method kept inside its bracket.
-
-    Parameters
-    ----------
-    slopes : callable
-        Given which minima are looked for, shape (n,), and where, the function's first and second derivative.
-    seen : ndarray, shape (N,)
-        Where the function is about lowest.
-    reach : float
-        Half the width of the brackets.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        Where the derivative vanishes; `seen` where it does so from the start.
-    """
+    """Return a minimum within `reach` of each place `seen`, by Newton's method kept inside its bracket."""
     place, low, high = seen.copy(), seen - reach, seen + reach
     left = np.arange(seen.size)
     for _ in range(_STEPS):

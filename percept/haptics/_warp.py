@@ -21,39 +21,19 @@ _NYQUIST_SLACK = 4 * float(np.spacing(np.pi))
 
 @dataclass(frozen=True)
 class Held:
-    """The hold's gain g and its products with Ω, each with its limit at DC and Nyquist.
+    """The hold's gain g and its products with Ω, each with its limit at DC and Nyquist."""
 
-    Attributes
-    ----------
-    gain : ndarray
-        g = abs(ZOH): cos(θ/2) for the averaging hold of Eq. 8, sin(θ/2)/(θ/2) for the true one.
-    rate : ndarray
-        g·Ω, rad/s. Infinite at Nyquist for the true hold only.
-    per_rate : ndarray
-        g/Ω, s/rad. Infinite at DC.
-    """
-
-    gain: FloatArray
-    rate: FloatArray
-    per_rate: FloatArray
+    gain: FloatArray  # g = abs(ZOH): cos(θ/2) for the averaging hold of Eq
+    rate: FloatArray  # g·Ω, rad/s
+    per_rate: FloatArray  # g/Ω, s/rad
 
 
 @dataclass(frozen=True)
 class Warp:
-    """Angles of a set of ω under sampling with period T, h = ωT/2.
+    """Angles of a set of ω under sampling with period T, h = ωT/2."""
 
-    Attributes
-    ----------
-    omega : ndarray
-        rad/s; negative values stand for the conjugate.
-    period : float
-        T, s.
-    half, sin, cos : ndarray
-        h, sin h and cos h; cos h is exactly 0 at Nyquist.
-    """
-
-    omega: FloatArray
-    period: float
+    omega: FloatArray  # rad/s
+    period: float  # T, s
     half: FloatArray
     sin: FloatArray
     cos: FloatArray
@@ -87,20 +67,7 @@ class Warp:
 
 
 def warp(omega: ArrayLike, period: float) -> Warp:
-    """Check ω and T and return their angles.
-
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, −π/T to π/T; ωT within 4 ulp of π is Nyquist itself, below 1e-100 it is DC.
-    period : float
-        T, s.
-
-    Raises
-    ------
-    UsageError
-        Where the period is not positive, or an ω is not finite or lies above Nyquist.
-    """
+    """Check ω and T and return their angles."""
     period = checked_period(period)
     omega = real_array(omega, "omega", "rad/s")
     theta = omega * period

@@ -15,8 +15,6 @@ from percept.haptics.parameters import Coupling, Environment
 from percept.haptics.response import FrequencyResponse
 from percept.notebook import NotebookRecord
 
-__all__ = ["EffectiveImpedance", "effective_impedance", "velocity_ratio"]
-
 
 @dataclass(frozen=True, eq=False)
 class EffectiveImpedance(NotebookRecord):

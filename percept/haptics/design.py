@@ -21,15 +21,6 @@ from percept.haptics.parameters import AnyDevice
 from percept.haptics.stability import demands
 from percept.notebook import NotebookRecord
 
-__all__ = [
-    "BestDamping",
-    "StableRegion",
-    "best_coupling_damping",
-    "max_coupling_stiffness",
-    "max_coupling_stiffness_at",
-    "stable_region",
-]
-
 # β/b of the cheapest coupling: where ∂K/∂β = 0, β² − 5.5·bβ − 2b² = 0.
 _CHEAPEST = (11 + np.sqrt(153)) / 4
 # b_c/b up to which the limit is set at DC under the backward difference (β = 5b there).

@@ -13,8 +13,6 @@ from percept.haptics._warp import warp
 from percept.haptics.parameters import AnyDevice
 from percept.haptics.perceived import distance_axes
 
-__all__ = ["magnitude_envelope_ellipse"]
-
 _STEPS = 80
 
 
@@ -83,31 +81,15 @@ def magnitude_envelope_ellipse(
 
 @dataclass(frozen=True)
 class PlaneEllipse:
-    """An ellipse of (k, b) as Z_h·e^{jh} in the complex plane.
+    """An ellipse of (k, b) as Z_h·e^{jh} in the complex plane."""
 
-    Attributes
-    ----------
-    centre : pair of ndarray
-        Real and imaginary part, N·s/m; where `far`, only the signs of what is infinite.
-    images : triple of ndarray
-        p1, p2, q1: the ellipse is centre + [[p1, p2], [q1, 0]]·(unit disc), N·s/m.
-    far, at_dc : ndarray of bool
-        Where a mass term is infinite; where ω is 0, the centre and images being of no use there.
-    across : ndarray
-        Real part that the device alone contributes, N·s/m.
-    chord : pair of float or None
-        Lowest and highest b of the ellipse at k = 0, N·s/m.
-    stiffness : pair of float
-        Centre and half-width in k, N/m.
-    """
-
-    centre: tuple[FloatArray, FloatArray]
+    centre: tuple[FloatArray, FloatArray]  # Real and imaginary part, N·s/m
     images: tuple[FloatArray, FloatArray, FloatArray]
     far: BoolArray
     at_dc: BoolArray
-    across: FloatArray
-    chord: tuple[float, float] | None
-    stiffness: tuple[float, float]
+    across: FloatArray  # Real part that the device alone contributes, N·s/m
+    chord: tuple[float, float] | None  # Lowest and highest b of the ellipse at k = 0, N·s/m
+    stiffness: tuple[float, float]  # Centre and half-width in k, N/m
 
 
 def plane_ellipse(

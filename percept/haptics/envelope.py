@@ -11,8 +11,6 @@ from percept.haptics._warp import checked_period, warp
 from percept.haptics.parameters import AnyDevice, Device
 from percept.haptics.perceived import distance_axes, perceived_magnitude
 
-__all__ = ["corner_crossings", "corner_curves", "magnitude_envelope"]
-
 Limits = tuple[ArrayLike, ArrayLike]
 
 

@@ -11,8 +11,6 @@ from percept.haptics._arrays import FloatArray
 from percept.haptics._search import local_minima
 from percept.haptics.parameters import AnyDevice, Device, TabulatedDevice
 
-__all__ = ["covers_range", "dips_and_peaks", "search_grid"]
-
 _COVERED = 1e-3
 """A table may leave out this share of the range up to Nyquist at either end."""
 # Nearer to an end of a range, as a share of it, a minimum is the end itself.

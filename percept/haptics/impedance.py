@@ -10,8 +10,6 @@ from percept.haptics._series import Element, reactance, series
 from percept.haptics._warp import Warp, warp
 from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment, TabulatedDevice
 
-__all__ = ["coupling_admittance", "coupling_impedance", "device_impedance", "environment_impedance", "hold"]
-
 DISCRETIZATIONS = ("tustin", "backward")
 
 

@@ -20,8 +20,6 @@ from percept.haptics.poles import network_poles
 from percept.haptics.stability import required_damping, stability_margin
 from percept.notebook import NotebookRecord
 
-__all__ = ["AbsoluteStability", "TwoPort", "absolute_stability", "llewellyn", "two_port"]
-
 ROUNDING = 1e-12
 """How near to 1 a margin, or the modulus of a pole, counts as on the limit."""
 

@@ -16,8 +16,6 @@ from percept.haptics.ellipse import checked_centre, checked_factor
 from percept.haptics.parameters import AnyDevice
 from percept.haptics.perceived import distance_axes
 
-__all__ = ["magnitude_envelope_log_ellipse"]
-
 IntArray: TypeAlias = NDArray[np.intp]
 
 _CELLS, _PER_CELL = 72, 5

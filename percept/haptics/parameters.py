@@ -19,8 +19,6 @@ from percept.haptics._arrays import (
     stored,
 )
 
-__all__ = ["AnyDevice", "Coupling", "Device", "Environment", "Mode", "TabulatedDevice", "refuse_arrays"]
-
 _UNITS = {"stiffness": "N/m", "damping": "N·s/m", "mass": "kg"}
 
 

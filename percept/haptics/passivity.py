@@ -8,8 +8,6 @@ from percept.haptics._arrays import FloatArray, one_of
 from percept.haptics._warp import checked_period
 from percept.haptics.parameters import Environment
 
-__all__ = ["passivity_damping"]
-
 MODELS = ("colgate", "tustin")
 
 

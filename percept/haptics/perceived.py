@@ -16,8 +16,6 @@ from percept.haptics.coupled import through_coupling
 from percept.haptics.impedance import device_parts, rotated_device
 from percept.haptics.parameters import AnyDevice, Coupling, Environment
 
-__all__ = ["perceived_impedance", "perceived_magnitude"]
-
 # Elements handled at once by `perceived_magnitude`: its scratch stays in the cache, whatever the request.
 _BLOCK = 1 << 14
 # Sums of squares between these have lost nothing to underflow, and overflow nowhere.

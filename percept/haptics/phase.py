@@ -11,8 +11,6 @@ from percept.haptics.ellipse import PlaneEllipse, plane_ellipse
 from percept.haptics.envelope import Limits, plane_box
 from percept.haptics.parameters import AnyDevice
 
-__all__ = ["phase_envelope", "phase_envelope_ellipse"]
-
 
 def phase_envelope(
     omega: ArrayLike,

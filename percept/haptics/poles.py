@@ -8,8 +8,6 @@ from percept.haptics._arrays import ComplexArray
 from percept.haptics.impedance import tustin_damping
 from percept.haptics.parameters import AnyDevice, Coupling, TabulatedDevice
 
-__all__ = ["network_poles"]
-
 
 def network_poles(
     device: AnyDevice, coupling: Coupling, period: float, discretization: str

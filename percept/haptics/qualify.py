@@ -27,14 +27,6 @@ from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment,
 from percept.haptics.stability import demands
 from percept.notebook import NotebookRecord
 
-__all__ = [
-    "CouplingDesign",
-    "EnvironmentBoundary",
-    "QualifyingRegion",
-    "design_couplings",
-    "qualifying_region",
-]
-
 # An edge is pulled inside by this much, so that the coupling returned passes the test it came from.
 _INSIDE = 1e-11
 
@@ -234,18 +226,12 @@ class _Walls:
     """What one boundary asks at each ω.
 
     With Z_c = b_c + k_c·ζ, Z_h_vc = (Z_dZ_e + Z_cZ_h)/(Z_e + Z_c): both are linear in k_c.
-
-    Attributes
-    ----------
-    z_e, z_h, uncoupled, zeta : ndarray of complex, shape (n,)
-        Z_e and Z_h, N·s/m; Z_dZ_e, (N·s/m)²; ζ, s.
-    boundary : EnvironmentBoundary
     """
 
-    z_e: ComplexArray
-    z_h: ComplexArray
-    uncoupled: ComplexArray
-    zeta: ComplexArray
+    z_e: ComplexArray  # (n,)
+    z_h: ComplexArray  # (n,)
+    uncoupled: ComplexArray  # (n,)
+    zeta: ComplexArray  # (n,)
     boundary: EnvironmentBoundary
 
     @classmethod

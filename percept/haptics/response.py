@@ -10,8 +10,6 @@ from percept.errors import UsageError
 from percept.haptics._arrays import ComplexArray, FloatArray, complex_array, times
 from percept.haptics._warp import warp
 
-__all__ = ["FrequencyResponse"]
-
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:

@@ -13,8 +13,6 @@ from percept.haptics.impedance import device_parts, tustin_damping
 from percept.haptics.parameters import AnyDevice, Coupling
 from percept.notebook import NotebookRecord
 
-__all__ = ["RequiredDamping", "coupling_bound", "required_damping", "required_damping_at", "stability_margin"]
-
 
 @dataclass(frozen=True)
 class RequiredDamping(NotebookRecord):

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 if TYPE_CHECKING:
     from percept.inference.intervals import Interval
 
-__all__ = ["coverage_sentence", "percent"]
-
 _AVERAGE = {
     "normal": "the average user's value",
     "lognormal": "the typical user's value (the geometric mean of all users)",
@@ -21,20 +19,7 @@ _WHERE = {"both": "between the limits", "lower": "above the lower limit", "upper
 
 
 def percent(probability: ArrayLike, digits: int = 15) -> str:
-    """Write a probability as a percentage, an array as its range.
-
-    Parameters
-    ----------
-    probability : array_like
-        One or more probabilities.
-    digits : int
-        Significant digits at most. A probability below 1 is never rounded up to 100 %.
-
-    Returns
-    -------
-    str
-        ``"99 %"`` or ``"37.6 % to 64.7 %"``.
-    """
+    """Write a probability as a percentage, an array as its range."""
     values = np.asarray(probability, dtype=float)
     low, high = (_percentage(float(v), digits) for v in (values.min(), values.max()))
     return f"{low} %" if low == high else f"{low} % to {high} %"

@@ -12,8 +12,6 @@ from percept.errors import UsageError
 from percept.inference.covers import coverage_sentence
 from percept.notebook import fields_html
 
-__all__ = ["Family", "FloatOrArray", "Interval", "Joint", "Kind", "Method", "Side"]
-
 Kind: TypeAlias = Literal["mean", "user", "share"]
 Method: TypeAlias = Literal["classical", "bayesian"]
 Family: TypeAlias = Literal["normal", "lognormal", "free"]

@@ -13,8 +13,6 @@ from percept.inference.covers import percent
 from percept.inference.intervals import Family, Interval, Joint, Kind, Method
 from percept.notebook import NotebookRecord
 
-__all__ = ["EllipseRegion", "RectangleRegion"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class RectangleRegion(NotebookRecord):

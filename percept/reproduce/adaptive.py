@@ -21,8 +21,6 @@ from percept.haptics import (
 )
 from percept.reproduce.published import THEORETICAL, Published
 
-__all__ = ["Adapted", "TradeOff", "adapted_couplings", "next_user_boundaries", "trade_off"]
-
 FloatArray = NDArray[np.float64]
 
 _POINTS = 31
@@ -34,67 +32,29 @@ _DIGITS = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """The couplings that suit each environment on one device, and the one for all, if there is one.
-
-    Attributes
-    ----------
-    device : Device
-    design : CouplingDesign
-        In the order of Table 1.
-    static : tuple of bool
-        By environment, whether the paper's tuned coupling is among them.
-    """
+    """The couplings that suit each environment on one device, and the one for all, if there is one."""
 
     device: Device
-    design: CouplingDesign
-    static: tuple[bool, ...]
+    design: CouplingDesign  # In the order of Table 1
+    static: tuple[bool, ...]  # By environment, whether the paper's tuned coupling is among them
 
 
 @dataclass(frozen=True, eq=False)
 class TradeOff:
-    """Stability against realism: what k_c a device carries, and what k_c feels real.
+    """Stability against realism: what k_c a device carries, and what k_c feels real."""
 
-    Attributes
-    ----------
-    damping : ndarray, shape (n,)
-        b_d, N·s/m.
-    stiffest : ndarray, shape (n,)
-        Largest stable k_c at the best b_c, N/m.
-    softest : ndarray, shape (environments, n)
-        Smallest stable k_c that keeps each environment inside its boundary, N/m; NaN where there is none.
-    least : tuple of float
-        Smallest b_d with which each environment has a coupling, N·s/m; inf where none was found.
-    least_common : float
-        Smallest b_d with which one coupling suits all.
-    static : float
-        The b_d that the paper's tuned coupling needs, N·s/m.
-    """
-
-    damping: FloatArray
-    stiffest: FloatArray
-    softest: FloatArray
-    least: tuple[float, ...]
-    least_common: float
-    static: float
+    damping: FloatArray  # (n,) b_d, N·s/m
+    stiffest: FloatArray  # (n,) Largest stable k_c at the best b_c, N/m
+    softest: FloatArray  # Smallest stable k_c that keeps each environment inside its boundary, N/m
+    least: tuple[float, ...]  # Smallest b_d with which each environment has a coupling, N·s/m
+    least_common: float  # Smallest b_d with which one coupling suits all
+    static: float  # The b_d that the paper's tuned coupling needs, N·s/m
 
 
 def next_user_boundaries(
     published: Published, device: Device, omega: FloatArray
 ) -> tuple[EnvironmentBoundary, ...]:
-    """Return the next user's boundary of each environment: prediction interval, exact envelope.
-
-    Parameters
-    ----------
-    published : Published
-    device : Device
-    omega : ndarray, shape (n,)
-        rad/s.
-
-    Returns
-    -------
-    tuple of EnvironmentBoundary
-        Of the scene's family.
-    """
+    """Return the next user's boundary of each environment: prediction interval, exact envelope."""
     return tuple(
         EnvironmentBoundary(wall.environment, *magnitude_envelope(omega, device, k, b, published.period))
         for wall, (k, b) in zip(published.walls, published.next_user, strict=True)
@@ -102,19 +62,7 @@ def next_user_boundaries(
 
 
 def adapted_couplings(published: Published, *, points: int = 61) -> Adapted:
-    """Return the couplings that qualify on the device Fig. 4 implies.
-
-    Parameters
-    ----------
-    published : Published
-    points : int
-        Frequencies over the perceivable range.
-
-    Returns
-    -------
-    Adapted
-        For the scene's mass, and the damping with which the theoretical coupling is just stable.
-    """
+    """Return the couplings that qualify on the device Fig. 4 implies."""
     damping = float(required_damping(THEORETICAL, published.period).damping)
     device = Device(published.device.mass, damping)
     omega = published.omega(points)
@@ -131,17 +79,7 @@ def adapted_couplings(published: Published, *, points: int = 61) -> Adapted:
 
 
 def trade_off(published: Published) -> TradeOff:
-    """Return what stability allows and what realism asks for, over the damping of the device.
-
-    Parameters
-    ----------
-    published : Published
-
-    Returns
-    -------
-    TradeOff
-        For the scene's mass.
-    """
+    """Return what stability allows and what realism asks for, over the damping of the device."""
     best = best_coupling_damping(1.0, published.period)
     per_stiffness, per_damping = float(best.device_damping), float(best.coupling_damping)
     stiffest = _DAMPINGS / per_stiffness

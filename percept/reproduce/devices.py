@@ -11,18 +11,6 @@ from numpy.typing import NDArray
 from percept.haptics import Coupling, Device, corner_curves, magnitude_envelope, perceived_impedance
 from percept.reproduce.published import Published, Wall
 
-__all__ = [
-    "DAMPINGS",
-    "MASSES",
-    "Curves",
-    "Panel",
-    "curves",
-    "environments_inside",
-    "largest",
-    "over_devices",
-    "panels",
-]
-
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -36,43 +24,17 @@ _RANGE = 31
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """The four curves of a panel of Fig. 7, N·s/m, over ω on the last axis.
+    """The four curves of a panel of Fig. 7, N·s/m, over ω on the last axis."""
 
-    Attributes
-    ----------
-    omega : ndarray, shape (n,)
-        rad/s.
-    lower, upper : ndarray, shape (..., n)
-        The two corner curves, the smaller and the larger of them at each ω.
-    direct, coupled : ndarray, shape (..., n)
-        abs(Z_h) and abs(Z_h_vc) of the reference.
-    """
-
-    omega: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    direct: FloatArray
-    coupled: FloatArray
+    omega: FloatArray  # (n,) rad/s
+    lower: FloatArray  # (..., n)
+    upper: FloatArray  # (..., n)
+    direct: FloatArray  # (..., n)
+    coupled: FloatArray  # (..., n)
 
 
 def curves(omega: FloatArray, device: Device, wall: Wall, coupling: Coupling, period: float) -> Curves:
-    """Return the curves of a panel for one device, or an array of them.
-
-    Parameters
-    ----------
-    omega : ndarray, shape (n,)
-        rad/s.
-    device : Device
-        Its mass and damping of one shape (...), kg and N·s/m.
-    wall : Wall
-    coupling : Coupling
-    period : float
-        Sampling period T, s.
-
-    Returns
-    -------
-    Curves
-    """
+    """Return the curves of a panel for one device, or an array of them."""
     each = Device(np.asarray(device.mass)[..., None], np.asarray(device.damping)[..., None])
     at_low, at_high = corner_curves(omega, each, wall.stiffness, wall.damping, period)
     return Curves(
@@ -99,25 +61,12 @@ def _either_side(found: Curves) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """An enlarged panel of Fig. 7 and what the paper reads off it.
+    """An enlarged panel of Fig. 7 and what the paper reads off it."""
 
-    Attributes
-    ----------
-    name : str
-        "7b", "7d" or "7f".
-    says : str
-        The statement, in a few words.
-    wall : Wall
-    window : tuple of float
-        rad/s.
-    true_of : callable
-        From `Curves` to whether the statement holds at every ω of the window.
-    """
-
-    name: str
-    says: str
+    name: str  # "7b", "7d" or "7f"
+    says: str  # The statement, in a few words
     wall: Wall
-    window: tuple[float, float]
+    window: tuple[float, float]  # rad/s
     true_of: Callable[[Curves], BoolArray]
 
 
@@ -142,21 +91,7 @@ def over_devices(
     *,
     omega: FloatArray | None = None,
 ) -> BoolArray:
-    """Say for which devices a panel's statement is true over its window.
-
-    Parameters
-    ----------
-    published : Published
-    panel : Panel
-    mass, damping : ndarray
-        kg and N·s/m, of shapes that broadcast to (...).
-    omega : ndarray, shape (n,), optional
-        rad/s, in place of the window.
-
-    Returns
-    -------
-    ndarray of bool, shape (...)
-    """
+    """Say for which devices a panel's statement is true over its window."""
     mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
     if omega is None:
         omega = np.linspace(*panel.window, _POINTS)
@@ -165,20 +100,7 @@ def over_devices(
 
 
 def environments_inside(published: Published, mass: FloatArray, damping: FloatArray) -> IntArray:
-    """Count the environments that feel real through the tuned coupling, by device.
-
-    Parameters
-    ----------
-    published : Published
-    mass, damping : ndarray
-        kg and N·s/m, of shapes that broadcast to (...).
-
-    Returns
-    -------
-    ndarray of int, shape (...)
-        How many references stay inside the next user's boundary (prediction interval of the scene's family,
-        exact envelope) at every ω of the perceivable range.
-    """
+    """Count the environments that feel real through the tuned coupling, by device."""
     mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
     device, omega = Device(mass[..., None], damping[..., None]), published.omega(_RANGE)
     count = np.zeros(mass.shape, dtype=np.int64)
@@ -192,21 +114,7 @@ def environments_inside(published: Published, mass: FloatArray, damping: FloatAr
 
 
 def largest(true_at: Callable[[FloatArray], BoolArray], candidates: FloatArray) -> float | None:
-    """Return where a statement stops being true, on a rising scale.
-
-    Parameters
-    ----------
-    true_at : callable
-        From values, shape (n,), to whether the statement is true of each.
-    candidates : ndarray, shape (m,)
-        Positive, increasing.
-
-    Returns
-    -------
-    float or None
-        The largest value at which it is true, to 12 digits; inf where it is true of the last candidate, None
-        where it is true of none.
-    """
+    """Return where a statement stops being true, on a rising scale."""
     true = true_at(candidates)
     if not true.any():
         return None

@@ -21,8 +21,6 @@ from percept.reproduce.claims.limits import limits_printed
 from percept.reproduce.published import Published
 from percept.study.units import UNITS
 
-__all__ = ["SCHEMA", "build_document", "claims_csv", "table_csv"]
-
 SCHEMA = "percept-reproduction/1"
 
 #: Statements of the paper that its published numbers cannot decide, and why.
@@ -47,24 +45,7 @@ _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
 def build_document(
     published: Published, claims: Sequence[Claim], adapted: Adapted, trade: TradeOff
 ) -> dict[str, Any]:
-    """Put everything together as plain values.
-
-    Parameters
-    ----------
-    published : Published
-    claims : sequence of Claim
-    adapted : Adapted
-    trade : TradeOff
-
-    Returns
-    -------
-    dict
-        ``schema``, ``provenance``, ``counts`` (claims by verdict), ``claims``, ``table`` (Table 1 again, with
-        the limits for the next user and for a share of all), ``future`` (per environment the softest and the
-        stiffest coupling that qualify, whether the tuned one does, and the least device damping), and
-        ``unjudged``.
-        Units are N/m, N·s/m, kg, rad/s.
-    """
+    """Put everything together as plain values."""
     verdicts = [claim.verdict for claim in claims]
     document = {
         "schema": SCHEMA,
@@ -151,16 +132,7 @@ def _future(published: Published, adapted: Adapted, trade: TradeOff) -> dict[str
 
 
 def claims_csv(claims: Sequence[Claim]) -> str:
-    """Return the claims as CSV: one row each, its numbers with all their digits.
-
-    Parameters
-    ----------
-    claims : sequence of Claim
-
-    Returns
-    -------
-    str
-    """
+    """Return the claims as CSV: one row each, its numbers with all their digits."""
     columns = ("number", "name", "place", "paper", "verdict", "condition", "finding")
     rows: list[tuple[str, ...]] = [(*columns, "margin_name", "margin", "margin_unit", "numbers", "source")]
     for number, claim in enumerate(claims, start=1):
@@ -181,17 +153,7 @@ def claims_csv(claims: Sequence[Claim]) -> str:
 
 
 def table_csv(document: dict[str, Any]) -> str:
-    """Return Table 1 as CSV: printed limits, percept's, and those for the next user and a share of all.
-
-    Parameters
-    ----------
-    document : dict
-        As `build_document` returns it.
-
-    Returns
-    -------
-    str
-    """
+    """Return Table 1 as CSV: printed limits, percept's, and those for the next user and a share of all."""
     columns = list(document["table"][0])[:-2]
     rows: list[tuple[str, ...]] = [(*columns, "user_lower", "user_upper", "share_lower", "share_upper")]
     for row in document["table"]:

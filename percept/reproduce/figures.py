@@ -34,8 +34,6 @@ from percept.reproduce.adaptive import Adapted, TradeOff
 from percept.reproduce.devices import DAMPINGS, MASSES, over_devices
 from percept.reproduce.published import THEORETICAL, Published, Wall
 
-__all__ = ["drawings"]
-
 _PAIR = (86.0, 72.0)
 _WIDE = (0.1, 1000.0)  # rad/s; the paper's axes reach past the device's resonances at 300
 _POINTS = 241
@@ -45,18 +43,7 @@ _ANY = 5.0  # N/m; what is drawn where every positive stiffness will do
 
 
 def drawings(published: Published, adapted: Adapted, trade: TradeOff) -> list[Drawing]:
-    """Return every figure of the page; nothing is drawn yet.
-
-    Parameters
-    ----------
-    published : Published
-    adapted : Adapted
-    trade : TradeOff
-
-    Returns
-    -------
-    list of Drawing
-    """
+    """Return every figure of the page; nothing is drawn yet."""
     found = [_fig4(published), _fig5(published)]
     for panel, wide in zip(devices.panels(published), ("a", "c", "e"), strict=True):
         found.append(_fig7_wide(published, panel.wall, wide))

@@ -12,8 +12,6 @@ from percept.report.rendering import Plate
 from percept.report.standalone import render_standalone
 from percept.reproduce.claims import Claim
 
-__all__ = ["render"]
-
 _SECTIONS = (
     ("verdicts", "Verdicts"),
     ("table", "Table 1"),
@@ -29,24 +27,7 @@ _SECTIONS = (
 def render(
     document: Mapping[str, Any], claims: Sequence[Claim], plates: Mapping[str, Plate], *, date: str
 ) -> str:
-    """Render the page.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.reproduce.document.build_document` returns it.
-    claims : sequence of Claim
-        Those of the document.
-    plates : mapping of str to Plate
-        The figures, by name.
-    date : str
-        Printed at the head.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Render the page."""
     return render_standalone(
         "percept.reproduce",
         "reproduction.html.j2",

@@ -16,17 +16,6 @@ from percept.inference import Moments, prediction_interval
 from percept.scene import Scene
 from percept.simulate import PublishedLimits, read_summary
 
-__all__ = [
-    "ENOUGH_SUBJECTS",
-    "LOOKED_AT",
-    "TEXT_REFERENCES",
-    "THEORETICAL",
-    "Published",
-    "Wall",
-    "dataset",
-    "load_published",
-]
-
 #: Section 2.3: the coupling the theory gave, k_c in N/m and b_c in N·s/m (Eq. 6).
 THEORETICAL = Coupling(110e3, 100.0)
 #: Section 3.1: so many subjects are said to represent everybody.

@@ -11,8 +11,6 @@ from percept.report.plain import dumps
 from percept.reproduce.claims import Claim, judge_all
 from percept.reproduce.published import Published
 
-__all__ = ["PAGE", "Written", "write_reproduction"]
-
 PAGE = "reproduction.html"
 
 

@@ -26,8 +26,6 @@ from percept.sessions.part import Part
 from percept.sessions.read import never_named
 from percept.sessions.records import Notice, Source
 
-__all__ = ["CellSums", "Reduced"]
-
 _TRIALS = 1 << 31
 # Three numbers share 63 bits: two million ids of each kind.
 _BITS = 21
@@ -65,15 +63,7 @@ class Reduced:
 
 
 class CellSums:
-    """Accumulators over blocks: means and scatters, the trials seen, the references.
-
-    Parameters
-    ----------
-    family : {"lognormal", "normal"}
-        Scale of the responses.
-    options : ReadOptions
-        Declared references, and what becomes of unfinished subjects.
-    """
+    """Accumulators over blocks: means and scatters, the trials seen, the references."""
 
     def __init__(self, family: str, options: ReadOptions) -> None:
         self.family = family

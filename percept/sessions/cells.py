@@ -9,8 +9,6 @@ from typing import Any
 
 from percept.sessions.numbers import is_missing
 
-__all__ = ["CellError", "NoKeyError", "pick"]
-
 _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
 
 
@@ -27,27 +25,7 @@ class NoKeyError(CellError):
 
 
 def pick(cell: str, path: str) -> str:
-    """Pick one value from a JSON cell.
-
-    Parameters
-    ----------
-    cell : str
-        A JSON object or list, or a Python list of numbers; it is parsed as data, never evaluated.
-    path : str
-        Names and positions separated by dots: "k", "slider.0", "-1".
-
-    Returns
-    -------
-    str
-        The value as it was written; "" where the cell or the value says there is none.
-
-    Raises
-    ------
-    NoKeyError
-        A record on the path lacks the next key.
-    CellError
-        The cell is no JSON, names one key twice, or ends before the path does.
-    """
+    """Pick one value from a JSON cell."""
     if is_missing(cell):
         return ""
     text = _NUMPY.sub(r"\1", cell)

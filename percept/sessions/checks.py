@@ -15,20 +15,6 @@ from percept.sessions.options import IDS
 from percept.sessions.problems import Problems, shown
 from percept.sessions.records import Exclusion, Notice, Source
 
-__all__ = [
-    "check_duplicates",
-    "check_plausible",
-    "check_summary",
-    "count_grid",
-    "drop_unfinished",
-    "look_alikes",
-    "refuse_twin",
-    "repeats_over_sessions",
-    "settle_references",
-    "unit_doubt",
-    "units_of_scene",
-]
-
 Place = Callable[[int], Mapping[str, object]]
 _CELL = [*IDS, "trial"]
 _FAR = 100.0
@@ -41,21 +27,7 @@ def settle_references(
     place: Place,
     problems: Problems,
 ) -> None:
-    """Fill references from the scene, and hold every row of an environment to one reference.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Changed in place.
-    declared : mapping
-        The scene's environments.
-    parameters : iterable of {"k", "b"}
-        Those adjusted.
-    place : callable
-        From a position in `table` to file and row, as keyword arguments of an error.
-    problems : Problems
-        Receives environments without a reference, and references that differ.
-    """
+    """Fill references from the scene, and hold every row of an environment to one reference."""
     codes, names = pd.factorize(table["environment"])
     for p in parameters:
         column = f"{p}_ref"
@@ -89,28 +61,14 @@ def settle_references(
 
 
 def refuse_twin(sources: Iterable[Source], name: str, sha256: str) -> None:
-    """Refuse a file that was read already, under whatever name.
-
-    Raises
-    ------
-    UsageError
-        The bytes are those of one of `sources`.
-    """
+    """Refuse a file that was read already, under whatever name."""
     twin = next((source.name for source in sources if source.sha256 == sha256), None)
     if twin is not None:
         raise UsageError(f"byte for byte the same file as {twin}.", file=name, hint="Leave one of them out.")
 
 
 def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> None:
-    """Find rows that stand twice for one subject, session, environment and trial.
-
-    Parameters
-    ----------
-    table : DataFrame
-        All observations, the index counting from 0.
-    place, problems
-        As `settle_references`.
-    """
+    """Find rows that stand twice for one subject, session, environment and trial."""
     again = table.duplicated(_CELL).to_numpy()
     if not again.any():
         return
@@ -128,20 +86,7 @@ def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> N
 
 
 def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
-    """Notice ids that differ only in leading zeros, case or surrounding space, and padded ids.
-
-    Parameters
-    ----------
-    ids : iterable of str
-        Different ids.
-    what : str
-        What they name, in the singular.
-
-    Returns
-    -------
-    list of Notice
-        They are kept apart.
-    """
+    """Notice ids that differ only in leading zeros, case or surrounding space, and padded ids."""
     same: dict[str, list[str]] = {}
     padded = []
     for name in ids:
@@ -160,18 +105,7 @@ def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
 
 
 def repeats_over_sessions(sessions: npt.ArrayLike) -> list[Notice]:
-    """Notice cells whose trials are from several sessions.
-
-    Parameters
-    ----------
-    sessions : array_like of int
-        Sessions that each subject's trials of an environment are from.
-
-    Returns
-    -------
-    list of Notice
-        What a change of the subject between visits is taken for; none where every cell has one session.
-    """
+    """Notice cells whose trials are from several sessions."""
     counts = np.asarray(sessions)
     several = int((counts > 1).sum())
     if not several:
@@ -246,25 +180,7 @@ def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.fl
 
 
 def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]:
-    """Leave out subjects who lack an environment that others have.
-
-    Parameters
-    ----------
-    table : DataFrame
-        All observations, or a row per subject and environment.
-
-    Returns
-    -------
-    kept : DataFrame
-        Those of the other subjects.
-    exclusions : list of Exclusion
-        One per subject left out.
-
-    Raises
-    ------
-    UsageError
-        Nobody is left.
-    """
+    """Leave out subjects who lack an environment that others have."""
     environments = list(table["environment"].unique())
     seen = table.groupby("subject", sort=False)["environment"].unique()
     lacking = {s: [e for e in environments if e not in set(have)] for s, have in seen.items()}
@@ -284,20 +200,7 @@ def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]
 
 
 def count_grid(table: pd.DataFrame, parameters: Sequence[str]) -> Counter[str]:
-    """Count the observations and the holes of the full subject × environment × trial grid.
-
-    Parameters
-    ----------
-    table : DataFrame
-        All observations.
-    parameters : sequence of {"k", "b"}
-        Those adjusted.
-
-    Returns
-    -------
-    Counter
-        By what is counted, in words.
-    """
+    """Count the observations and the holes of the full subject × environment × trial grid."""
     counts: Counter[str] = Counter({"observations": len(table)})
     if not len(table):
         return counts
@@ -314,15 +217,7 @@ def count_grid(table: pd.DataFrame, parameters: Sequence[str]) -> Counter[str]:
 
 
 def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None:
-    """Check a published table: parameter, order of limits, n, level, units, and one row for each interval.
-
-    Parameters
-    ----------
-    table : DataFrame
-        The columns of `SUMMARY_COLUMNS`.
-    place, problems
-        As `settle_references`.
-    """
+    """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
     rules = (
         ("parameter", ~table["parameter"].isin(["k", "b"]), 'must be "k" or "b".'),
         ("environment", table["environment"].str.strip() == "", "is empty."),

@@ -11,8 +11,6 @@ from percept.errors import UsageError
 from percept.sessions.options import CANONICAL, NUMBERS, SUMMARY, ColumnRule
 from percept.sessions.problems import shown
 
-__all__ = ["Resolution", "Slot", "resolve"]
-
 _WORDS = {
     "subject": "participant participant_id participant_private_id subject_nr subject_id subject_number subj "
     "sub ppid",
@@ -32,40 +30,21 @@ _WIDE = ("{column}_{{environment}}", "{{environment}}_{column}")
 
 @dataclass(frozen=True)
 class Slot:
-    """One set of adjustments in a row: the whole row of a long table, one environment's cells of a wide one.
+    """One set of adjustments in a row: all of a long table, one environment of a wide one."""
 
-    Attributes
-    ----------
-    columns : mapping of str to int
-        From canonical name to a position in the header.
-    environment, trial : str, optional
-        Read from the column names of a wide table.
-    """
-
-    columns: Mapping[str, int]
-    environment: str | None = None
-    trial: str | None = None
+    columns: Mapping[str, int]  # From canonical name to a position in the header
+    environment: str | None = None  # Read from the column names of a wide table
+    trial: str | None = None  # Read from the column names of a wide table
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """What stands where in one header.
-
-    Attributes
-    ----------
-    form : {"trials", "summary"}
-    slots : tuple of Slot
-        One for a long table, one per environment (and trial) for a wide one.
-    rules : mapping of str to ColumnRule
-        The rule each canonical column was found by, with the header's own name.
-    announced : tuple of str
-        Choices that rest on an alias or on a pattern of names.
-    """
+    """What stands where in one header."""
 
     form: str
-    slots: tuple[Slot, ...]
-    rules: Mapping[str, ColumnRule]
-    announced: tuple[str, ...]
+    slots: tuple[Slot, ...]  # One for a long table, one per environment (and trial) for a wide one
+    rules: Mapping[str, ColumnRule]  # The rule each canonical column was found by, with the header's own name
+    announced: tuple[str, ...]  # Choices that rest on an alias or on a pattern of names
 
     @property
     def present(self) -> frozenset[str]:
@@ -74,27 +53,7 @@ class Resolution:
 
 
 def resolve(header: Sequence[str], declared: Mapping[str, ColumnRule], *, file: str) -> Resolution:
-    """Find the canonical columns in a header.
-
-    Parameters
-    ----------
-    header : sequence of str
-        The file's column names.
-    declared : mapping of str to ColumnRule
-        The scene's `[columns]`.
-    file : str
-        For messages.
-
-    Returns
-    -------
-    Resolution
-        It may lack columns; whoever needs them says so.
-
-    Raises
-    ------
-    UsageError
-        A declared column that is not there, two candidates for one column, or a name that stands twice.
-    """
+    """Find the canonical columns in a header."""
     announced: list[str] = []
     found: dict[str, ColumnRule] = {}
     wide: dict[str, ColumnRule] = {}

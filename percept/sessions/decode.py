@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from percept.errors import UsageError
 
-__all__ = ["Decoded", "decode"]
-
 _MARKS = (
     # UTF-32's little-endian mark begins with UTF-16's, so it is looked for first.
     (codecs.BOM_UTF32_LE, "utf-32-le"),
@@ -28,28 +26,7 @@ class Decoded:
 
 
 def decode(data: bytes, *, file: str, encoding: str | None = None) -> Decoded:
-    """Decode a file's bytes without guessing from their statistics.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    file : str
-        Its name, for messages.
-    encoding : str, optional
-        A declared encoding, used strictly and alone; a byte-order mark is dropped, and says which half of the
-        encoding it is where that is left open ("utf-16").
-
-    Returns
-    -------
-    Decoded
-        Without the byte-order mark at its start.
-
-    Raises
-    ------
-    UsageError
-        Bytes that are not text in any of the encodings, or NUL characters.
-    """
+    """Decode a file's bytes without guessing from their statistics."""
     mark, found = next(((m, name) for m, name in _MARKS if data.startswith(m)), (b"", None))
     body = data[len(mark) :]
     name = _settled(encoding, found)

@@ -10,8 +10,6 @@ from percept.errors import UsageError
 from percept.sessions.problems import clip
 from percept.sessions.tokens import Quoting, Records, SplitError, tokenise
 
-__all__ = ["Dialect", "Grid", "read_grid", "split_plain"]
-
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
 _SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
 _FIRST_LINE = re.compile(r"[^\r\n]*")
@@ -29,51 +27,17 @@ class Dialect:
 
 @dataclass(frozen=True)
 class Grid:
-    """A rectangular table of text.
+    """A rectangular table of text."""
 
-    Attributes
-    ----------
-    header : list of str
-        Column names, without surrounding space.
-    cells : list of list of str
-        Data records, each as long as `header`.
-    rows : list of int
-        Physical line of each data record.
-    dialect : Dialect
-    dropped : dict of str to int
-        Records left out as no data, by reason.
-    """
-
-    header: list[str]
-    cells: list[list[str]]
-    rows: list[int]
+    header: list[str]  # Column names, without surrounding space
+    cells: list[list[str]]  # Data records, each as long as `header`
+    rows: list[int]  # Physical line of each data record
     dialect: Dialect
-    dropped: dict[str, int]
+    dropped: dict[str, int]  # Records left out as no data, by reason
 
 
 def read_grid(text: str, *, file: str, delimiter: str | None, resolves: Callable[[list[str]], bool]) -> Grid:
-    """Find the one dialect that fits a text, and split it.
-
-    Parameters
-    ----------
-    text : str
-        The decoded file.
-    file : str
-        Its name, for messages.
-    delimiter : str or None
-        A declared delimiter.
-    resolves : callable
-        Whether a header names the columns a session table needs; it decides between dialects that fit.
-
-    Returns
-    -------
-    Grid
-
-    Raises
-    ------
-    UsageError
-        No dialect fits, naming the first row that breaks the best one; or several fit equally.
-    """
+    """Find the one dialect that fits a text, and split it."""
     first_row = 1
     sep = _SEP_LINE.match(text)
     if sep:
@@ -126,30 +90,7 @@ def _without_marks(text: str) -> str:
 
 
 def split_plain(text: str, header: Sequence[str], *, delimiter: str, file: str, first_row: int) -> Grid:
-    """Split a stretch of a file without quotes, below a header that is known.
-
-    Parameters
-    ----------
-    text : str
-        Whole lines.
-    header : sequence of str
-        The file's header, which the lines are held to.
-    delimiter : str
-        One character.
-    file : str
-        For messages.
-    first_row : int
-        Physical row of the first line.
-
-    Returns
-    -------
-    Grid
-
-    Raises
-    ------
-    UsageError
-        A line with another number of cells.
-    """
+    """Split a stretch of a file without quotes, below a header that is known."""
     records = tokenise(text, delimiter=delimiter, quoting="plain", first_row=first_row)
     cells, rows = [list(header), *records.cells], [1, *records.rows]
     try:

@@ -15,8 +15,6 @@ from percept.sessions.records import Notice
 if TYPE_CHECKING:
     from percept.sessions.records import Sessions
 
-__all__ = ["doubts"]
-
 #: From so many times the median of its environment's adjustments, or as small a part of it, a value is looked
 #: at: a unit's or a digit's slip, and hardly ever a person.
 _FAR = 30.0
@@ -27,20 +25,7 @@ _MOST = 5
 
 
 def doubts(sessions: Sessions) -> tuple[Notice, ...]:
-    """Find what is seldom meant. Nothing is left out: that is for the analyst to declare.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study.
-
-    Returns
-    -------
-    tuple of Notice
-        Values far from all others of their environment, values that have no logarithm, subjects who left a
-        parameter at the reference in two or more trials, and environments a subject did not try. None for
-        published summaries.
-    """
+    """Find what is seldom meant. Nothing is left out: that is for the analyst to declare."""
     if sessions.form != "trials":
         return ()
     found: list[Notice] = []

@@ -9,8 +9,6 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-__all__ = ["Registry", "codes_of", "distinct", "grown"]
-
 
 class Registry:
     """Ids, or packed numbers, numbered in order of first appearance."""
@@ -20,20 +18,7 @@ class Registry:
         self._number: dict[Any, int] = {}
 
     def numbers(self, codes: npt.NDArray[np.integer[Any]], names: Sequence[Any]) -> npt.NDArray[np.int64]:
-        """Return numbers of ids.
-
-        Parameters
-        ----------
-        codes : ndarray of int, shape (n,)
-            Each id as its place in `names`.
-        names : sequence
-            The different ids, in order of first appearance.
-
-        Returns
-        -------
-        ndarray of int, shape (n,)
-            From 0, the same for an id in every block.
-        """
+        """Return numbers of ids."""
         lookup = np.empty(len(names), dtype=np.int64)
         for at, name in enumerate(names):
             lookup[at] = self._number.setdefault(name, len(self.names))

@@ -13,8 +13,6 @@ import numpy.typing as npt
 
 from percept.sessions.problems import Problems
 
-__all__ = ["MISSING", "DecimalMark", "Mark", "decimal_mark", "is_missing", "parse_numbers"]
-
 Mark = Literal[".", ","]
 
 MISSING = frozenset({"", "nan", "na", "null", "none", "-"})
@@ -28,17 +26,10 @@ _WORDS = {".": "point", ",": "comma"}
 
 @dataclass(frozen=True)
 class DecimalMark:
-    """The decimal mark of a file.
-
-    Attributes
-    ----------
-    sign : {".", ","}
-    evidence : str
-        Where cells disagree: how many have this mark, and one of them.
-    """
+    """The decimal mark of a file."""
 
     sign: Mark
-    evidence: str = ""
+    evidence: str = ""  # Where cells disagree: how many have this mark, and one of them
 
 
 def is_missing(cell: str) -> bool:
@@ -54,26 +45,7 @@ def decimal_mark(
     declared: Mark | None,
     problems: Problems,
 ) -> DecimalMark:
-    """Find the decimal mark of a file from all the number cells that are used.
-
-    Parameters
-    ----------
-    columns : sequence of (str, sequence of str)
-        Names and cells of the number columns.
-    rows : sequence of int
-        Physical row of each cell.
-    file : str
-        For messages.
-    declared : {".", ","} or None
-        The mark the scene declares; it is taken as it is.
-    problems : Problems
-        Receives the cells that can be read two ways, where no other cell settles it.
-
-    Returns
-    -------
-    DecimalMark
-        Where cells disagree, that of most of those with one reading; `parse_numbers` refuses the others.
-    """
+    """Find the decimal mark of a file from all the number cells that are used."""
     if declared:
         return DecimalMark(declared)
     commas = _with_mark(",", columns, rows)
@@ -134,28 +106,7 @@ def parse_numbers(
     problems: Problems,
     optional: bool = True,
 ) -> npt.NDArray[np.float64]:
-    """Convert cells to the nearest doubles.
-
-    Parameters
-    ----------
-    cells : sequence of str, shape (n,)
-        Decimal numbers, with or without an exponent; a cell that says "missing" gives NaN.
-    rows : sequence of int, shape (n,)
-        Physical rows, for messages.
-    mark : DecimalMark
-        Of the file.
-    file, column : str
-        For messages.
-    problems : Problems
-        Receives every cell that is neither a number nor missing, or that a double cannot hold.
-    optional : bool, optional
-        Whether messages offer to leave the cell empty.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where missing (and where a problem was found).
-    """
+    """Convert cells to the nearest doubles."""
     out = np.full(len(cells), np.nan)
     pattern = (_POINT if mark.sign == "." else _COMMA).fullmatch
     mend = (

@@ -21,36 +21,11 @@ from percept.sessions.records import Exclusion
 from percept.sessions.summary import read_summary
 from percept.sessions.units import convert
 
-__all__ = ["read_part"]
-
 
 def read_part(
     grid: Grid, *, file: str, options: ReadOptions, named: Mapping[str, str], problems: Problems
 ) -> Part:
-    """Read the observations of one file.
-
-    Parameters
-    ----------
-    grid : Grid
-        Its cells.
-    file : str
-        Its name, for messages.
-    options : ReadOptions
-        How to read it.
-    named : mapping of str to str
-        Ids taken from the file's name.
-    problems : Problems
-        Receives every cell that cannot be read.
-
-    Returns
-    -------
-    Part
-
-    Raises
-    ------
-    UsageError
-        A column that is missing, ambiguous or double.
-    """
+    """Read the observations of one file."""
     resolution = resolve(grid.header, options.columns, file=file)
     part = Part(resolution.form, pd.DataFrame())
     part.counts["rows read"] = len(grid.cells)

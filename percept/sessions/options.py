@@ -11,17 +11,6 @@ from typing import Any, Literal
 from percept.errors import UsageError
 from percept.sessions.units import factor
 
-__all__ = [
-    "CANONICAL",
-    "IDS",
-    "KEPT_COLUMNS",
-    "NUMBERS",
-    "SUMMARY",
-    "ColumnRule",
-    "ExcludeRule",
-    "ReadOptions",
-]
-
 IDS = ("subject", "session", "environment")
 NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 CANONICAL = (*IDS, "trial", *NUMBERS)

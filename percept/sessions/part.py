@@ -14,34 +14,18 @@ from percept.sessions.options import KEPT_COLUMNS, ReadOptions
 from percept.sessions.problems import shown
 from percept.sessions.records import Exclusion, Notice
 
-__all__ = ["Part", "check_columns"]
-
 
 @dataclass
 class Part:
-    """What one file gave.
-
-    Attributes
-    ----------
-    form : {"trials", "summary"}
-    frame : DataFrame
-        The canonical columns, the groups, and `row`, the physical row of each.
-    counts : Counter
-        Rows by what became of them.
-    exclusions, notices : list
-    parameters : set of str
-        "k" and "b" as far as the file has a column of adjustments.
-    declared_units : set of str
-        Columns whose unit was declared.
-    """
+    """What one file gave."""
 
     form: str
-    frame: pd.DataFrame
-    counts: Counter[str] = field(default_factory=Counter)
+    frame: pd.DataFrame  # The canonical columns, the groups, and `row`, the physical row of each
+    counts: Counter[str] = field(default_factory=Counter)  # Rows by what became of them
     exclusions: list[Exclusion] = field(default_factory=list)
     notices: list[Notice] = field(default_factory=list)
     parameters: set[str] = field(default_factory=set)
-    declared_units: set[str] = field(default_factory=set)
+    declared_units: set[str] = field(default_factory=set)  # Columns whose unit was declared
 
 
 def check_columns(
@@ -53,24 +37,7 @@ def check_columns(
     options: ReadOptions,
     named: Mapping[str, str],
 ) -> None:
-    """Hold a header to what the analysis needs, and note in `part` what was found.
-
-    Parameters
-    ----------
-    part : Part
-        Receives notices, declared units and parameters.
-    header : sequence of str
-        The file's column names.
-    resolution : Resolution
-        Where the canonical columns stand.
-    file, options, named
-        The file's name, for messages; how to read it; ids taken from the file's name.
-
-    Raises
-    ------
-    UsageError
-        A column that is missing.
-    """
+    """Hold a header to what the analysis needs, and note in `part` what was found."""
     part.notices += [Notice(text, file) for text in resolution.announced]
     part.declared_units = {c for c, rule in resolution.rules.items() if rule.unit is not None}
     for c in sorted(named.keys() & resolution.present):

@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from percept.errors import UsageError
 
-__all__ = ["Problems", "ReadError", "clip", "shown"]
-
 _SHOWN = 10
 _KEPT = 1000
 

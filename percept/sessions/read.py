@@ -26,8 +26,6 @@ from percept.sessions.sources import Expanded, Input, expand, is_workbook, load,
 from percept.sessions.stream import NotPlain, open_stream
 from percept.sessions.tables import excel_grid, frame_grid, parquet_grid
 
-__all__ = ["never_named", "not_read", "read_grid_of", "read_parts", "read_sessions", "sessions_from_frame"]
-
 
 def read_sessions(
     *paths: str | Path, columns: Mapping[str, Any] | None = None, options: ReadOptions | None = None
@@ -102,27 +100,7 @@ def never_named(options: ReadOptions, present: Collection[str]) -> list[Notice]:
 
 
 def read_parts(file: str, options: ReadOptions) -> tuple[list[Part], list[Source], list[Notice]]:
-    """Read the tables of one file without the checks that need the whole study.
-
-    Parameters
-    ----------
-    file : str
-        Path.
-    options : ReadOptions
-        How to read it.
-
-    Returns
-    -------
-    parts : list of Part
-        Their frames hold `file`, a place in `sources`.
-    sources : list of Source
-    notices : list of Notice
-
-    Raises
-    ------
-    UsageError
-        Everything that cannot be read.
-    """
+    """Read the tables of one file without the checks that need the whole study."""
     study = _Study(options)
     for entry in load(file):
         with study.collecting():
@@ -132,26 +110,7 @@ def read_parts(file: str, options: ReadOptions) -> tuple[list[Part], list[Source
 
 
 def read_grid_of(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid:
-    """Cells of one input, whatever its format.
-
-    Parameters
-    ----------
-    entry : Input
-        Name and bytes.
-    options : ReadOptions
-        Declared encoding, delimiter, sheet and columns.
-    notices : list of Notice
-        Receives what was decided.
-
-    Returns
-    -------
-    Grid
-
-    Raises
-    ------
-    UsageError
-        An input that is no table.
-    """
+    """Cells of one input, whatever its format."""
     file, data = entry.name, entry.data
     refuse_binary(data, file=file)
     if data.startswith(b"PAR1"):

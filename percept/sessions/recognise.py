@@ -6,8 +6,6 @@ import re
 
 from percept.errors import UsageError
 
-__all__ = ["refuse_binary", "refuse_text"]
-
 # Such files show what they are early; the bound keeps the search short.
 _EARLY = 20_000
 
@@ -36,13 +34,7 @@ _TEXT = (
 
 
 def refuse_binary(data: bytes, *, file: str) -> None:
-    """Refuse a binary file that cannot hold a session table.
-
-    Raises
-    ------
-    UsageError
-        With what the file is and what to use in its place.
-    """
+    """Refuse a binary file that cannot hold a session table."""
     if not data:
         raise UsageError("the file is empty.", file=file, hint="Leave it out, or export it again.")
     for pattern, what, hint in _BINARY:
@@ -51,13 +43,7 @@ def refuse_binary(data: bytes, *, file: str) -> None:
 
 
 def refuse_text(text: str, *, file: str) -> None:
-    """Refuse a text file that is a known output of experiment software but no table.
-
-    Raises
-    ------
-    UsageError
-        With what the file is and what to use in its place.
-    """
+    """Refuse a text file that is a known output of experiment software but no table."""
     for pattern, what, hint in _TEXT:
         if pattern.match(text, 0, _EARLY):
             raise UsageError(f"this is {what}.", file=file, hint=hint)

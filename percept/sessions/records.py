@@ -14,8 +14,6 @@ import pandas as pd
 if TYPE_CHECKING:
     from percept.sessions.options import ReadOptions
 
-__all__ = ["SUMMARY_COLUMNS", "TRIAL_COLUMNS", "Exclusion", "Notice", "Sessions", "Source"]
-
 TRIAL_COLUMNS = ("subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj")
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
 

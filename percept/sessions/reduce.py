@@ -16,8 +16,6 @@ from percept.sessions.records import Source
 from percept.sessions.sources import expand, names_from_file
 from percept.sessions.stream import NotPlain, open_stream
 
-__all__ = ["reduce_sessions"]
-
 
 def reduce_sessions(
     *paths: str | Path,

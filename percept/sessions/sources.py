@@ -19,19 +19,6 @@ from typing import NamedTuple
 
 from percept.errors import UsageError
 
-__all__ = [
-    "LIMIT",
-    "Expanded",
-    "Input",
-    "expand",
-    "fitting",
-    "is_pattern",
-    "is_workbook",
-    "load",
-    "may_be_study",
-    "names_from_file",
-]
-
 #: What tells a folder of results from one of sessions.
 _RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "leave_one_out.sha256", "batch.parquet")
 _SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".gz", ".zip", ".parquet", ".xlsx")
@@ -54,43 +41,16 @@ class Input:
 
 
 class Expanded(NamedTuple):
-    """What paths stand for.
+    """What paths stand for."""
 
-    Attributes
-    ----------
-    files : list of str
-        In the order given; those of one folder or pattern sorted by name. A file named twice is taken once.
-    ignored : list of str
-        Files of folders whose suffix is not that of a table.
-    results : list of str
-        Folders below the given ones that percept has filled, whose tables are left out.
-    repeated : int
-        Times a file was named again.
-    """
-
-    files: list[str]
-    ignored: list[str]
-    results: list[str]
-    repeated: int = 0
+    files: list[str]  # In the order given
+    ignored: list[str]  # Files of folders whose suffix is not that of a table
+    results: list[str]  # Folders below the given ones that percept has filled, whose tables are left out
+    repeated: int = 0  # Times a file was named again
 
 
 def expand(paths: Sequence[str | Path]) -> Expanded:
-    """Expand folders and globs to files.
-
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Files, folders (searched below, hidden files left out), glob patterns, or "-" for standard input.
-
-    Returns
-    -------
-    Expanded
-
-    Raises
-    ------
-    UsageError
-        No path, what is no path, a path that does not exist, or a folder or pattern without a table.
-    """
+    """Expand folders and globs to files."""
     if not paths:
         raise UsageError("no file was given.", hint="Name at least one session file or folder.")
     files: dict[str, str] = {}
@@ -172,13 +132,7 @@ def _hidden(path: Path, folder: Path) -> bool:
 
 
 def load(name: str) -> Iterator[Input]:
-    """Read one path; an archive gives its members, in memory only.
-
-    Raises
-    ------
-    UsageError
-        An unreadable file, a broken, encrypted or nested archive, or one that unpacks to more than `LIMIT`.
-    """
+    """Read one path; an archive gives its members, in memory only."""
     try:
         data = sys.stdin.buffer.read() if name == "-" else Path(name).read_bytes()
     except OSError as error:
@@ -271,26 +225,7 @@ def _gunzip(data: bytes, name: str) -> bytes:
 
 
 def names_from_file(path: str, pattern: str | None, *, file: str) -> dict[str, str]:
-    """Ids in a file's name, by the scene's pattern.
-
-    Parameters
-    ----------
-    path : str
-        Path of a file or archive member; its folder and suffixes are left out.
-    pattern : str or None
-        Such as "sub-{subject}_ses-{session}".
-    file : str
-        The name for messages.
-
-    Returns
-    -------
-    dict of str to str
-
-    Raises
-    ------
-    UsageError
-        A name that does not fit, or fits in more than one way.
-    """
+    """Ids in a file's name, by the scene's pattern."""
     if pattern is None:
         return {}
     stem = PurePath(path).name

@@ -34,8 +34,6 @@ from percept.sessions.part import Part, check_columns
 from percept.sessions.problems import Problems
 from percept.sessions.units import convert
 
-__all__ = ["LARGE", "NotPlain", "Stream", "open_stream"]
-
 # Below this a file is read at once: the careful path takes about as long as starting this one.
 LARGE = 4 << 20
 _BLOCK = 8 << 20
@@ -50,20 +48,10 @@ _EXACT: dict[str, Any] = (
 
 @dataclass
 class Stream:
-    """A large file, block by block.
+    """A large file, block by block."""
 
-    Attributes
-    ----------
-    file : str
-        Its name.
-    part : Part
-        Counts, notices and exclusions so far; its frame stays empty.
-    sha256 : str
-        Of the whole file; "" until the last block was read.
-    """
-
-    file: str
-    part: Part
+    file: str  # Its name
+    part: Part  # Counts, notices and exclusions so far
     header: list[str]
     delimiter: str
     mark: Literal[".", ","]
@@ -72,17 +60,11 @@ class Stream:
     named: Mapping[str, str]
     problems: Problems
     skip: int
-    sha256: str = ""
+    sha256: str = ""  # Of the whole file
     _row: int = field(default=2, repr=False)
 
     def frames(self) -> Iterator[pd.DataFrame]:
-        """Yield the observations of each block: the canonical columns and `row`, ids as categories or text.
-
-        Raises
-        ------
-        NotPlain
-            A quote or a lone carriage return: the file must be read as a whole.
-        """
+        """Yield the observations of each block: the canonical columns and `row`."""
         digest = hashlib.sha256()
         pending: deque[tuple[bytes, Future[tuple[pd.DataFrame | None, int]]]] = deque()
         workers = min(4, cores())
@@ -206,25 +188,7 @@ class NotPlain(Exception):  # noqa: N818 - a control value: the caller reads the
 def open_stream(
     file: str, *, options: ReadOptions, named: Mapping[str, str], problems: Problems
 ) -> Stream | None:
-    """Open a large file for reading in blocks.
-
-    Parameters
-    ----------
-    file : str
-        Path.
-    options : ReadOptions
-        How to read it.
-    named : mapping of str to str
-        Ids taken from the file's name.
-    problems : Problems
-        Receives every cell that cannot be read.
-
-    Returns
-    -------
-    Stream or None
-        None where the file is small, not plain UTF-8 without quotes, wide, a summary, or read by rules that
-        look at several rows or at other columns: it is read as a whole then.
-    """
+    """Open a large file for reading in blocks."""
     path = Path(file)
     if not path.is_file() or path.stat().st_size < LARGE or not _simple(options):
         return None

@@ -18,8 +18,6 @@ from percept.sessions.options import ReadOptions
 from percept.sessions.problems import Problems, shown
 from percept.sessions.records import Notice
 
-__all__ = ["read_summary"]
-
 _Floats = npt.NDArray[np.float64]
 _LIMITS = ("lower", "upper")
 _MOMENTS = ("mean", "sd")
@@ -36,35 +34,7 @@ def read_summary(
     problems: Problems,
     notices: list[Notice],
 ) -> pd.DataFrame:
-    """Read a published table of limits, or of means and standard deviations.
-
-    Parameters
-    ----------
-    grid : Grid
-        Its cells.
-    resolution : Resolution
-        Where its columns stand.
-    file : str
-        Its name, for messages.
-    options : ReadOptions
-        How to read it.
-    problems : Problems
-        Receives every cell that is empty or no number, and limits that contradict their row's mean and SD.
-    notices : list of Notice
-        Receives the level of limits that were made of means and standard deviations without one.
-
-    Returns
-    -------
-    DataFrame
-        `environment`, `parameter`, `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`, `row`. Means
-        and standard deviations become the limits mean ± t·sd/√n of their t-interval at `level`; where limits
-        are given too, these are kept.
-
-    Raises
-    ------
-    UsageError
-        A missing column, or a declared unit.
-    """
+    """Read a published table of limits, or of means and standard deviations."""
     columns = resolution.slots[0].columns
     limits, moments = (all(c in columns for c in pair) for pair in (_LIMITS, _MOMENTS))
     needed = ("environment", "reference", "n", *(("level",) if limits else ()))

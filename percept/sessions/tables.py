@@ -11,8 +11,6 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions.dialect import Dialect, Grid
 
-__all__ = ["excel_grid", "frame_grid", "parquet_grid"]
-
 _EXTRA = "Install what reads it: pip install 'percept[tables]'."
 _NO_DIALECT = Dialect("", "plain")
 
@@ -24,13 +22,7 @@ def frame_grid(frame: pd.DataFrame, *, file: str) -> Grid:
 
 
 def parquet_grid(data: bytes, *, file: str) -> Grid:
-    """Grid of a Parquet file.
-
-    Raises
-    ------
-    UsageError
-        pyarrow is not installed, or the file is broken.
-    """
+    """Grid of a Parquet file."""
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -46,13 +38,7 @@ def parquet_grid(data: bytes, *, file: str) -> Grid:
 
 
 def excel_grid(data: bytes, *, file: str, sheet: str | None) -> Grid:
-    """Grid of one sheet of an Excel workbook; formulas count with the values Excel stored.
-
-    Raises
-    ------
-    UsageError
-        openpyxl is not installed, the workbook is broken, or it has no such sheet.
-    """
+    """Grid of one sheet of an Excel workbook; formulas count with the values Excel stored."""
     try:
         import openpyxl  # type: ignore[import-untyped, unused-ignore]
     except ImportError:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-__all__ = ["CELLS", "Quoting", "Records", "SplitError", "tokenise"]
-
 Quoting = Literal["plain", "doubled", "backslash", "wrapped"]
 
 # A line of more cells than this is no session table; the bound keeps hostile lines cheap.
@@ -21,18 +19,10 @@ _MIXED = "a carriage return stands alone in a file whose lines end otherwise"
 
 @dataclass(frozen=True)
 class Records:
-    """Records of a file.
+    """Records of a file."""
 
-    Attributes
-    ----------
-    cells : list of list of str
-        The cells of each record.
-    rows : list of int
-        Physical line on which each record starts.
-    """
-
-    cells: list[list[str]]
-    rows: list[int]
+    cells: list[list[str]]  # The cells of each record
+    rows: list[int]  # Physical line on which each record starts
 
 
 class SplitError(ValueError):
@@ -45,33 +35,7 @@ class SplitError(ValueError):
 
 
 def tokenise(text: str, *, delimiter: str, quoting: Quoting, first_row: int = 1) -> Records:
-    r"""Split text into records.
-
-    Parameters
-    ----------
-    text : str
-        CR LF, LF and CR each end a line; nothing else does.
-    delimiter : str
-        One character.
-    quoting : {"plain", "doubled", "backslash", "wrapped"}
-        "plain": a quote is a character like any other. "doubled": a quoted cell writes ``"`` as ``""``
-        (RFC 4180). "backslash": it writes ``"`` as ``\"`` and nothing else is escaped (OpenSesame).
-        "wrapped": a cell that holds the delimiter is put between quotes and nothing in it is escaped, and a
-        quote anywhere else is a character (PsychoPy).
-    first_row : int, optional
-        Physical line of the text's beginning.
-
-    Returns
-    -------
-    Records
-        An empty last line is no record.
-
-    Raises
-    ------
-    SplitError
-        A quoted cell that is not closed, text after a closing quote, a lone carriage return among other line
-        ends (it may belong to a cell), or too many cells in a line.
-    """
+    r"""Split text into records."""
     if quoting == "plain":
         return _plain(text, delimiter, first_row)
     if quoting == "wrapped":

@@ -12,8 +12,6 @@ import numpy.typing as npt
 
 from percept.errors import UsageError
 
-__all__ = ["UNITS", "convert", "factor"]
-
 UNITS = {"k": "N/m", "b": "N·s/m"}
 # A plain product or quotient of names; an expression such as 10**10**10 is never handed to a parser.
 _PLAIN = re.compile(r"[A-Za-zµ]+(?:[·*/ ][A-Za-zµ]+){0,4}")
@@ -22,24 +20,7 @@ _SAME = {"k": frozenset({"N/m"}), "b": frozenset({"N·s/m", "N*s/m", "Ns/m", "N 
 
 @lru_cache
 def factor(unit: str | None, parameter: str) -> Fraction:
-    """Exact factor from a declared unit to percept's.
-
-    Parameters
-    ----------
-    unit : str or None
-        As declared; None is percept's own.
-    parameter : {"k", "b"}
-        Stiffness or damping.
-
-    Returns
-    -------
-    Fraction
-
-    Raises
-    ------
-    UsageError
-        A unit that is unknown, or not one of the quantity.
-    """
+    """Exact factor from a declared unit to percept's."""
     if unit is None or unit in _SAME[parameter]:
         return Fraction(1)
     import pint
@@ -67,21 +48,7 @@ def _registry() -> Any:
 
 
 def convert(values: npt.NDArray[np.float64], unit: str | None, parameter: str) -> npt.NDArray[np.float64]:
-    """Convert numbers to N/m or N·s/m.
-
-    Parameters
-    ----------
-    values : ndarray of float
-        In `unit`.
-    unit : str or None
-        As declared.
-    parameter : {"k", "b"}
-
-    Returns
-    -------
-    ndarray of float
-        Rounded once where the factor or its inverse is a whole number, as with milli- and kilo-.
-    """
+    """Convert numbers to N/m or N·s/m."""
     scale = factor(unit, parameter)
     if scale.denominator == 1:
         return values * float(scale) if scale != 1 else values

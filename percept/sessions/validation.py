@@ -17,8 +17,6 @@ from percept.sessions.records import Exclusion, Notice, Sessions, Source
 from percept.sessions.sources import expand, load
 from percept.sessions.units import UNITS
 
-__all__ = ["Validation", "format_validation", "propose_columns", "validate"]
-
 
 @dataclass(frozen=True)
 class Validation:

@@ -9,25 +9,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from percept.sessions.records import Sessions
 
-__all__ = ["neutralised", "write_csv"]
-
 _SPECIAL = re.compile(r'[",\r\n]')
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def write_csv(sessions: Sessions, path: str | Path, *, for_spreadsheets: bool = False) -> None:
-    """Write the table as UTF-8 CSV, quotes doubled, lines ended by LF.
-
-    Parameters
-    ----------
-    sessions : Sessions
-    path : str or Path
-        The file; it is replaced if it exists. Numbers are the shortest texts that read back as the same
-        doubles; a missing value is empty.
-    for_spreadsheets : bool, optional
-        Neutralise text cells that a spreadsheet would run as formulas. Such a file is for looking at: an id
-        beginning with = + - @ does not read back the same.
-    """
+    """Write the table as UTF-8 CSV, quotes doubled, lines ended by LF."""
     clean = neutralised if for_spreadsheets else str
     table = sessions.table
     if sessions.form == "trials":

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 
-__all__ = ["PARAMETERS", "Design", "Parameter"]
-
 Parameter = Literal["k", "b"]
 PARAMETERS: tuple[Parameter, ...] = ("k", "b")
 

@@ -18,15 +18,6 @@ from percept.simulate.model import Seed, correlated_normal, generator
 from percept.simulate.published import PublishedLimits, read_summary
 from percept.simulate.tables import session_table
 
-__all__ = [
-    "BETWEEN",
-    "CORRELATION",
-    "Correlations",
-    "realised_correlations",
-    "simulate_like",
-    "simulate_like_csv",
-]
-
 BETWEEN = 0.4
 CORRELATION = 0.3
 _CANDIDATES = 200

@@ -18,18 +18,6 @@ from percept.errors import UsageError
 from percept.inference.hierarchy.priors import Priors
 from percept.simulate.design import Design
 
-__all__ = [
-    "Hyperparameters",
-    "Responses",
-    "Seed",
-    "TrueValues",
-    "correlated_normal",
-    "draw_environments",
-    "draw_hyperparameters",
-    "draw_responses",
-    "generator",
-]
-
 Array = NDArray[np.float64]
 Seed = int | np.random.SeedSequence | np.random.Generator
 
@@ -135,23 +123,7 @@ class Responses:
 
 
 def generator(seed: Seed) -> np.random.Generator:
-    """Open the source of randomness that a seed stands for.
-
-    Parameters
-    ----------
-    seed : int, SeedSequence or Generator
-        A Generator is used as it is.
-
-    Returns
-    -------
-    numpy.random.Generator
-        Equal seeds give equal streams.
-
-    Raises
-    ------
-    UsageError
-        If it is a negative number or no number.
-    """
+    """Open the source of randomness that a seed stands for."""
     try:
         return np.random.default_rng(seed)
     except (TypeError, ValueError) as error:
@@ -159,22 +131,7 @@ def generator(seed: Seed) -> np.random.Generator:
 
 
 def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> Array:
-    """Draw standard normals whose last axis, of length 1 or 2, has correlation `rho`.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    shape : tuple of int
-        Shape of the result; the last length is 1 or 2.
-    rho : float
-        Correlation in [-1, 1]; of no effect when the last length is 1.
-
-    Returns
-    -------
-    array
-        Of shape `shape`.
-    """
+    """Draw standard normals whose last axis, of length 1 or 2, has correlation `rho`."""
     z = rng.standard_normal(shape)
     if shape[-1] == 2:
         # (1 - rho)(1 + rho) keeps the digits that 1 - rho**2 loses near ±1.

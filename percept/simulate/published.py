@@ -21,8 +21,6 @@ from percept.sessions.read import read_grid_of
 from percept.sessions.sources import load
 from percept.simulate.design import PARAMETERS, Design, Parameter
 
-__all__ = ["COLUMNS", "PublishedLimits", "read_summary"]
-
 COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
 
 

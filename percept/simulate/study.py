@@ -23,8 +23,6 @@ from percept.simulate.model import (
 )
 from percept.simulate.tables import session_table
 
-__all__ = ["SimulatedStudy", "simulate"]
-
 
 @dataclass(frozen=True, eq=False)
 class SimulatedStudy:

@@ -13,8 +13,6 @@ from percept.durable import write_whole
 from percept.errors import RefusalError, UsageError
 from percept.simulate.design import Design
 
-__all__ = ["SOURCE", "session_table", "write_sessions"]
-
 SOURCE = "simulated"
 
 

@@ -15,8 +15,6 @@ from percept.workers.on_cluster import OnCluster
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["connected", "open_mapper"]
-
 _SECONDS = 20.0
 # What dask keeps for its dashboard grows for an hour: some 0.4 MB per second and worker of sampled call
 # stacks, and some MB of measurements.

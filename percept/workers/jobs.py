@@ -6,8 +6,6 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator
 from typing import Generic, Protocol, TypeVar
 
-__all__ = ["Answer", "InProcess", "Job", "Mapper"]
-
 Given = TypeVar("Given")
 Found = TypeVar("Found")
 

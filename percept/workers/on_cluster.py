@@ -19,8 +19,6 @@ from percept.workers.jobs import Answer, Job
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-__all__ = ["OnCluster", "call_checked"]
-
 Given = TypeVar("Given")
 Found = TypeVar("Found")
 
@@ -155,27 +153,7 @@ class OnCluster:
 
 
 def call_checked(version: str, function: Callable[[Given], Found], argument: Given) -> Found:
-    """Call a function on a worker, if its code is that of the process that asks.
-
-    Parameters
-    ----------
-    version : str
-        Of the process that asks.
-    function : callable
-        What to call.
-    argument : object
-        With what.
-
-    Returns
-    -------
-    object
-        What the function returns.
-
-    Raises
-    ------
-    RuntimeError
-        Another version here: the numbers could be others.
-    """
+    """Call a function on a worker, if its code is that of the process that asks."""
     if version != numbers_version(_EVERYTHING):
         raise RuntimeError(
             "this worker has another version of percept or of its dependencies than the process that asks; "

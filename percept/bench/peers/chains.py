@@ -10,29 +10,11 @@ from numpy.typing import NDArray
 from percept.bench.peers.endpoints import limits_of_draws
 from percept.bench.peers.engines import Fitted
 
-__all__ = ["fitted"]
-
 Array = NDArray[np.float64]
 
 
 def fitted(beta: Array, spread: Array, seed: int, seconds: float, notes: dict[str, float]) -> Fitted:
-    """Take limits from the draws of several chains.
-
-    Parameters
-    ----------
-    beta, spread : ndarray, shape (E, T, 2, J)
-        Mean and SD of the population, by chain and draw.
-    seed : int
-        For the new users.
-    seconds : float
-        Time of sampling so far; the time of the limits is added.
-    notes : dict of str to float
-        Kept with the result.
-
-    Returns
-    -------
-    Fitted
-    """
+    """Take limits from the draws of several chains."""
     started = time.perf_counter()
     chains, draws = beta.shape[:2]
     limits = limits_of_draws(

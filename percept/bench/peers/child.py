@@ -17,19 +17,9 @@ from typing import Any
 from percept.bench.peers.engines import Fitted, engine
 from percept.bench.peers.responses import Responses
 
-__all__ = ["main"]
-
 
 def main(task_file: str) -> None:
-    """Run an engine and print what it gave.
-
-    Parameters
-    ----------
-    task_file : str
-        JSON with engine, study (as written by `Responses.save`), source (session file), budgets (pairs of
-        size and repeats, smallest first), started (wall clock, s, when the process was asked for), seconds
-        (no run but the first of all is begun later than this after the start) and seed.
-    """
+    """Run an engine and print what it gave."""
     task = json.loads(Path(task_file).read_text(encoding="utf-8"))
     warnings.simplefilter("ignore")  # samplers warn about runs as short as some of these are meant to be
     sampler = engine(task["engine"]).prepare(Responses.load(task["study"]), task["source"])

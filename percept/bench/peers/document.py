@@ -19,8 +19,6 @@ from percept.bench.peers.reference import Reference
 from percept.bench.peers.whole import Comparison, Whole, comparisons
 from percept.report.plain import plain
 
-__all__ = ["LEVELS", "SCHEMA", "Reached", "build_document", "reached"]
-
 SCHEMA = "percept-benchmark-1"
 #: Errors over half-width at which times are compared.
 LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
@@ -32,46 +30,22 @@ _RATIO = 2.0  # time goes with the error to this power, once a sampler has conve
 
 @dataclasses.dataclass(frozen=True)
 class Reached:
-    """Time of one engine to one error, and how much longer that is than percept's.
-
-    Attributes
-    ----------
-    engine, how : str
-    level : float
-        Error over half-width.
-    warm, cold, processor : float
-        s.
-    extrapolated : bool
-        Whether no run was as accurate: the most accurate one, at time over error squared.
-    warm_ratio, cold_ratio, processor_ratio : float
-        Over percept's times to the same error.
-    """
+    """Time of one engine to one error, and how much longer that is than percept's."""
 
     engine: str
     how: str
-    level: float
-    warm: float
-    cold: float
-    processor: float
-    extrapolated: bool
-    warm_ratio: float = math.nan
-    cold_ratio: float = math.nan
-    processor_ratio: float = math.nan
+    level: float  # Error over half-width
+    warm: float  # s
+    cold: float  # s
+    processor: float  # s
+    extrapolated: bool  # Whether no run was as accurate: the most accurate one, at time over error squared
+    warm_ratio: float = math.nan  # Over percept's times to the same error
+    cold_ratio: float = math.nan  # Over percept's times to the same error
+    processor_ratio: float = math.nan  # Over percept's times to the same error
 
 
 def reached(measured: Sequence[Measured], levels: Sequence[float] = LEVELS) -> list[Reached]:
-    """Work out times to given errors, and their ratios to percept's.
-
-    Parameters
-    ----------
-    measured : sequence of Measured
-    levels : sequence of float
-
-    Returns
-    -------
-    list of Reached
-        By engine, then level.
-    """
+    """Work out times to given errors, and their ratios to percept's."""
     rows = []
     for engine_, how in dict.fromkeys((one.engine, one.how) for one in measured):
         group = [one for one in measured if (one.engine, one.how) == (engine_, how)]
@@ -114,30 +88,7 @@ def build_document(
     loads: tuple[float, float],
     seconds: float,
 ) -> dict[str, Any]:
-    """Collect a run.
-
-    Parameters
-    ----------
-    startups, measured : sequence
-        From `percept.bench.peers.measure.measure`.
-    whole : sequence of Whole
-        Whole commands; may be empty.
-    reference : Reference
-        What errors are measured against.
-    growth : sequence of Growth, optional
-        How run time grows with the study.
-    command : str
-        As typed.
-    loads : tuple of float
-        Load average of the machine before and after.
-    seconds : float
-        The whole run, s.
-
-    Returns
-    -------
-    dict
-        Plain values.
-    """
+    """Collect a run."""
     times = reached(measured)
     compared = comparisons(whole) if whole else []
     promises = _promises(measured, times)

@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-__all__ = ["CONFIDENCE", "KINDS", "LEVEL", "SHARE", "Limits", "limits_of_draws", "share_half_widths"]
-
 Array = NDArray[np.float64]
 KINDS = ("mean", "user", "share")
 LEVEL, SHARE, CONFIDENCE = 0.99, 0.99, 0.95
@@ -19,40 +17,15 @@ _ITERATIONS = 30
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits on the response scale.
+    """Limits on the response scale."""
 
-    Attributes
-    ----------
-    value : ndarray, shape (3, 2, C)
-        Kinds, lower and upper, cells (parameter-major).
-    error : ndarray, shape (3, 2, C)
-        Monte Carlo standard errors.
-    effective : float
-        Effective draws of the slowest quantity behind them.
-    """
-
-    value: Array
-    error: Array
-    effective: float
+    value: Array  # (3, 2, C) Kinds, lower and upper, cells (parameter-major)
+    error: Array  # (3, 2, C) Monte Carlo standard errors
+    effective: float  # Effective draws of the slowest quantity behind them
 
 
 def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
-    """Half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share.
-
-    Parameters
-    ----------
-    off : ndarray
-        Distance of a population's mean from the interval's centre.
-    spread : ndarray
-        SD of the population, positive.
-    share : float
-        Share to hold.
-
-    Returns
-    -------
-    ndarray
-        By Newton's method from a lower bound: the share held is concave beyond it, so steps never overshoot.
-    """
+    """Half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share."""
     apart = np.abs(off) / spread
     t = np.maximum(apart + special.ndtri(share), special.ndtri(0.5 * (1.0 + share)))
     for _ in range(_ITERATIONS):
@@ -66,19 +39,7 @@ def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
 
 
 def limits_of_draws(beta: Array, spread: Array, rng: np.random.Generator) -> Limits:
-    """Quantiles of draws.
-
-    Parameters
-    ----------
-    beta, spread : ndarray, shape (E, T, C)
-        Mean and SD of the population of each cell, by chain and draw.
-    rng : numpy.random.Generator
-        For the new user of each draw.
-
-    Returns
-    -------
-    Limits
-    """
+    """Quantiles of draws."""
     from arviz_stats.base.array import BaseArray
 
     array_stats: Any = BaseArray()

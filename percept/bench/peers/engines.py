@@ -11,26 +11,14 @@ from percept.bench.peers.endpoints import Limits
 from percept.bench.peers.responses import Responses
 from percept.errors import UsageError
 
-__all__ = ["ENGINES", "Budget", "Engine", "Fitted", "Sampler", "engine"]
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fitted:
-    """One run of an engine.
+    """One run of an engine."""
 
-    Attributes
-    ----------
-    limits : dict of str to Limits
-        By how they were worked out: "mixture" of conditionals, "draws".
-    seconds : float
-        Wall time of sampling and of the limits, without compiling.
-    notes : dict of str to float
-        What its user would look at: divergences, acceptance, autocorrelation time.
-    """
-
-    limits: dict[str, Limits]
-    seconds: float
-    notes: dict[str, float]
+    limits: dict[str, Limits]  # By how they were worked out: "mixture" of conditionals, "draws"
+    seconds: float  # Wall time of sampling and of the limits, without compiling
+    notes: dict[str, float]  # What its user would look at: divergences, acceptance, autocorrelation time
 
 
 class Sampler(Protocol):
@@ -50,49 +38,19 @@ class Budget:
 
 @dataclasses.dataclass(frozen=True)
 class Engine:
-    """One way to sample the model.
-
-    Attributes
-    ----------
-    name, title : str
-        For files and for readers.
-    module : str
-        Module of this package with `prepare(study, source) -> Sampler`.
-    packages : tuple of str
-        Distributions whose versions are reported.
-    unit : str
-        What a budget counts.
-    budgets : tuple of Budget
-        Of a full run, smallest first.
-    quick : tuple of float
-        Sizes that are enough to see that it works.
-    options : tuple of (str, str)
-        Keyword arguments of `prepare`.
-    """
+    """One way to sample the model."""
 
     name: str
     title: str
-    module: str
-    packages: tuple[str, ...]
-    unit: str
-    budgets: tuple[Budget, ...]
-    quick: tuple[float, ...]
-    options: tuple[tuple[str, str], ...] = ()
+    module: str  # Module of this package with `prepare(study, source) -> Sampler`
+    packages: tuple[str, ...]  # Distributions whose versions are reported
+    unit: str  # What a budget counts
+    budgets: tuple[Budget, ...]  # Of a full run, smallest first
+    quick: tuple[float, ...]  # Sizes that are enough to see that it works
+    options: tuple[tuple[str, str], ...] = ()  # Keyword arguments of `prepare`
 
     def prepare(self, study: Responses, source: str) -> Sampler:
-        """Import what the engine needs and build its model.
-
-        Parameters
-        ----------
-        study : Responses
-            The study as arrays.
-        source : str
-            Its session file, which percept itself reads.
-
-        Returns
-        -------
-        Sampler
-        """
+        """Import what the engine needs and build its model."""
         module = importlib.import_module(f"percept.bench.peers.{self.module}")
         make: Callable[..., Sampler] = module.prepare
         return make(study, source, **dict(self.options))
@@ -144,13 +102,7 @@ ENGINES = (
 
 
 def engine(name: str) -> Engine:
-    """Return the engine of that name.
-
-    Raises
-    ------
-    UsageError
-        If there is none.
-    """
+    """Return the engine of that name."""
     for one in ENGINES:
         if one.name == name:
             return one

@@ -7,8 +7,6 @@ from typing import Any
 
 from percept.report.figures.canvas import COLOURS, Axes, Drawing, Figure, legend_below, panels
 
-__all__ = ["drawings"]
-
 _COLOURS = {
     "percept": "bayesian", "percept-stretch": "warn", "emcee": "ink", "nutpie": "classical",
     "nutpie-noncentred": "classical", "pymc": "coupled", "numpyro": "quiet", "numpyro-noncentred": "quiet",
@@ -17,17 +15,7 @@ _MARKERS = {"mixture": "o", "draws": "D"}
 
 
 def drawings(document: Mapping[str, Any]) -> list[Drawing]:
-    """Return the benchmark's figures, not yet drawn.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.bench.peers.document.build_document` returns it.
-
-    Returns
-    -------
-    list of Drawing
-    """
+    """Return the benchmark's figures, not yet drawn."""
     return [_against_error(document, state) for state in ("warm", "cold")]
 
 

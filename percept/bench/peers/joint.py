@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from percept.bench.peers.responses import Responses
 
-__all__ = ["PlainDensity", "log_joint", "population", "shapes"]
-
 Array = NDArray[np.float64]
 _POSITIVE = ("tau", "sigma_u", "omega")
 _CORRELATIONS = ("rho_u", "rho_w")
@@ -32,19 +30,7 @@ def shapes(study: Responses) -> dict[str, tuple[int, ...]]:
 
 
 def log_joint(study: Responses, values: Mapping[str, Array]) -> Array:
-    """Log density of data and unknowns together, with every constant.
-
-    Parameters
-    ----------
-    study : Responses
-    values : mapping of str to ndarray
-        Every unknown named by `shapes`, with its shape followed by (W,); correlations in (-1, 1), `tau`,
-        `sigma_u` and `omega` positive. A correlation's density is that of rho, not of (rho + 1)/2.
-
-    Returns
-    -------
-    ndarray, shape (W,)
-    """
+    """Log density of data and unknowns together, with every constant."""
     x = study.decades[..., None]
     total = np.zeros(np.shape(values["rho_u"]))
     for name, (location, sd) in _NORMAL.items():
@@ -77,10 +63,6 @@ class PlainDensity:
     """The joint density over one vector of unbounded coordinates, as emcee wants it.
 
     Positive unknowns enter by their logarithm, correlations by atanh, with the Jacobians.
-
-    Parameters
-    ----------
-    study : Responses
     """
 
     def __init__(self, study: Responses) -> None:
@@ -129,18 +111,7 @@ class PlainDensity:
 
 
 def population(values: Mapping[str, Array], decades: Array) -> tuple[Array, Array]:
-    """Mean of the population and SD of its members in every cell, each (S, 2 J), parameter-major.
-
-    Parameters
-    ----------
-    values : mapping of str to ndarray
-        Unknowns, draws last.
-    decades : ndarray, shape (2, J)
-
-    Returns
-    -------
-    beta, spread : ndarray, shape (S, 2 J)
-    """
+    """Mean of the population and SD of its members in every cell, each (S, 2 J), parameter-major."""
     beta = values["alpha"][:, None] + values["gamma"][:, None] * decades[..., None] + values["delta"]
     spread = np.hypot(values["sigma_u"][:, None], np.exp(values["log_sigma"]))
     cells = beta.shape[0] * beta.shape[1]

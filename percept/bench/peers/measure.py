@@ -21,76 +21,36 @@ from percept.bench.peers.reference import Reference
 from percept.bench.peers.responses import Responses
 from percept.errors import RefusalError
 
-__all__ = ["Measured", "Startup", "measure"]
-
 _SPACING = 1000  # seeds between processes
 
 
 @dataclasses.dataclass(frozen=True)
 class Startup:
-    """What the first run of a process takes beyond a later one: imports, data, building and compiling.
-
-    Attributes
-    ----------
-    engine : str
-    seconds : tuple of float
-        Wall time of every process.
-    processor : float
-        Median processor time of the same, s.
-    """
+    """What the first run of a process takes beyond a later one: imports, data, building and compiling."""
 
     engine: str
-    seconds: tuple[float, ...]
-    processor: float
+    seconds: tuple[float, ...]  # Wall time of every process
+    processor: float  # Median processor time of the same, s
 
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
-    """One engine at one budget, limits worked out in one way; medians over repeats.
-
-    Attributes
-    ----------
-    engine, how : str
-        Who, and "mixture" or "draws".
-    size : float
-        Budget in the engine's unit.
-    repeats : int
-        Runs.
-    warm, cold : float
-        Wall time, s: sampling and limits; the same with the start-up of a process.
-    warm_range : tuple of float
-        Shortest and longest warm time.
-    processor : float
-        Processor time of a warm run, s.
-    error : float
-        Root mean square over all limits of the difference from the reference, over half-widths.
-    error_range : tuple of float
-        Smallest and largest.
-    effective_per_second : float
-        Effective draws of the slowest quantity, per second of a warm run.
-    effective_per_processor_second : float
-        The same per second of processor time.
-    agreement : float
-        Root mean square of (limit - reference) over the Monte Carlo error of both; about 1 where they
-        agree and the errors are right.
-    notes : dict of str to float
-        Medians of what the engine said.
-    """
+    """One engine at one budget, limits worked out in one way; medians over repeats."""
 
     engine: str
     how: str
-    size: float
-    repeats: int
+    size: float  # Budget in the engine's unit
+    repeats: int  # Runs
     warm: float
     cold: float
-    warm_range: tuple[float, float]
-    processor: float
-    error: float
-    error_range: tuple[float, float]
-    effective_per_second: float
-    effective_per_processor_second: float
-    agreement: float
-    notes: dict[str, float]
+    warm_range: tuple[float, float]  # Shortest and longest warm time
+    processor: float  # Processor time of a warm run, s
+    error: float  # Root mean square over all limits of the difference from the reference, over half-widths
+    error_range: tuple[float, float]  # Smallest and largest
+    effective_per_second: float  # Effective draws of the slowest quantity, per second of a warm run
+    effective_per_processor_second: float  # The same per second of processor time
+    agreement: float  # Root mean square of (limit - reference) over the Monte Carlo error of both
+    notes: dict[str, float]  # Medians of what the engine said
 
 
 def measure(
@@ -103,29 +63,7 @@ def measure(
     quick: bool = False,
     told: Callable[[str], None] = lambda line: None,
 ) -> tuple[list[Startup], list[Measured]]:
-    """Measure engines one after the other.
-
-    Parameters
-    ----------
-    engines : sequence of Engine
-    source : str
-        Session file.
-    reference : Reference
-        Limits of that file.
-    starts : int
-        Processes per engine; the first runs all budgets, the others the smallest one.
-    seconds : float
-        No run of an engine's first process is begun later than this.
-    quick : bool
-        Whether to run the quick sizes, once each.
-    told : callable
-        Told one line per process.
-
-    Returns
-    -------
-    startups : list of Startup
-    measured : list of Measured
-    """
+    """Measure engines one after the other."""
     startups: list[Startup] = []
     measured: list[Measured] = []
     with tempfile.TemporaryDirectory() as folder:

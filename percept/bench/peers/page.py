@@ -8,8 +8,6 @@ from typing import Any
 from percept.report.rendering import Plate
 from percept.report.standalone import render_standalone
 
-__all__ = ["render"]
-
 _SECTIONS = (
     ("result", "Result"),
     ("error", "Run time against error"),
@@ -23,22 +21,7 @@ _SECTIONS = (
 
 
 def render(document: Mapping[str, Any], plates: Mapping[str, Plate], *, date: str) -> str:
-    """Render the page.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.bench.peers.document.build_document` returns it.
-    plates : mapping of str to Plate
-        Its figures, by name.
-    date : str
-        Printed at the head.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Render the page."""
     return render_standalone(
         "percept.bench.peers",
         "benchmark.html.j2",

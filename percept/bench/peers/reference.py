@@ -17,8 +17,6 @@ from percept.bench.peers.endpoints import KINDS
 from percept.bench.peers.with_percept import StudyEstimands, estimands_of
 from percept.errors import RefusalError
 
-__all__ = ["LongRun", "Reference", "make_reference", "stored_reference"]
-
 Array = NDArray[np.float64]
 Kept = tuple[Array, int]
 _ENSEMBLES, _WALKERS = 4, 128
@@ -29,24 +27,12 @@ _OTHER = (1200, 3200, 20)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LongRun:
-    """Limits pooled over independent runs.
+    """Limits pooled over independent runs."""
 
-    Attributes
-    ----------
-    value, error : ndarray, shape (3, 2, C)
-        Limits on the response scale (kinds; lower, upper; cells) and their Monte Carlo standard errors.
-    effective : float
-        Effective draws of the slowest quantity, over all runs.
-    runs : int
-        Runs pooled.
-    scatter : float
-        Root mean square of the runs' deviations over the errors each claims: about 1 where these are right.
-    """
-
-    value: Array
-    error: Array
-    effective: float
-    runs: int
+    value: Array  # (3, 2, C)
+    error: Array  # (3, 2, C)
+    effective: float  # Effective draws of the slowest quantity, over all runs
+    runs: int  # Runs pooled
     scatter: float
 
     @classmethod
@@ -64,27 +50,13 @@ class LongRun:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reference:
-    """What errors are measured against.
+    """What errors are measured against."""
 
-    Attributes
-    ----------
-    own : LongRun
-        percept's own moves.
-    other : LongRun
-        emcee's differential evolution on the same density.
-    cells : tuple of tuple of str
-        (parameter, environment), parameter-major.
-    sessions_sha256 : str
-        Of the session file the limits belong to.
-    command : str
-        What makes it.
-    """
-
-    own: LongRun
-    other: LongRun
-    cells: tuple[tuple[str, str], ...]
-    sessions_sha256: str
-    command: str
+    own: LongRun  # percept's own moves
+    other: LongRun  # emcee's differential evolution on the same density
+    cells: tuple[tuple[str, str], ...]  # (parameter, environment), parameter-major
+    sessions_sha256: str  # Of the session file the limits belong to
+    command: str  # What makes it
 
     @property
     def half_width(self) -> Array:
@@ -124,22 +96,7 @@ def _plain(run: LongRun) -> dict[str, Any]:
 
 
 def stored_reference(sessions_sha256: str) -> Reference:
-    """Return the reference that comes with percept.
-
-    Parameters
-    ----------
-    sessions_sha256 : str
-        Of the session file at hand.
-
-    Returns
-    -------
-    Reference
-
-    Raises
-    ------
-    RefusalError
-        If it belongs to another file.
-    """
+    """Return the reference that comes with percept."""
     text = resources.files("percept.bench.peers").joinpath("reference.json").read_text(encoding="utf-8")
     found = Reference.of_json(json.loads(text))
     if found.sessions_sha256 != sessions_sha256:
@@ -161,27 +118,7 @@ def make_reference(
     other_effective: float = 1e5,
     told: Callable[[str], None] = lambda line: None,
 ) -> Reference:
-    """Run both samplers until there are enough effective draws; an interrupted call is taken up again.
-
-    Parameters
-    ----------
-    source : str
-        Session file.
-    sessions_sha256 : str
-        Its hash.
-    work : Path
-        Folder for the finished runs, one line each.
-    command : str
-        Noted in the result.
-    own_effective, other_effective : float
-        Effective draws of the slowest quantity.
-    told : callable
-        Told one line per run.
-
-    Returns
-    -------
-    Reference
-    """
+    """Run both samplers until there are enough effective draws; an interrupted call is taken up again."""
     estimands = estimands_of(source)
     runs = {}
     for name, sampler, wanted in (("other", _other, other_effective), ("own", _own, own_effective)):

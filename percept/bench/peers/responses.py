@@ -11,29 +11,17 @@ from numpy.typing import NDArray
 
 from percept.errors import UsageError
 
-__all__ = ["Responses"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Responses:
-    """Unit-free responses of one study without repeated trials; both parameters.
+    """Unit-free responses of one study without repeated trials; both parameters."""
 
-    Attributes
-    ----------
-    response : ndarray, shape (M, 2)
-        log(adjusted/reference) of k and b, one row per trial.
-    subject, environment : ndarray of int, shape (M,)
-        Who and where, counted from zero.
-    decades : ndarray, shape (2, J)
-        log10 of each reference over the geometric mean of its parameter's references.
-    """
-
-    response: Array
-    subject: NDArray[np.intp]
-    environment: NDArray[np.intp]
-    decades: Array
+    response: Array  # (M, 2) log(adjusted/reference) of k and b, one row per trial
+    subject: NDArray[np.intp]  # (M,)
+    environment: NDArray[np.intp]  # (M,)
+    decades: Array  # (2, J) log10 of each reference over the geometric mean of its parameter's references
 
     @property
     def subjects(self) -> int:
@@ -47,22 +35,7 @@ class Responses:
 
     @classmethod
     def of_sessions(cls, path: str | Path) -> Self:
-        """Read a study.
-
-        Parameters
-        ----------
-        path : str or Path
-            Session file.
-
-        Returns
-        -------
-        Responses
-
-        Raises
-        ------
-        UsageError
-            If a subject was in one environment twice: the plain models have no trial level.
-        """
+        """Read a study."""
         from percept.scene import Scene
         from percept.sessions import read_sessions
         from percept.study.responses import trials

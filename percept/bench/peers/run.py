@@ -11,8 +11,6 @@ from pathlib import Path
 
 from percept.bench.peers.engines import ENGINES, engine
 
-__all__ = ["run_benchmark", "run_reference"]
-
 
 def run_benchmark(
     out: str | Path,
@@ -24,37 +22,7 @@ def run_benchmark(
     quick: bool = False,
     told: Callable[[str], None] = lambda line: None,
 ) -> Path:
-    """Measure every engine and whole command on the published study's sessions and write the page.
-
-    Parameters
-    ----------
-    out : str or Path
-        Folder for benchmark.json, figures and index.html.
-    engines : sequence of str
-        Names of `percept.bench.peers.engines.ENGINES`; all where none is given.
-    seconds : float
-        No run of an engine is begun later than this after its start.
-    starts : int
-        Processes per engine whose start-up is timed.
-    repeats : int
-        Rounds of whole commands; none where 0, and nothing said of growth.
-    quick : bool
-        Whether to run each engine's quick sizes once, to see that all works.
-    told : callable
-        Told what is measured.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    UsageError
-        No such engine, or a folder that cannot be written.
-    RefusalError
-        An engine that is not installed, or a reference of another file.
-    """
+    """Measure every engine and whole command on the published study's sessions and write the page."""
     from percept.bench.growth import growth
     from percept.bench.peers.document import build_document
     from percept.bench.peers.measure import measure
@@ -81,20 +49,7 @@ def run_benchmark(
 
 
 def run_reference(out: str | Path, *, told: Callable[[str], None] = lambda line: None) -> Path:
-    """Make the reference limits; finished runs are kept in the folder, and an interrupted call goes on.
-
-    Parameters
-    ----------
-    out : str or Path
-        Folder for reference.json and the runs.
-    told : callable
-        Told one line per run.
-
-    Returns
-    -------
-    Path
-        The file, to be stored as percept/bench/peers/reference.json.
-    """
+    """Make the reference limits; finished runs are kept in the folder, and an interrupted call goes on."""
     from percept.bench.peers.reference import make_reference
     from percept.reproduce.published import dataset
 

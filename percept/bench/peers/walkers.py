@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["KEPT_EVERY", "WALKERS", "effective_draws", "stretch"]
-
 Array = NDArray[np.float64]
 WALKERS = 256
 KEPT_EVERY = 10
@@ -21,26 +19,7 @@ def stretch(
     steps: int,
     seed: int,
 ) -> tuple[Array, float]:
-    """Run emcee as its tutorial does; the first quarter is dropped.
-
-    Parameters
-    ----------
-    density : callable
-        Points (W, d) to log densities (W,).
-    start : callable
-        Walkers and a generator to starting points (walkers, d).
-    steps : int
-        Steps in all.
-    seed : int
-        Of starting points and moves.
-
-    Returns
-    -------
-    kept : ndarray, shape (T, W, d)
-        Every tenth position after the dropped ones.
-    acceptance : float
-        Mean acceptance.
-    """
+    """Run emcee as its tutorial does; the first quarter is dropped."""
     import emcee
 
     points = start(WALKERS, np.random.default_rng(seed))
@@ -53,19 +32,7 @@ def stretch(
 
 
 def effective_draws(series: Array) -> tuple[float, float]:
-    """Effective draws of the slowest of several series.
-
-    Parameters
-    ----------
-    series : ndarray, shape (T, W, Q)
-        Kept positions of walkers.
-
-    Returns
-    -------
-    effective : float
-    time : float
-        Autocorrelation time averaged over walkers, in kept positions; too short where the run is.
-    """
+    """Effective draws of the slowest of several series."""
     from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 
     time = float(autocorrelation_time(normal_scores(series)[None]).max())

@@ -15,8 +15,6 @@ from pathlib import Path
 from percept.bench.as_installed import as_installed
 from percept.errors import RefusalError
 
-__all__ = ["COMMANDS", "Comparison", "Whole", "comparisons", "whole_commands"]
-
 _NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"
 
 
@@ -44,49 +42,24 @@ _PROMISES = (
 
 @dataclasses.dataclass(frozen=True)
 class Whole:
-    """Wall times of one command, each in a new process.
-
-    Attributes
-    ----------
-    name : str
-    command : str
-        As typed.
-    seconds : tuple of float
-        Every run, s, in order.
-    median : float
-        Their median.
-    processor : float
-        Median processor time, s.
-    """
+    """Wall times of one command, each in a new process."""
 
     name: str
-    command: str
-    seconds: tuple[float, ...]
-    median: float
-    processor: float
+    command: str  # As typed
+    seconds: tuple[float, ...]  # Every run, s, in order
+    median: float  # Their median
+    processor: float  # Median processor time, s
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """A command's time over another's.
+    """A command's time over another's."""
 
-    Attributes
-    ----------
-    command, against : str
-        Names.
-    ratio : float
-        Of wall times: median over the rounds, as a shared machine may be twice as fast in one as in another.
-    processor_ratio : float
-        Of the median processor times.
-    promised : float
-        Largest ratio promised.
-    """
-
-    command: str
-    against: str
+    command: str  # Names
+    against: str  # Names
     ratio: float
-    processor_ratio: float
-    promised: float
+    processor_ratio: float  # Of the median processor times
+    promised: float  # Largest ratio promised
 
     @property
     def kept(self) -> bool:
@@ -97,26 +70,7 @@ class Comparison:
 def whole_commands(
     sessions: str, scene: str, *, repeats: int = 5, commands: Mapping[str, Sequence[str]] = COMMANDS
 ) -> list[Whole]:
-    """Run every command in turn, round by round, so that all see the machine alike.
-
-    Parameters
-    ----------
-    sessions, scene : str
-        Files.
-    repeats : int
-        Rounds that count, with seeds 1, 2, …; one round before them warms the file cache.
-    commands : mapping of str to sequence of str
-        Name to arguments of Python.
-
-    Returns
-    -------
-    list of Whole
-
-    Raises
-    ------
-    RefusalError
-        If a command fails.
-    """
+    """Run every command in turn, round by round, so that all see the machine alike."""
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
     for round_ in range(repeats + 1):
         for name, arguments in commands.items():

@@ -12,8 +12,6 @@ from percept.bench.peers.joint import PlainDensity, population
 from percept.bench.peers.responses import Responses
 from percept.bench.peers.walkers import KEPT_EVERY, effective_draws, stretch
 
-__all__ = ["prepare"]
-
 
 def prepare(study: Responses, source: str) -> Sampler:
     """Make the density."""

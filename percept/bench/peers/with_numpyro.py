@@ -12,26 +12,12 @@ from percept.bench.peers.chains import fitted
 from percept.bench.peers.engines import Fitted, Sampler
 from percept.bench.peers.responses import Responses
 
-__all__ = ["build", "prepare"]
-
 _CHAINS, _TUNE = 4, 500
 _PIECE = 250  # draws per call: a call of another length would be compiled again
 
 
 def build(study: Responses, *, form: str = "centred") -> Any:
-    """Write the model as a function without arguments.
-
-    Parameters
-    ----------
-    study : Responses
-    form : str
-        As `percept.bench.peers.with_pymc.build` has it.
-
-    Returns
-    -------
-    callable
-        With deterministics `beta` and `spread`, (2, J).
-    """
+    """Write the model as a function without arguments."""
     import jax.numpy as jnp
     import numpyro
     import numpyro.distributions as dist

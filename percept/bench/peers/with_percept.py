@@ -14,20 +14,12 @@ from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.laws import Laws, Model
 from percept.inference.sampling.run import Run, Settings, sample
 
-__all__ = ["StudyEstimands", "estimands_of", "limits_of_mixture", "prepare"]
-
 Array = NDArray[np.float64]
 _MOST_STEPS = 2_000_000
 
 
 class StudyEstimands(IntervalEstimands):
-    """The limits compared, with the model they belong to.
-
-    Parameters
-    ----------
-    model : Model
-        A study's model.
-    """
+    """The limits compared, with the model they belong to."""
 
     def __init__(self, model: Model) -> None:
         super().__init__(model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE)
@@ -44,20 +36,7 @@ def estimands_of(source: str) -> StudyEstimands:
 
 
 def limits_of_mixture(estimands: IntervalEstimands, components: Array, effective: float) -> Limits:
-    """Roots of the mixture over draws, with errors from the draws' influences.
-
-    Parameters
-    ----------
-    estimands : IntervalEstimands
-    components : ndarray, shape (S, 3 C)
-        Laws per draw.
-    effective : float
-        Effective draws among them.
-
-    Returns
-    -------
-    Limits
-    """
+    """Roots of the mixture over draws, with errors from the draws' influences."""
     found, influence = estimands.estimate(components)
     shape = (len(KINDS), 2, len(estimands.cells))
     error = influence.std(axis=0) / np.sqrt(effective)

@@ -12,26 +12,11 @@ from percept.bench.peers.chains import fitted
 from percept.bench.peers.engines import Fitted, Sampler
 from percept.bench.peers.responses import Responses
 
-__all__ = ["build", "prepare"]
-
 _CHAINS = 4
 
 
 def build(study: Responses, *, form: str = "centred") -> Any:
-    """Write the model.
-
-    Parameters
-    ----------
-    study : Responses
-    form : str
-        "centred": every effect drawn from its own law. "noncentred": environments' biases and log SDs as
-        standard normal variables times their scale.
-
-    Returns
-    -------
-    pymc.Model
-        With deterministics `beta` and `spread`, (2, J).
-    """
+    """Write the model."""
     import pymc as pm
 
     cell, person = (2, study.environments), (2, study.subjects)

@@ -12,8 +12,6 @@ from percept.bench.peers.responses import Responses
 from percept.bench.peers.walkers import KEPT_EVERY, effective_draws, stretch
 from percept.bench.peers.with_percept import estimands_of, limits_of_mixture
 
-__all__ = ["prepare"]
-
 Array = NDArray[np.float64]
 
 

@@ -13,33 +13,11 @@ from percept.report.folder import filled_folder
 from percept.report.plain import dumps
 from percept.report.plates import draw_plates
 
-__all__ = ["PAGE", "write_benchmark"]
-
 PAGE = "index.html"
 
 
 def write_benchmark(document: Mapping[str, Any], out_dir: str | Path, *, date: str | None = None) -> Path:
-    """Write a benchmark's document, figures and page.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.bench.peers.document.build_document` returns it.
-    out_dir : str or Path
-        Folder, made where it does not exist; files of other names in it stay.
-    date : str, optional
-        Printed on the page; today where not given.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    UsageError
-        Where the folder is a file or cannot be written.
-    """
+    """Write a benchmark's document, figures and page."""
     with filled_folder(out_dir, last=PAGE) as folder:
         (folder / "benchmark.json").write_text(dumps(document), encoding="utf-8")
         plates = draw_plates(drawings(document), folder / "figures")

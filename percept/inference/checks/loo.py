@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.checks.subjects import SubjectDensity, batches
 
-__all__ = ["Loo", "leave_one_out"]
-
 Array = NDArray[np.float64]
 #: Draws times subjects that are held at once; more subjects are judged by fewer draws.
 _MOST = 1 << 24
@@ -20,27 +18,13 @@ _MOST = 1 << 24
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Loo:
-    """Expected log predictive density of a new subject, from N subjects left out in turn.
+    """Expected log predictive density of a new subject, from N subjects left out in turn."""
 
-    Attributes
-    ----------
-    pointwise : ndarray, shape (N,)
-        Log predictive density of each subject's trials given all others, on the response scale.
-    pareto_k : ndarray, shape (N,)
-        Tail index of the importance weights of leaving the subject out.
-    good_k : float
-        Index up to which `pointwise` can be trusted with this many draws: min(1 - 1/log10 S, 0.7).
-    points : ndarray, shape (S, d)
-        Draws that were reweighted.
-    weights : ndarray, shape (S, N)
-        Their weights without each subject; columns sum to one.
-    """
-
-    pointwise: Array
-    pareto_k: Array
+    pointwise: Array  # (N,)
+    pareto_k: Array  # (N,) Tail index of the importance weights of leaving the subject out
     good_k: float
-    points: Array
-    weights: Array
+    points: Array  # (S, d) Draws that were reweighted
+    weights: Array  # (S, N) Their weights without each subject
 
     @property
     def elpd(self) -> float:
@@ -63,26 +47,6 @@ def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Lo
 
     The locations are integrated out of the weights, 1/p(y_i | scales, other subjects), so these vary with
     the scales alone; weights of draws of the locations too would have far heavier tails.
-
-    Parameters
-    ----------
-    subjects : SubjectDensity
-        The model and the subjects.
-    points : ndarray, shape (S, d)
-        Independent draws of the coordinates, chain by chain.
-    chains : int
-        How many chains; divides S.
-
-    Returns
-    -------
-    Loo
-
-    Raises
-    ------
-    UsageError
-        If `chains` does not divide the number of draws.
-    RefusalError
-        Where doubles cannot tell what the others say of a subject.
     """
     if len(points) % chains:
         raise UsageError(f"{len(points)} draws do not make equal chains.", key="chains", value=chains)

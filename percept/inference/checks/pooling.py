@@ -12,8 +12,6 @@ from percept.inference.hierarchy.blocks import Block, Pair
 from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
 
-__all__ = ["Shrinkage", "correlation_draws", "shrinkage"]
-
 Array = NDArray[np.float64]
 _CHUNK = 512
 #: Raw mean and trend this close, in posterior SDs of the centre, leave nothing to move through.
@@ -22,44 +20,17 @@ _APART = 0.1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Shrinkage:
-    """Centres of the environments before and after pooling, on the response scale; all (P, J).
+    """Centres of the environments before and after pooling, on the response scale; all (P, J)."""
 
-    Attributes
-    ----------
-    raw : ndarray
-        Mean over subjects of their cell means.
-    centre, trend : ndarray
-        Posterior means of the location and of its trend alpha + gamma x.
-    sd : ndarray
-        Posterior SD of the location.
-    moved : ndarray
-        Share of the way from `raw` to `trend` at which `centre` lies: 0 where it stayed, 1 where it went
-        all the way; NaN where raw mean and trend coincide. Outside [0, 1] where subjects who are missing
-        from the environment move it otherwise.
-    """
-
-    raw: Array
+    raw: Array  # Mean over subjects of their cell means
     centre: Array
     trend: Array
-    sd: Array
+    sd: Array  # Posterior SD of the location
     moved: Array
 
 
 def shrinkage(density: CollapsedDensity, points: Array) -> Shrinkage | None:
-    """How far each environment's centre was drawn to the trend over environments.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The model of a study with subjects.
-    points : ndarray, shape (S, d)
-        Posterior draws of the coordinates.
-
-    Returns
-    -------
-    Shrinkage or None
-        None with one environment, which has no trend.
-    """
+    """How far each environment's centre was drawn to the trend over environments."""
     if not density.layout.trend:
         return None
     sums = [0.0, 0.0, 0.0]
@@ -82,22 +53,7 @@ def shrinkage(density: CollapsedDensity, points: Array) -> Shrinkage | None:
 
 
 def correlation_draws(density: CollapsedDensity, points: Array) -> dict[str, Array]:
-    """Draws of the correlations of stiffness and damping between users.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The model.
-    points : ndarray, shape (S, d)
-        Posterior draws of the coordinates.
-
-    Returns
-    -------
-    dict of str to ndarray
-        "within": of a subject's deviations in one environment, Sigma_w, shape (S,). "shared": of the
-        subject effect, Sigma_u, shape (S,), where the model has one. "population": of users in each
-        environment, Sigma_u + Sigma_w, shape (S, J). Empty with one parameter.
-    """
+    """Draws of the correlations of stiffness and damping between users."""
     scales = density.layout.scales(np.ascontiguousarray(points.T))
     if not isinstance(scales.between, Pair):
         return {}

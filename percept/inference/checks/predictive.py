@@ -11,50 +11,22 @@ from scipy import special
 from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.hierarchy.conditional import Conditional
 
-__all__ = ["STATISTICS", "Predicted", "predict_left_out", "replicate", "statistics_of"]
-
 Array = NDArray[np.float64]
 STATISTICS = ("mean", "sd", "farthest")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Predicted:
-    """Where subjects lie in what the others predict of them.
+    """Where subjects lie in what the others predict of them."""
 
-    Attributes
-    ----------
-    below : ndarray, shape (I, P, J)
-        Predictive probability of a cell mean below the subject's own; uniform under the model, NaN where
-        there is none.
-    farther : ndarray, shape (I,)
-        Predictive probability that all cell means together lie farther from their prediction than the
-        subject's do (Mahalanobis distance); uniform under the model.
-    """
-
-    below: Array
-    farther: Array
+    below: Array  # (I, P, J) Predictive probability of a cell mean below the subject's own
+    farther: Array  # (I,)
 
 
 def predict_left_out(
     subjects: SubjectDensity, points: Array, weights: Array, members: NDArray[np.intp] | None = None
 ) -> Predicted:
-    """Compare subjects with their prediction from the others.
-
-    Parameters
-    ----------
-    subjects : SubjectDensity
-        The model and the subjects.
-    points : ndarray, shape (S, d)
-        Draws of the coordinates.
-    weights : ndarray, shape (S, I)
-        Weights that make them draws without the subject; columns sum to one.
-    members : ndarray of int, shape (I,), optional
-        Subjects wanted, in ascending order; all by default.
-
-    Returns
-    -------
-    Predicted
-    """
+    """Compare subjects with their prediction from the others."""
     wanted = np.arange(subjects.subjects) if members is None else members
     below = np.zeros((wanted.size, subjects.parameters, subjects.environments))
     farther = np.zeros(wanted.size)
@@ -69,19 +41,7 @@ def predict_left_out(
 
 
 def statistics_of(cell_means: Array) -> Array:
-    """Mean, SD, and the farthest subject's distance from the mean in SDs, of every cell.
-
-    Parameters
-    ----------
-    cell_means : ndarray, shape (..., N, P, J)
-        Mean response of each subject, NaN where there is none.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, P, J)
-        In the order of `STATISTICS`; NaN where a cell has fewer subjects than the statistic needs: one for
-        the mean, two for the SD, three for the distance.
-    """
+    """Mean, SD, and the farthest subject's distance from the mean in SDs, of every cell."""
     present = np.isfinite(cell_means)
     n = present.sum(axis=-3)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -93,22 +53,7 @@ def statistics_of(cell_means: Array) -> Array:
 
 
 def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator) -> Array:
-    """Statistics of new studies of the same design, one per draw.
-
-    Parameters
-    ----------
-    subjects : SubjectDensity
-        The model and the design.
-    points : ndarray, shape (S, d)
-        Draws of the coordinates.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    ndarray, shape (S, 3, P, J)
-        As `statistics_of` gives them for subjects drawn anew; locations are those of the posterior.
-    """
+    """Statistics of new studies of the same design, one per draw."""
     found = []
     for cut in batches(len(points), subjects):
         density = subjects.density

@@ -11,8 +11,6 @@ from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.prior_density import draws_first, log_normal_density, log_scale_priors
 from percept.inference.hierarchy.scales import Layout, Scales
 
-__all__ = ["GROUPS", "draw_prior", "draw_trend", "log_prior"]
-
 Array = NDArray[np.float64]
 Named = dict[str, tuple[tuple[str, ...], Array]]
 #: Which priors speak of what.
@@ -36,24 +34,7 @@ def prior_layout(density: CollapsedDensity) -> Layout:
 
 
 def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) -> tuple[Named, Array, Array]:
-    """Draw scales, population means and new users before any data.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The model.
-    draws : int
-        How many, W.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    scales : dict of str to (dimensions, ndarray)
-        Scales and correlations, draws first.
-    mean, user : ndarray, shape (W, P J)
-        Population means, and one user of each, on the response scale.
-    """
+    """Draw scales, population means and new users before any data."""
     layout, priors = prior_layout(density), density.priors
     scales = layout.scales(rng.standard_normal((layout.dimension, draws)))
     size, environments = layout.parameters, layout.environments
@@ -73,23 +54,7 @@ def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) 
 def draw_trend(
     density: CollapsedDensity, scales: Scales, beta: Array, rng: np.random.Generator | None = None
 ) -> tuple[Array, Array]:
-    """Level alpha and slope gamma per decade given the locations: a regression of its own per parameter.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The model, with several environments.
-    scales : Scales
-        W sets of scales.
-    beta : ndarray, shape (P, J, W)
-        Locations.
-    rng : numpy.random.Generator, optional
-        Source of randomness; without one the conditional means are given.
-
-    Returns
-    -------
-    alpha, gamma : ndarray, shape (P, W)
-    """
+    """Level alpha and slope gamma per decade given the locations: a regression of its own per parameter."""
     assert scales.tau is not None
     priors = density.priors
     pull = 1.0 / np.stack(scales.tau) ** 2
@@ -110,24 +75,7 @@ def draw_trend(
 def log_prior(
     density: CollapsedDensity, scales: Scales, beta: Array, rng: np.random.Generator
 ) -> dict[str, tuple[tuple[str, ...], Array]]:
-    """Log density of each top-level prior, on the scale the prior is stated on; see `log_scale_priors`.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The model.
-    scales : Scales
-        W sets of scales.
-    beta : ndarray, shape (P, J, W)
-        Locations drawn with them; level and slope are drawn given these.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    dict of str to (dimensions, ndarray)
-        By name (see `GROUPS`), draws first.
-    """
+    """Log density of each top-level prior, on the scale the prior is stated on; see `log_scale_priors`."""
     priors = density.priors
     found: dict[str, Array] = {}
     if scales.tau is None:

@@ -12,21 +12,11 @@ from percept.inference.checks.subjects import SubjectDensity, batches
 from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.records import Progress, Settings
 
-__all__ = ["Anew", "Without", "sample_without"]
-
 Array = NDArray[np.float64]
 
 
 class Without:
-    """Posterior of the scales given all subjects but one, in the coordinates of the whole study.
-
-    Parameters
-    ----------
-    subjects : SubjectDensity
-        The model and the subjects.
-    member : int
-        The subject to leave out.
-    """
+    """Posterior of the scales given all subjects but one, in the coordinates of the whole study."""
 
     def __init__(self, subjects: SubjectDensity, member: int) -> None:
         self._subjects = subjects
@@ -62,22 +52,11 @@ class Without:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Anew:
-    """A subject left out by sampling.
+    """A subject left out by sampling."""
 
-    Attributes
-    ----------
-    log_density : float
-        Log predictive density of the subject's trials given the others.
-    error : float
-        Its Monte Carlo standard error, in nats. Of a subject far beyond what the others predict it stays
-        large: the density then rests on a few draws with a spread that is large enough.
-    points : ndarray, shape (S, d)
-        Draws of the posterior without the subject, thinned to their effective size.
-    """
-
-    log_density: float
-    error: float
-    points: Array
+    log_density: float  # Log predictive density of the subject's trials given the others
+    error: float  # Its Monte Carlo standard error, in nats
+    points: Array  # (S, d) Draws of the posterior without the subject, thinned to their effective size
 
 
 def sample_without(
@@ -88,27 +67,7 @@ def sample_without(
     *,
     progress: Callable[[Progress], None] | None = None,
 ) -> Anew | None:
-    """Sample the posterior without one subject.
-
-    Parameters
-    ----------
-    subjects : SubjectDensity
-        The model and the subjects.
-    member : int
-        The subject to leave out.
-    name : str
-        Its name, for messages.
-    settings : Settings
-        Seed, caps and accuracy: of the mean log density of the subject's trials, in its posterior SDs. (The
-        log of the mean density may have no finite error to stop at.)
-    progress : callable, optional
-        Told the state after every round.
-
-    Returns
-    -------
-    Anew or None
-        None where the run does not pass its gate.
-    """
+    """Sample the posterior without one subject."""
     from percept.inference.sampling.run import sample
 
     target = Without(subjects, member)

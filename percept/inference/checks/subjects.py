@@ -26,8 +26,6 @@ from percept.inference.hierarchy.covariance import SharedCovariance
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
 
-__all__ = ["LeftOut", "SubjectDensity", "batches"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -43,35 +41,15 @@ class LeftOut:
 
     All NaN at scales for which doubles cannot tell a subject's share of what is known of a location: a
     scatter below some 1e-7 of the locations' prior.
-
-    Attributes
-    ----------
-    log_density : ndarray, shape (W, I)
-        Of the subject's trials, on the response scale.
-    distance : ndarray, shape (W, I)
-        Squared Mahalanobis distance of the subject's cell means; chi-squared under the model, with as many
-        degrees of freedom as the subject has cells and parameters.
-    standard : ndarray, shape (W, I, P, J)
-        Each cell mean less its predictive mean, in predictive SDs; NaN where there is none.
     """
 
-    log_density: Array
-    distance: Array
-    standard: Array
+    log_density: Array  # (W, I) Of the subject's trials, on the response scale
+    distance: Array  # (W, I) Squared Mahalanobis distance of the subject's cell means
+    standard: Array  # (W, I, P, J) Each cell mean less its predictive mean, in predictive SDs
 
 
 class SubjectDensity:
-    """Densities of subjects' data under a hierarchical model.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The model, with the statistics of all subjects.
-    response : ndarray, shape (M, P)
-        Unit-free responses the statistics were made from.
-    subject, environment : ndarray of int, shape (M,)
-        Their subjects and environments, as codes.
-    """
+    """Densities of subjects' data under a hierarchical model."""
 
     def __init__(
         self, density: CollapsedDensity, response: Array, subject: Indices, environment: Indices
@@ -97,19 +75,7 @@ class SubjectDensity:
         return (self._counts > 0).sum(axis=1) * float(self.parameters)
 
     def given_locations(self, scales: Scales, beta: Array) -> Array:
-        """Log density of each subject's trials given locations and scales, its own effects integrated out.
-
-        Parameters
-        ----------
-        scales : Scales
-            W sets of scales.
-        beta : ndarray, shape (P, J, W)
-            Locations on the response scale.
-
-        Returns
-        -------
-        ndarray, shape (W, N)
-        """
+        """Log density of each subject's trials given locations and scales, its own effects integrated out."""
         value = np.empty((beta.shape[-1], self.subjects))
         for pattern, cell in zip(
             self.density.statistics.patterns, self.density.cell_blocks(scales), strict=True
@@ -128,20 +94,7 @@ class SubjectDensity:
         return value + self._between_trials(scales, slice(None)) - 0.5 * _LOG_2PI * self.degrees
 
     def left_out(self, scales: Scales, members: Indices | None = None) -> LeftOut:
-        """Predictive law of each subject's data given scales and the other subjects' data.
-
-        Parameters
-        ----------
-        scales : Scales
-            W sets of scales.
-        members : ndarray of int, shape (I,), optional
-            Subjects wanted, in ascending order; all by default.
-
-        Returns
-        -------
-        LeftOut
-            NaN at scales for which doubles cannot tell the subject's share of what is known of a location.
-        """
+        """Predictive law of each subject's data given scales and the other subjects' data."""
         wanted = np.arange(self.subjects) if members is None else members
         law = Conditional(self.density, scales)
         mean, columns = np.stack(law.mean), law.joint_columns()

@@ -18,8 +18,6 @@ from percept.inference.covers import percent
 from percept.inference.intervals import FloatOrArray
 from percept.notebook import NotebookRecord
 
-__all__ = ["Bias", "Equivalence", "bias", "equivalence_test"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bias(NotebookRecord):

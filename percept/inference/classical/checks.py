@@ -9,33 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
 
-__all__ = ["finite_values", "fitted", "positive_references", "positive_values", "sample", "subject_counts"]
-
 
 def finite_values(
     values: ArrayLike, *, name: str = "values", allow_empty: bool = False
 ) -> NDArray[np.float64]:
-    """Return `values` as doubles.
-
-    Parameters
-    ----------
-    values : array_like
-        Real numbers, any shape.
-    name : str
-        What they are called, for the message.
-    allow_empty : bool
-        Whether no values at all are accepted.
-
-    Returns
-    -------
-    ndarray
-        Same shape as `values`.
-
-    Raises
-    ------
-    UsageError
-        Ragged, empty, not numeric, masked, NaN or infinite; the message says where.
-    """
+    """Return `values` as doubles."""
     if np.ma.is_masked(values):
         raise UsageError(
             f"Some of the {name} are masked.", hint="Pass what is not masked: values.compressed()."
@@ -64,27 +42,7 @@ def finite_values(
 
 
 def positive_values(values: ArrayLike, *, name: str = "values") -> NDArray[np.float64]:
-    """Return `values` as doubles fit for a logarithm.
-
-    Parameters
-    ----------
-    values : array_like
-        Real numbers, any shape.
-    name : str
-        What they are called, for the message.
-
-    Returns
-    -------
-    ndarray
-        Same shape as `values`.
-
-    Raises
-    ------
-    UsageError
-        As `finite_values`.
-    RefusalError
-        A value of zero or below.
-    """
+    """Return `values` as doubles fit for a logarithm."""
     doubles = finite_values(values, name=name)
     if (doubles <= 0.0).any():
         raise RefusalError(
@@ -98,31 +56,7 @@ def positive_values(values: ArrayLike, *, name: str = "values") -> NDArray[np.fl
 def sample(
     values: ArrayLike, *, axis: int = -1, positive: bool = False, least: int = 2
 ) -> NDArray[np.float64]:
-    """Return samples with their subjects along the last axis.
-
-    Parameters
-    ----------
-    values : array_like
-        Shape (..., n) with `axis` = −1.
-    axis : int
-        Which axis runs over subjects.
-    positive : bool
-        Whether the values must be above zero.
-    least : int
-        Fewest subjects that will do.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., n).
-
-    Raises
-    ------
-    UsageError
-        As `finite_values`; a single number; an axis that is not there.
-    RefusalError
-        Fewer than `least` subjects; zero or negative values where `positive` is asked for.
-    """
+    """Return samples with their subjects along the last axis."""
     doubles = positive_values(values) if positive else finite_values(values)
     if doubles.ndim == 0:
         raise UsageError("A sample is needed, not a single number.", value=float(doubles))
@@ -139,25 +73,7 @@ def sample(
 
 
 def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
-    """Return numbers of subjects as integers.
-
-    Parameters
-    ----------
-    n : array_like
-        Whole numbers, any shape.
-
-    Returns
-    -------
-    ndarray of int
-        Same shape as `n`.
-
-    Raises
-    ------
-    UsageError
-        Not whole, beyond integers of 64 bits, or not numbers.
-    RefusalError
-        Fewer than 2.
-    """
+    """Return numbers of subjects as integers."""
     found = finite_values(n, name="numbers of subjects")
     if (found != np.rint(found)).any():
         raise UsageError(
@@ -173,25 +89,7 @@ def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
 
 
 def fitted(names: str, *arrays: NDArray[Any]) -> tuple[NDArray[np.float64], ...]:
-    """Return arrays as doubles of one shape.
-
-    Parameters
-    ----------
-    names : str
-        What they are called, for the message.
-    *arrays : ndarray
-        Of shapes that broadcast.
-
-    Returns
-    -------
-    tuple of ndarray
-        Of the broadcast shape.
-
-    Raises
-    ------
-    UsageError
-        Shapes that do not fit.
-    """
+    """Return arrays as doubles of one shape."""
     try:
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
     except ValueError:
@@ -201,27 +99,7 @@ def fitted(names: str, *arrays: NDArray[Any]) -> tuple[NDArray[np.float64], ...]
 
 
 def positive_references(reference: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return reference values that something can be divided by.
-
-    Parameters
-    ----------
-    reference : array_like
-        What was shown; any unit.
-    shape : tuple of int
-        Shape of what will be divided.
-
-    Returns
-    -------
-    ndarray
-        A shape that broadcasts to `shape`.
-
-    Raises
-    ------
-    UsageError
-        Not finite numbers, or a shape that does not fit.
-    RefusalError
-        A reference of zero or below.
-    """
+    """Return reference values that something can be divided by."""
     shown = finite_values(reference, name="references")
     if (shown <= 0.0).any():
         raise RefusalError(

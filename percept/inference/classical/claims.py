@@ -9,38 +9,20 @@ from percept.errors import UsageError
 from percept.inference.classical.levels import Level, tail
 from percept.inference.intervals import Family, Joint, Side
 
-__all__ = ["Claim", "Parametric", "parametric_family"]
-
 Parametric: TypeAlias = Literal["normal", "lognormal"]
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What is asked of an interval, of whatever kind.
+    """What is asked of an interval, of whatever kind."""
 
-    Parameters
-    ----------
-    level : float or OneMinus
-        Confidence level.
-    family : {"normal", "lognormal", "free"}
-        Distribution between users.
-    joint : {"marginal", "bonferroni"}
-        ``"bonferroni"`` halves every tail, so that two parameters hold together.
-    side : {"both", "lower", "upper"}
-        Which limits are wanted.
-    unit : str
-        Unit of the values.
-    share, confidence : float or OneMinus, optional
-        For kind ``"share"``.
-    """
-
-    level: Level = 0.99
-    family: Family = "normal"
-    joint: Joint = "marginal"
-    side: Side = "both"
-    unit: str = ""
-    share: Level | None = None
-    confidence: Level | None = None
+    level: Level = 0.99  # Confidence level
+    family: Family = "normal"  # Distribution between users
+    joint: Joint = "marginal"  # ``"bonferroni"`` halves every tail, so that two parameters hold together
+    side: Side = "both"  # Which limits are wanted
+    unit: str = ""  # Unit of the values
+    share: Level | None = None  # For kind ``"share"``
+    confidence: Level | None = None  # For kind ``"share"``
 
     def __post_init__(self) -> None:
         for name, known in (
@@ -57,18 +39,7 @@ class Claim:
                 raise UsageError(f"{name} must be one number for an interval.", value=level)
 
     def tail(self, name: str = "level") -> float:
-        """Return what `name` leaves out, halved where two parameters share it.
-
-        Parameters
-        ----------
-        name : {"level", "share", "confidence"}
-            Which probability.
-
-        Returns
-        -------
-        float
-            In (0, 1).
-        """
+        """Return what `name` leaves out, halved where two parameters share it."""
         left = float(tail(getattr(self, name), name))
         return left / 2.0 if self.joint == "bonferroni" else left
 
@@ -79,13 +50,7 @@ class Claim:
 
 
 def parametric_family(family: Parametric) -> Parametric:
-    """Return `family` if it has parameters.
-
-    Raises
-    ------
-    UsageError
-        Anything but "normal" or "lognormal".
-    """
+    """Return `family` if it has parameters."""
     if family not in ("normal", "lognormal"):
         raise UsageError('family must be "normal" or "lognormal" here.', value=family)
     return family

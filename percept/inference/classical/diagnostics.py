@@ -15,8 +15,6 @@ from percept.inference.classical.sample_intervals import interval_of
 from percept.inference.intervals import Kind
 from percept.notebook import NotebookRecord
 
-__all__ = ["Influence", "Normality", "check_normality", "influence"]
-
 _SHAPIRO_MOST = 5000  # beyond, the published approximation of its p-value is not valid
 _BLOCK = 1 << 20
 

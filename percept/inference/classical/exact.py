@@ -16,8 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.checks import finite_values
 
-__all__ = ["MomentsAccumulator"]
-
 _BINS = 2098  # binary exponents of the doubles, -1073 to 1024
 _BIAS = 1073
 _UNIT = _BIAS + 53  # the sum is held in units of 2**-1126, the sum of squares in units of 2**-2252

@@ -19,39 +19,13 @@ from percept.inference.classical.claims import Claim
 from percept.inference.classical.moments import Moments, plain
 from percept.inference.intervals import Interval, Kind
 
-__all__ = ["free_interval", "least_subjects"]
-
 Array: TypeAlias = NDArray[np.float64]
 
 _ROUNDING = 1e-12  # 1 − 0.9 falls short of 0.1 by some 2e-16: a level met but for that is met
 
 
 def free_interval(kind: Kind, x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
-    """Return the narrowest symmetric pair of order statistics that keeps the claim.
-
-    Parameters
-    ----------
-    kind : {"mean", "user", "share"}
-        ``"mean"`` is here the median user.
-    x : array_like
-        Values, shape (..., n) with `axis` = −1.
-    claim : Claim
-        Level, share, confidence, side, joint treatment.
-    axis : int
-        Which axis runs over subjects.
-
-    Returns
-    -------
-    Interval
-        Fields of shape (...); `attained` is the level really held (for ``"share"`` the confidence).
-
-    Raises
-    ------
-    UsageError
-        Moments in place of values; unfit values.
-    RefusalError
-        Too few subjects: the message says how many would do. No scatter.
-    """
+    """Return the narrowest symmetric pair of order statistics that keeps the claim."""
     if isinstance(x, Moments):
         raise UsageError(
             "Order statistics need the values themselves, not their mean and SD.",
@@ -90,20 +64,7 @@ def free_interval(kind: Kind, x: ArrayLike | Moments, claim: Claim, *, axis: int
 
 
 def least_subjects(kind: Kind, claim: Claim) -> int:
-    """Return the smallest number of subjects whose extremes keep the claim.
-
-    Parameters
-    ----------
-    kind : {"mean", "user", "share"}
-        ``"mean"`` is here the median user.
-    claim : Claim
-        Level, share, confidence, side, joint treatment.
-
-    Returns
-    -------
-    int
-        473 for a share of .99 with confidence .95, two-sided.
-    """
+    """Return the smallest number of subjects whose extremes keep the claim."""
     miss, allowed = _miss(kind, claim)
     few, enough = 1, 2
     while miss(float(enough), np.ones(1))[0] > allowed:

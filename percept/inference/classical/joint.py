@@ -16,8 +16,6 @@ from percept.inference.classical.sample_intervals import interval_of
 from percept.inference.intervals import Family, Interval, Joint, Kind
 from percept.inference.regions import EllipseRegion, RectangleRegion
 
-__all__ = ["ellipse_region", "rectangle_region"]
-
 _ON_A_LINE = 1e-13  # 1 − r² below this is rounding of the data
 
 

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 
-__all__ = ["Level", "OneMinus", "tail"]
-
 
 @dataclass(frozen=True)
 class OneMinus:
@@ -40,25 +38,7 @@ Level: TypeAlias = float | OneMinus
 
 
 def tail(level: ArrayLike | OneMinus, name: str = "level") -> NDArray[np.float64]:
-    """Return 1 − level, exactly for a double from 0.5 up.
-
-    Parameters
-    ----------
-    level : float, array_like or OneMinus
-        Probability, strictly between 0 and 1.
-    name : str
-        What the argument is called, for the message.
-
-    Returns
-    -------
-    ndarray
-        Same shape as `level`.
-
-    Raises
-    ------
-    UsageError
-        A probability outside (0, 1), or not a number.
-    """
+    """Return 1 − level, exactly for a double from 0.5 up."""
     if isinstance(level, OneMinus):
         return np.asarray(level.tail)
     try:

@@ -18,8 +18,6 @@ from percept.inference.classical.quantiles import t_upper
 from percept.inference.intervals import FloatOrArray
 from percept.notebook import NotebookRecord
 
-__all__ = ["Moments", "mean_and_sd"]
-
 _Scale = Literal["linear", "log"]
 _BLOCK = 1 << 17  # values handled at once, so that the many temporaries stay in cache
 _LONGEST = 1 << 13  # the error bounds of the pairwise route are worked out up to this many subjects
@@ -283,16 +281,6 @@ def mean_and_sd(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     A few samples, or long ones, go through exact sums; many short ones through pairs of doubles, shifted by
     their first element. What the pairs cannot warrant (means that cancel, huge values) goes through exact
     sums.
-
-    Parameters
-    ----------
-    samples : ndarray
-        Shape (..., n), finite, n ≥ 2.
-
-    Returns
-    -------
-    mean, sd : ndarray
-        Shape (...).
     """
     n = samples.shape[-1]
     rows = samples.reshape(-1, n)

@@ -16,37 +16,11 @@ from percept.inference.classical.quantiles import t_upper, t_within
 from percept.inference.classical.tolerance import tolerance_factor
 from percept.inference.intervals import Family, FloatOrArray, Interval, Kind
 
-__all__ = ["family_moments", "mean_interval", "refuse_weights", "share_interval", "user_interval"]
-
 Array: TypeAlias = NDArray[np.float64]
 
 
 def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) -> tuple[Moments, bool]:
-    """Return moments on the scale of a family, and whether they are moment-matched.
-
-    Parameters
-    ----------
-    x : array_like or Moments
-        Values, shape (..., n) with `axis` = −1, or moments already worked out.
-    family : {"normal", "lognormal"}
-        Linear or log scale.
-    axis : int
-        Which axis of values runs over subjects.
-
-    Returns
-    -------
-    moments : Moments
-        On the scale of the family.
-    approximate : bool
-        True where linear moments were turned into those of the logarithms.
-
-    Raises
-    ------
-    UsageError
-        Moments of logarithms under the normal family, or unfit values.
-    RefusalError
-        Zero or negative values under the lognormal family; no scatter; fewer than 2 subjects.
-    """
+    """Return moments on the scale of a family, and whether they are moment-matched."""
     if isinstance(x, Moments):
         moments, approximate = x.on_scale(family), family == "lognormal" and x.scale == "linear"
     else:
@@ -62,22 +36,7 @@ def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) ->
 
 
 def mean_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
-    """Work out Eq. 15: mean ± t·SD/√n.
-
-    Parameters
-    ----------
-    x : array_like or Moments
-        As `family_moments`.
-    claim : Claim
-        Level, family, joint treatment, side.
-    axis : int
-        Which axis of values runs over subjects.
-
-    Returns
-    -------
-    Interval
-        Of kind ``"mean"``.
-    """
+    """Work out Eq. 15: mean ± t·SD/√n."""
     moments, approximate = family_moments(x, claim.family, axis=axis)
     n = np.asarray(moments.n)
     t = t_upper(claim.tail() / claim.tails, n - 1)
@@ -88,22 +47,7 @@ def mean_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> In
 
 
 def user_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
-    """Work out the prediction interval: mean ± t·SD·√(1 + 1/n).
-
-    Parameters
-    ----------
-    x : array_like or Moments
-        As `family_moments`.
-    claim : Claim
-        Level, family, joint treatment, side.
-    axis : int
-        Which axis of values runs over subjects.
-
-    Returns
-    -------
-    Interval
-        Of kind ``"user"``.
-    """
+    """Work out the prediction interval: mean ± t·SD·√(1 + 1/n)."""
     moments, approximate = family_moments(x, claim.family, axis=axis)
     refuse_weights(moments)
     n = np.asarray(moments.n)
@@ -112,22 +56,7 @@ def user_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> In
 
 
 def share_interval(x: ArrayLike | Moments, claim: Claim, *, axis: int = -1) -> Interval:
-    """Work out the tolerance interval: mean ± factor·SD.
-
-    Parameters
-    ----------
-    x : array_like or Moments
-        As `family_moments`.
-    claim : Claim
-        Share, confidence, family, joint treatment, side.
-    axis : int
-        Which axis of values runs over subjects.
-
-    Returns
-    -------
-    Interval
-        Of kind ``"share"``.
-    """
+    """Work out the tolerance interval: mean ± factor·SD."""
     moments, approximate = family_moments(x, claim.family, axis=axis)
     refuse_weights(moments)
     factor = tolerance_factor(
@@ -181,13 +110,7 @@ def _interval(
 
 
 def refuse_weights(moments: Moments) -> None:
-    """Refuse moments of a weighted mean.
-
-    Raises
-    ------
-    UsageError
-        They are: such a mean says nothing on single users.
-    """
+    """Refuse moments of a weighted mean."""
     if moments.weighted:
         raise UsageError(
             "A weighted mean says nothing on single users.",

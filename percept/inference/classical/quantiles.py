@@ -9,42 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-__all__ = ["normal_upper", "t_upper", "t_within"]
-
 
 def t_upper(tail: ArrayLike, nu: ArrayLike) -> NDArray[np.float64]:
-    """Return the value Student's t exceeds with probability `tail`.
-
-    Parameters
-    ----------
-    tail : array_like
-        Probability above, 0 to 1.
-    nu : array_like
-        Degrees of freedom.
-
-    Returns
-    -------
-    ndarray
-        Broadcast shape.
-    """
+    """Return the value Student's t exceeds with probability `tail`."""
     return -np.asarray(special.stdtrit(_doubles(nu), _doubles(tail)))
 
 
 def t_within(t: ArrayLike, nu: ArrayLike) -> NDArray[np.float64]:
-    """Return the probability that Student's t lies within ±`t`.
-
-    Parameters
-    ----------
-    t : array_like
-        Not negative.
-    nu : array_like
-        Degrees of freedom.
-
-    Returns
-    -------
-    ndarray
-        Broadcast shape.
-    """
+    """Return the probability that Student's t lies within ±`t`."""
     nu = _doubles(nu)
     with np.errstate(divide="ignore", over="ignore"):
         # One less twice the tail would lose what a small t holds.
@@ -53,18 +25,7 @@ def t_within(t: ArrayLike, nu: ArrayLike) -> NDArray[np.float64]:
 
 
 def normal_upper(tail: ArrayLike) -> NDArray[np.float64]:
-    """Return the value a standard normal exceeds with probability `tail`.
-
-    Parameters
-    ----------
-    tail : array_like
-        Probability above, 0 to 1.
-
-    Returns
-    -------
-    ndarray
-        Same shape as `tail`.
-    """
+    """Return the value a standard normal exceeds with probability `tail`."""
     return -np.asarray(special.ndtri(_doubles(tail)))
 
 

@@ -12,8 +12,6 @@ from percept.inference.classical.levels import Level
 from percept.inference.classical.moments import Moments
 from percept.inference.intervals import Family, Interval, Joint, Kind, Side
 
-__all__ = ["interval_of", "prediction_interval", "t_interval", "tolerance_interval"]
-
 
 def t_interval(
     x: ArrayLike | Moments,
@@ -155,24 +153,7 @@ def interval_of(
     joint: Joint = "marginal",
     unit: str = "",
 ) -> Interval:
-    """Work out the interval of a kind.
-
-    Parameters
-    ----------
-    kind : {"mean", "user", "share"}
-        `t_interval`, `prediction_interval` or `tolerance_interval`.
-    x, level, share, confidence, family, joint, unit
-        As these take them.
-
-    Returns
-    -------
-    Interval
-
-    Raises
-    ------
-    UsageError, RefusalError
-        As these; an unknown kind.
-    """
+    """Work out the interval of a kind."""
     if kind == "mean":
         return t_interval(x, level=level, family=family, joint=joint, unit=unit)
     if kind == "user":

@@ -20,16 +20,6 @@ from scipy import special
 
 from percept.inference.classical.quantiles import normal_upper
 
-__all__ = [
-    "NEWTON_STEPS",
-    "least_spread",
-    "normal_nodes",
-    "one_limit_factor",
-    "one_limit_offset",
-    "reach_of",
-    "solve_factor",
-]
-
 Array: TypeAlias = NDArray[np.float64]
 
 NEWTON_STEPS = 60
@@ -39,36 +29,12 @@ _NEGLIGIBLE = 1e-17  # of the probability wanted: what the quadrature leaves out
 
 
 def reach_of(doubt: Array) -> Array:
-    """Return how far out, in SDs, a normal still matters to the probability `doubt`.
-
-    Parameters
-    ----------
-    doubt : ndarray
-        Probability, any shape.
-
-    Returns
-    -------
-    ndarray
-        Of that shape.
-    """
+    """Return how far out, in SDs, a normal still matters to the probability `doubt`."""
     return normal_upper(doubt * _NEGLIGIBLE)
 
 
 def solve_factor(radius: Array, weight: Array, n: Array, doubt: Array, start: Array) -> Array:
-    """Solve Σ weight · P(χ²_ν < ν radius²/c²) = doubt for c, from above.
-
-    Parameters
-    ----------
-    radius, weight : ndarray
-        Shape (m, nodes): y at each node of Z, not negative, and the normal density times the node's width.
-    n, doubt, start : ndarray
-        Shape (m,): sample size, probability, and a c too large.
-
-    Returns
-    -------
-    ndarray
-        Shape (m,).
-    """
+    """Solve Σ weight · P(χ²_ν < ν radius²/c²) = doubt for c, from above."""
     half = (n[:, None] - 1.0) / 2.0
     scale = special.gammaln(half)
 
@@ -83,18 +49,7 @@ def solve_factor(radius: Array, weight: Array, n: Array, doubt: Array, start: Ar
 
 
 def one_limit_factor(n: Array, offset: Array, doubt: Array) -> Array:
-    """Solve P(Z + offset > factor·√n·s) = doubt for a positive factor.
-
-    Parameters
-    ----------
-    n, offset, doubt : ndarray
-        Shape (m,): sample size, √n times the quantile to be reached, probability below Φ(offset).
-
-    Returns
-    -------
-    ndarray
-        Shape (m,).
-    """
+    """Solve P(Z + offset > factor·√n·s) = doubt for a positive factor."""
     root = np.sqrt(n)
     # too large: the sum is exceeded only if Z is larger, or s smaller, than its bound
     start = (offset + normal_upper(doubt / 2.0)) / root / least_spread(n, doubt / 2.0)
@@ -119,20 +74,7 @@ def one_limit_factor(n: Array, offset: Array, doubt: Array) -> Array:
 
 
 def one_limit_offset(n: Array, factor: Array, doubt: Array, *, short: bool) -> Array:
-    """Solve for the offset of a noncentral t, given where its tail begins.
-
-    Parameters
-    ----------
-    n, factor, doubt : ndarray
-        Shape (m,): sample size, positive multiple c of the SD, and the probability of the tail.
-    short : bool
-        True: P(Z + offset > c√n·s) = doubt; False: P(Z + offset ≤ c√n·s) = doubt.
-
-    Returns
-    -------
-    ndarray
-        Shape (m,): the offset (noncentrality) √n·mean/σ.
-    """
+    """Solve for the offset of a noncentral t, given where its tail begins."""
     t = factor * np.sqrt(n)
     half = (n - 1.0) / 2.0
     if short:
@@ -171,35 +113,13 @@ def one_limit_offset(n: Array, factor: Array, doubt: Array, *, short: bool) -> A
 
 
 def least_spread(n: Array, doubt: Array) -> Array:
-    """Return the SD, in units of the population's, that a sample's falls below with probability `doubt`.
-
-    Parameters
-    ----------
-    n, doubt : ndarray
-        Sample size and probability, of shapes that broadcast.
-
-    Returns
-    -------
-    ndarray
-        Broadcast shape.
-    """
+    """Return the SD, in units of the population's, that a sample's falls below with probability `doubt`."""
     half = (n - 1.0) / 2.0
     return np.sqrt(special.gammaincinv(half, doubt) / half)
 
 
 def normal_nodes(lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Return Gauss–Legendre nodes between the bounds, and weights with the normal density.
-
-    Parameters
-    ----------
-    lower, upper : ndarray
-        Shape (m,), in SDs.
-
-    Returns
-    -------
-    z, weight : ndarray
-        Shape (m, nodes): Σ weight·f(z) is the integral of f times the density between the bounds.
-    """
+    """Return Gauss–Legendre nodes between the bounds, and weights with the normal density."""
     node, weight = _legendre()
     middle, half = (upper + lower)[:, None] / 2.0, (upper - lower)[:, None] / 2.0
     z = middle + half * node

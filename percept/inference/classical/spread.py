@@ -20,8 +20,6 @@ from percept.inference.covers import percent
 from percept.inference.intervals import FloatOrArray
 from percept.notebook import NotebookRecord
 
-__all__ = ["RelativeSpread", "coefficient_of_variation", "weber_fraction"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RelativeSpread(NotebookRecord):

@@ -34,8 +34,6 @@ from percept.inference.classical.shortfall import (
 )
 from percept.inference.intervals import FloatOrArray
 
-__all__ = ["howe_factor", "tolerance_factor"]
-
 _BLOCK = 512  # requests handled at once
 _TABLE = 1 << 16  # whole numbers this close together are looked up
 

@@ -16,8 +16,6 @@ from percept.inference.classical.exact import MomentsAccumulator
 from percept.inference.classical.moments import Moments
 from percept.notebook import NotebookRecord
 
-__all__ = ["SubjectMeans", "subject_means"]
-
 
 @dataclass(frozen=True, eq=False)
 class SubjectMeans(NotebookRecord):

@@ -15,8 +15,6 @@ from percept.reproduce.claims.record import Claim, Quantity, listed
 from percept.reproduce.devices import MASSES
 from percept.reproduce.published import LOOKED_AT, Published
 
-__all__ = ["affects_realism", "always_smaller", "other_environments", "suits_high"]
-
 
 def other_environments(published: Published) -> Claim:
     """Judge whether the environments drawn stand for those that are not."""

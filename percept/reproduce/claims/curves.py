@@ -16,8 +16,6 @@ from percept.reproduce.claims.record import Claim, Quantity, listed
 from percept.reproduce.devices import curves, panels
 from percept.reproduce.published import LOOKED_AT, Published, Wall
 
-__all__ = ["discrimination", "like_shapes", "magnitude_suffices", "upper_above", "window_suffices"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -12,14 +12,6 @@ from percept.reproduce.claims.record import Claim, Quantity, listed
 from percept.reproduce.devices import DAMPINGS, MASSES, Panel, curves, largest, over_devices, panels
 from percept.reproduce.published import LOOKED_AT, THEORETICAL, Published
 
-__all__ = [
-    "coupling_unnoticed",
-    "free_motion",
-    "high_impedance",
-    "middle_impedance",
-    "one_device",
-]
-
 _AND_NONE = np.concatenate([[0.0], MASSES])
 
 

@@ -20,34 +20,13 @@ from percept.inference.classical.quantiles import normal_upper, t_upper
 from percept.reproduce.claims.record import Claim, Quantity, listed
 from percept.reproduce.published import ENOUGH_SUBJECTS, LOOKED_AT, Published
 
-__all__ = [
-    "joint_level",
-    "limits_printed",
-    "normal_values",
-    "published_limits_suffice",
-    "reference_inside",
-    "reprinted",
-    "thirty_subjects",
-    "users_covered",
-]
-
 _SHARE_CONFIDENCE = 0.95
 _CORRELATIONS = (-0.9, 0.0, 0.9)
 _DIGITS_PRINTED = 4  # of most limits of Table 1
 
 
 def limits_printed(published: Published) -> list[tuple[str, str, str, str]]:
-    """Return Table 1 as percept prints it: name, parameter, lower and upper limit as text.
-
-    Parameters
-    ----------
-    published : Published
-
-    Returns
-    -------
-    list of tuple of str
-        The t-interval of each row's mean and SD, with the decimals of the printed limit.
-    """
+    """Return Table 1 as percept prints it: name, parameter, lower and upper limit as text."""
     interval = t_interval(published.moments, level=published.limits.level)
     lower, upper = np.asarray(interval.lower), np.asarray(interval.upper)
     rows: list[tuple[str, str, str, str]] = []

@@ -8,8 +8,6 @@ from typing import Literal
 
 from percept.report.numbers import rounded
 
-__all__ = ["Claim", "Quantity", "Verdict", "listed"]
-
 Verdict = Literal["holds", "holds only if", "does not hold"]
 
 
@@ -111,18 +109,7 @@ class Claim:
 
 
 def _verdict_of(cases: Iterable[bool]) -> Verdict:
-    """Return what a claim is worth that is true in some cases.
-
-    Parameters
-    ----------
-    cases : iterable of bool
-        Everything the claim speaks of.
-
-    Returns
-    -------
-    {"holds", "holds only if", "does not hold"}
-        True in all, in some, in none.
-    """
+    """Return what a claim is worth that is true in some cases."""
     found = [bool(case) for case in cases]
     if all(found):
         return "holds"

@@ -16,8 +16,6 @@ from percept.reproduce.claims.record import Claim, Quantity, listed
 from percept.reproduce.devices import DAMPINGS, MASSES
 from percept.reproduce.published import THEORETICAL, Published
 
-__all__ = ["direct_rendering", "one_coupling", "theoretical_coupling", "tuned_coupling", "worst_case"]
-
 _SAME = 1e-9
 
 

@@ -8,8 +8,6 @@ from percept.haptics import Environment, environment_impedance, perceived_impeda
 from percept.reproduce.claims.record import Claim, Quantity
 from percept.reproduce.published import LOOKED_AT, TEXT_REFERENCES, Published
 
-__all__ = ["environments_in_text", "felt_and_rendered", "mass_left_out", "perceivable_range", "substitution"]
-
 # Where thresholds of vibration are usually measured, Hz: the fast and slow mechanoreceptors of the hand.
 _TOUCH_HERTZ = (40.0, 250.0)
 _SAME = 1e-3
