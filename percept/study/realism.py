@@ -101,10 +101,7 @@ def _turns(apparatus: Apparatus, environment: str, lower: float, upper: float) -
     fine = np.unique([lower, *fine[(fine > lower) & (fine < upper)], upper])
     ways = (False, True) if apparatus.coupling is not None else (False,)
     return np.concatenate(
-        [
-            dips_and_peaks(partial(apparatus.curve, environment, coupled=way), fine)
-            for way in ways
-        ]
+        [dips_and_peaks(partial(apparatus.curve, environment, coupled=way), fine) for way in ways]
     )
 
 

@@ -9,10 +9,10 @@ import zipfile
 import pandas as pd
 import pytest
 
-from percept.bench.session_dialects import WRITERS, delimited, example, frame
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
 from percept.sessions.decode import Decoded, decode
+from tests.sessions.dialects import WRITERS, delimited, example, frame
 
 PSYCHOPY_HEADER = "environment,k_ref,k_adj,note,participant,expName,psychopyVersion,"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 
-from percept.bench.session_dialects import WRITERS, example
-from percept.bench.session_fuzz import check, fuzz
 from percept.sessions import read_sessions
+from tests.sessions.dialects import WRITERS, example
+from tests.sessions.fuzz import check, fuzz, main
 
 FILES = int(os.environ.get("PERCEPT_FUZZ_FILES", "300"))
 
@@ -32,3 +32,10 @@ def test_the_scan_notices_a_changed_number_and_a_lost_row(tmp_path):
     assert "k_adj" in (check(replace(sessions, table=changed), data, writer.options) or "")
     lost = replace(sessions, table=sessions.table.iloc[1:])
     assert "rows became" in (check(lost, data, writer.options) or "")
+
+
+def test_the_fuzzer_reports_counts_and_failures(capsys):
+    assert main(["--files", "20", "--seed", "3"]) == 0
+    assert capsys.readouterr().out.startswith("20 files, ")
+    assert main(["--files", "20", "--seed", "3", "--seconds", "0"]) == 1
+    assert "FAILED seed 3 file 0: took" in capsys.readouterr().out

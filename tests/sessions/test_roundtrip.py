@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from percept.bench.session_dialects import WRITERS, Trial, delimited, frame
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
+from tests.sessions.dialects import WRITERS, Trial, delimited, frame
 
 NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 easy = st.text(st.sampled_from("aZé01_- "), min_size=1, max_size=4).filter(str.strip)

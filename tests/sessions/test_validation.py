@@ -7,9 +7,9 @@ import tomllib
 
 import pytest
 
-from percept.bench.session_dialects import WRITERS, example
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, format_validation, propose_columns, read_sessions, validate
+from tests.sessions.dialects import WRITERS, example
 
 HEAD = "subject,environment,k_ref,k_adj\n"
 

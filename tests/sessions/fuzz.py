@@ -1,8 +1,7 @@
-"""Mutated session files against the reader: it reads them rightly or says why not, and never anything else.
+"""Mutated session files against the reader, which reads a file rightly or says why not.
 
-Run as `python -m percept.bench.session_fuzz --files 200000`. A file is one of the known dialects with a few
-random edits. What is accepted is checked against the file's own text, by a scan that shares nothing with the
-reader.
+Run as `python -m tests.sessions.fuzz --files 200000`. A file is a known dialect with a few random edits.
+A scan that shares nothing with the reader checks what it accepts against the file's own text.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from percept.bench.session_dialects import WRITERS, example
 from percept.errors import PerceptError
 from percept.sessions import ReadOptions, Sessions, read_sessions
+from tests.sessions.dialects import WRITERS, example
 
 _TOKEN = re.compile(r"[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?")
 _NOT_DROPPED = frozenset(
@@ -205,7 +204,7 @@ def _one(path: Path, data: bytes, options: ReadOptions, at: int, outcome: Outcom
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line of the fuzzer; exit code 1 if a file failed."""
-    parser = argparse.ArgumentParser(prog="percept.bench.session_fuzz", description=__doc__)
+    parser = argparse.ArgumentParser(prog="tests.sessions.fuzz", description=__doc__)
     parser.add_argument("--files", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=1.0, help="allowed per 100 kB (or part of it)")

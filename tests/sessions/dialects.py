@@ -1,4 +1,4 @@
-"""Session files as experiment software writes them: generators for the reader's tests and benchmarks."""
+"""Session files as experiment software writes them: generators for the reader's tests."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""The commands that measure the reader do what they say."""
+"""The reader's cost beside pandas', measured on a study it accepts."""
 
 from __future__ import annotations
 
 import json
 
-from percept.bench import reader, session_fuzz
+from percept.bench import reader
 from percept.sessions import read_sessions
 
 
@@ -17,15 +17,8 @@ def test_the_study_it_writes_is_one_the_reader_accepts(tmp_path):
 
 
 def test_costs_are_printed_as_lines_of_json(capsys):
-    assert reader.main(["--rows", "500", "--repeats", "1", "--tasks", "reduce_sessions"]) == 0
+    assert reader.main(["--rows", "500", "--repeats", "1", "--tasks", "read_sessions"]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [line["task"] for line in lines] == ["pandas", "reduce_sessions"]
+    assert [line["task"] for line in lines] == ["pandas", "read_sessions"]
     assert lines[0]["time_ratio"] == 1
     assert all(line["seconds"] > 0 and line["megabytes"] > 10 for line in lines)
-
-
-def test_the_fuzzer_reports_counts_and_failures(capsys):
-    assert session_fuzz.main(["--files", "20", "--seed", "3"]) == 0
-    assert capsys.readouterr().out.startswith("20 files, ")
-    assert session_fuzz.main(["--files", "20", "--seed", "3", "--seconds", "0"]) == 1
-    assert "FAILED seed 3 file 0: took" in capsys.readouterr().out
