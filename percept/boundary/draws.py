@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, perceived_magnitude
 
-__all__ = ["MEMORY", "DrawBands", "DrawCurves", "pointwise_band", "simultaneous_band"]
+__all__ = ["MEMORY", "DrawBands", "DrawCurves", "pointwise_band"]
 
 Array = NDArray[np.float64]
 _BLOCK_VALUES = 1 << 20
@@ -39,8 +39,6 @@ class DrawBands:
 
 class DrawCurves:
     """Curves of abs(Z_h), one per draw of (k, b), never held all at once.
-
-    Frequencies may be asked for in several calls; what holds whole curves is then known for all of them.
 
     Parameters
     ----------
@@ -80,34 +78,12 @@ class DrawCurves:
             raise UsageError("level must lie in (0, 1).", value=level)
         self._device, self._period, self._hold, self._level = device, period, hold, level
         self._stiffness, self._damping = stiffness, damping
-        self._farthest = np.zeros(stiffness.size)
 
     def at(self, omega: Array) -> DrawBands:
         """Evaluate the draws at frequencies (M,), rad/s, block by block."""
         step = max(1, _BLOCK_VALUES // self._stiffness.size)
         parts = [self._block(omega[i : i + step]) for i in range(0, omega.size, step)]
         return DrawBands(*np.concatenate(parts, axis=1))
-
-    @property
-    def reach(self) -> float:
-        """Level-quantile over draws of the largest standardised deviation of log abs(Z_h) so far."""
-        return float(np.quantile(self._farthest, self._level, method="higher"))
-
-    def simultaneous(self, bands: DrawBands) -> tuple[Array, Array]:
-        """Band exp(mean ± reach·sd) of log abs(Z_h) that holds whole curves at the level.
-
-        Parameters
-        ----------
-        bands : DrawBands
-            What `at` gave at the frequencies wanted.
-
-        Returns
-        -------
-        lower, upper : ndarray, shape (M,)
-            N·s/m.
-        """
-        reach = self.reach * bands.sd
-        return np.exp(bands.mean - reach), np.exp(bands.mean + reach)
 
     def _block(self, omega: Array) -> Array:
         curves = perceived_magnitude(
@@ -121,11 +97,6 @@ class DrawCurves:
         mean = logs.mean(axis=1)
         logs -= mean[:, None]
         sd = np.sqrt(np.einsum("mn,mn->m", logs, logs) / (logs.shape[1] - 1))
-        # Where all draws agree, as at a frequency the device alone decides, nothing deviates.
-        inverse = np.divide(1.0, sd, out=np.zeros_like(sd), where=sd > 0)
-        logs *= inverse[:, None]
-        np.abs(logs, out=logs)
-        np.maximum(self._farthest, logs.max(axis=0), out=self._farthest)
         bands = np.stack([lower, upper, mean, sd])
         bands[:3, endless] = np.inf
         return bands
@@ -179,37 +150,3 @@ def pointwise_band(
     """
     bands = DrawCurves(device, stiffness, damping, period, level=level, hold=hold).at(omega)
     return bands.lower, bands.upper
-
-
-def simultaneous_band(
-    omega: Array,
-    device: AnyDevice,
-    stiffness: Array,
-    damping: Array,
-    period: float,
-    *,
-    level: float,
-    hold: str = "average",
-) -> tuple[Array, Array]:
-    """Band exp(m ± c·s) of log abs(Z_h) that holds whole curves at the level.
-
-    m and s are the pointwise mean and SD over draws; c is the level-quantile over draws of the largest
-    standardised deviation over the frequencies.
-
-    Parameters
-    ----------
-    omega, device, stiffness, damping, period, level, hold
-        As `pointwise_band`.
-
-    Returns
-    -------
-    lower, upper : ndarray, shape (M,)
-        N·s/m.
-
-    Raises
-    ------
-    UsageError
-        As `DrawCurves`.
-    """
-    curves = DrawCurves(device, stiffness, damping, period, level=level, hold=hold)
-    return curves.simultaneous(curves.at(omega))

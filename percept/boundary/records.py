@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 __all__ = ["Boundary", "Shape"]
 
 Array = NDArray[np.float64]
-Shape = Literal["corner", "envelope", "pointwise", "simultaneous"]
+Shape = Literal["corner", "envelope", "pointwise"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class Boundary:
     shape : str
         "corner": both lower limits together and both upper together (Eqs 16-17); the curves can cross.
         "envelope": exact smallest and largest magnitude over the region. "pointwise": quantiles of
-        draws at each omega. "simultaneous": holds whole curves at the level.
+        draws at each omega.
     level : float
         Level of the region, or of the curves.
     omega : ndarray, shape (M,)

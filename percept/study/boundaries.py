@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
-from percept.boundary.draws import DrawBands, DrawCurves
+from percept.boundary.draws import DrawCurves
 from percept.boundary.grid import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
@@ -79,7 +79,7 @@ def environment_boundaries(
     regions : list of Region
         Corner curves are drawn around rectangles, envelopes around all.
     draws : list of Draws
-        Pointwise and simultaneous bands are drawn through them.
+        Pointwise bands are drawn through them.
     frequencies : Range
         Where; chosen frequencies are each boundary's own.
 
@@ -298,24 +298,15 @@ def _through(place: _Place, draws: list[Draws]) -> Iterator[Boundary]:
 
     # Quantiles of draws are rough on a small scale: the points follow the band's smooth proxies.
     sampled = place.sampled(curves, len(draws), (False, False, True, True))
-    for drawn, ensemble, (shared, (lower, upper, low, high)) in zip(draws, ensembles, sampled, strict=True):
-        logs = np.log(low), np.log(high)
-        # Where the device alone decides, and shows a pole, nothing deviates.
-        width = np.subtract(logs[1], logs[0], out=np.zeros_like(low), where=np.isfinite(high))
-        bands = DrawBands(lower, upper, 0.5 * (logs[0] + logs[1]), 0.5 * width / _PROXY)
-        shapes: dict[Shape, tuple[Array, Array]] = {
-            "pointwise": (lower, upper),
-            "simultaneous": ensemble.simultaneous(bands),
-        }
-        for shape, (below, above) in shapes.items():
-            yield Boundary(
-                lower=below,
-                upper=above,
-                shape=shape,
-                kind=drawn.kind,
-                method=drawn.method,
-                family=drawn.family,
-                joint="joint",
-                level=drawn.level,
-                **shared,
-            )
+    for drawn, (shared, (lower, upper, *_)) in zip(draws, sampled, strict=True):
+        yield Boundary(
+            lower=lower,
+            upper=upper,
+            shape="pointwise",
+            kind=drawn.kind,
+            method=drawn.method,
+            family=drawn.family,
+            joint="joint",
+            level=drawn.level,
+            **shared,
+        )

@@ -16,7 +16,6 @@ _SHAPES = {
     "16 and 17); the two curves can cross",
     "envelope": "the exact smallest and largest |Z_h| that any k and b within their limits can give",
     "pointwise": "quantiles of draws of |Z_h|, at each ω for itself",
-    "simultaneous": "a band whose level holds for the whole curve at once",
 }
 
 
