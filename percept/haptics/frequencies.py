@@ -58,6 +58,6 @@ def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArr
 
 def dips_and_peaks(curve: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
     """Return the ω (N,) between the ends of an increasing grid where a curve has local minima and maxima."""
-    found = [local_minima(lambda omega, sign=sign: sign * curve(omega), grid) for sign in (1.0, -1.0)]
-    omega = np.unique(np.concatenate(found))
+    dips, peaks = local_minima(curve, grid), local_minima(lambda omega: -curve(omega), grid)
+    omega = np.union1d(dips, peaks)
     return omega[(omega > (1 + _AT_END) * grid[0]) & (omega < (1 - _AT_END) * grid[-1])]

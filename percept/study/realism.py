@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,10 +101,7 @@ def _turns(apparatus: Apparatus, environment: str, lower: float, upper: float) -
     fine = np.unique([lower, *fine[(fine > lower) & (fine < upper)], upper])
     ways = (False, True) if apparatus.coupling is not None else (False,)
     return np.concatenate(
-        [
-            dips_and_peaks(lambda at, way=way: apparatus.curve(environment, at, coupled=way), fine)
-            for way in ways
-        ]
+        [dips_and_peaks(partial(apparatus.curve, environment, coupled=way), fine) for way in ways]
     )
 
 
