@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, perceived_magnitude
 
-__all__ = ["MEMORY", "DrawBands", "DrawCurves", "pointwise_band"]
+__all__ = ["MEMORY", "DrawBands", "DrawCurves", "pointwise_band", "relative_error"]
 
 Array = NDArray[np.float64]
 _BLOCK_VALUES = 1 << 20
@@ -29,12 +29,16 @@ class DrawBands:
         Equal-tailed quantiles at each frequency, N·s/m.
     mean, sd : ndarray, shape (M,)
         Mean and SD over draws of log abs(Z_h).
+    error : ndarray, shape (2, M)
+        Monte Carlo error of the logarithms of `lower` and `upper`: half the difference between the quantiles
+        of the first half of the draws and of the second.
     """
 
     lower: Array
     upper: Array
     mean: Array
     sd: Array
+    error: Array
 
 
 class DrawCurves:
@@ -45,7 +49,8 @@ class DrawCurves:
     device : Device or TabulatedDevice
         The device.
     stiffness, damping : ndarray, shape (N,)
-        Draws, N/m and N·s/m; at least two.
+        Draws, N/m and N·s/m; at least two. The second half must be independent of the first for the Monte
+        Carlo error to be one.
     period : float
         Sampling period, s.
     level : float
@@ -83,7 +88,8 @@ class DrawCurves:
         """Evaluate the draws at frequencies (M,), rad/s, block by block."""
         step = max(1, _BLOCK_VALUES // self._stiffness.size)
         parts = [self._block(omega[i : i + step]) for i in range(0, omega.size, step)]
-        return DrawBands(*np.concatenate(parts, axis=1))
+        lower, upper, mean, sd, *error = np.concatenate(parts, axis=1)
+        return DrawBands(lower, upper, mean, sd, np.stack(error))
 
     def _block(self, omega: Array) -> Array:
         curves = perceived_magnitude(
@@ -93,11 +99,13 @@ class DrawCurves:
         endless = np.isinf(curves).any(axis=1)
         curves[endless] = 1.0
         logs = np.log(curves)
-        lower, upper = _tails(curves, 0.5 * (1.0 - self._level))
+        tail, half = 0.5 * (1.0 - self._level), curves.shape[1] // 2
+        first, second = (np.log(_tails(part.copy(), tail)) for part in (curves[:, :half], curves[:, half:]))
+        lower, upper = _tails(curves, tail)
         mean = logs.mean(axis=1)
         logs -= mean[:, None]
         sd = np.sqrt(np.einsum("mn,mn->m", logs, logs) / (logs.shape[1] - 1))
-        bands = np.stack([lower, upper, mean, sd])
+        bands = np.stack([lower, upper, mean, sd, *(0.5 * np.abs(first - second))])
         bands[:3, endless] = np.inf
         return bands
 
@@ -105,6 +113,8 @@ class DrawCurves:
 def _tails(values: Array, tail: float) -> tuple[Array, Array]:
     """Quantiles of rows at `tail` and 1 − `tail`, linear between order statistics; reorders the rows."""
     last = values.shape[1] - 1
+    if not last:
+        return values[:, 0], values[:, 0]
     low = min(int(tail * last), last - 1)
     share = tail * last - low
     # One partition per side, the second of what the first left: several at once cost three times as much.
@@ -150,3 +160,30 @@ def pointwise_band(
     """
     bands = DrawCurves(device, stiffness, damping, period, level=level, hold=hold).at(omega)
     return bands.lower, bands.upper
+
+
+def relative_error(omega: Array, bands: tuple[Array, Array], error: Array) -> tuple[float, float] | None:
+    """Typical and largest Monte Carlo error of a band, as shares of its half-width in logarithms.
+
+    Parameters
+    ----------
+    omega : ndarray, shape (M,)
+        rad/s, increasing.
+    bands : tuple of ndarray, each (M,)
+        Lower and upper limits of abs(Z_h), N·s/m.
+    error : ndarray, shape (2, M)
+        Monte Carlo errors of their logarithms.
+
+    Returns
+    -------
+    typical, largest : float
+        Root mean square over both curves and log omega, and the largest. None where the band has no width.
+    """
+    wide = np.isfinite(bands[1]) & (bands[1] > bands[0])
+    if not wide.any():
+        return None
+    half_width = 0.5 * np.log(bands[1][wide] / bands[0][wide])
+    share, x = error[:, wide] / half_width, np.log(omega[wide])
+    square = np.mean(share**2, axis=0)
+    mean = np.trapezoid(square, x) / (x[-1] - x[0]) if x.size > 1 else square[0]
+    return float(np.sqrt(mean)), float(share.max())

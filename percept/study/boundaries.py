@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
-from percept.boundary.draws import DrawCurves
+from percept.boundary.draws import DrawCurves, relative_error
 from percept.boundary.grid import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
@@ -293,12 +293,14 @@ def _through(place: _Place, draws: list[Draws]) -> Iterator[Boundary]:
         for one, part in _runs(which):
             bands = ensembles[one].at(omega[part])
             out = _PROXY * bands.sd
-            parts.append([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
+            proxies = np.exp(bands.mean - out), np.exp(bands.mean + out)
+            parts.append([bands.lower, bands.upper, *bands.error, *proxies])
         return np.concatenate(parts, axis=1)
 
     # Quantiles of draws are rough on a small scale: the points follow the band's smooth proxies.
-    sampled = place.sampled(curves, len(draws), (False, False, True, True))
-    for drawn, (shared, (lower, upper, *_)) in zip(draws, sampled, strict=True):
+    sampled = place.sampled(curves, len(draws), (False, False, False, False, True, True))
+    for drawn, (shared, (lower, upper, *errors)) in zip(draws, sampled, strict=True):
+        error = relative_error(shared["omega"], (lower, upper), np.array(errors[:2]))
         yield Boundary(
             lower=lower,
             upper=upper,
@@ -308,5 +310,7 @@ def _through(place: _Place, draws: list[Draws]) -> Iterator[Boundary]:
             family=drawn.family,
             joint="joint",
             level=drawn.level,
+            error=error[0] if error else None,
+            largest_error=error[1] if error else None,
             **shared,
         )

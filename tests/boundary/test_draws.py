@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from percept.boundary.draws import MEMORY, DrawCurves, pointwise_band
+from percept.boundary.draws import MEMORY, DrawCurves, pointwise_band, relative_error
 from percept.errors import UsageError
 from percept.haptics import Device, Environment, perceived_impedance
 
@@ -48,6 +48,38 @@ def test_sd_of_few_draws_is_that_of_a_sample() -> None:
     curves = DrawCurves(DEVICE, k, b, PERIOD, level=0.9)
     # Logarithms of a few hundred are good to 1e-15, deviations of some hundredths to 1e-13.
     np.testing.assert_allclose(curves.at(OMEGA).sd, logs.std(axis=0, ddof=1), rtol=1e-11)
+
+
+def test_error_is_half_the_distance_of_two_halves() -> None:
+    k, b = drawn(400, 9)
+    halves = [
+        np.log(pointwise_band(OMEGA, DEVICE, k[part], b[part], PERIOD, level=0.9))
+        for part in (slice(200), slice(200, None))
+    ]
+    bands = DrawCurves(DEVICE, k, b, PERIOD, level=0.9).at(OMEGA)
+    np.testing.assert_allclose(bands.error, 0.5 * np.abs(halves[0] - halves[1]), rtol=1e-9, atol=1e-15)
+
+
+def test_stated_error_is_the_scatter_between_sets_of_draws() -> None:
+    omega = np.array([1.0, 30.0])
+    found = [DrawCurves(DEVICE, *drawn(1000, seed), PERIOD, level=0.9).at(omega) for seed in range(400)]
+    scatter = np.log([(bands.lower, bands.upper) for bands in found]).std(axis=0, ddof=1)
+    stated = np.sqrt(np.mean([bands.error**2 for bands in found], axis=0))
+    # Each of the two rests on 400 normals, and so has a relative standard error of 1 / sqrt(800).
+    assert np.abs(stated / scatter - 1.0).max() < 4 * np.sqrt(2 / 800)
+
+
+def test_relative_error_is_a_mean_over_log_omega_in_half_widths() -> None:
+    omega = np.array([1.0, 10.0, 1000.0, 2000.0])
+    lower, upper = np.full(4, 1.0), np.array([np.e**2, np.e**2, np.e**2, 1.0])  # no width at the last
+    error = np.array([[0.1, 0.1, 0.3, 9.0], [0.1, 0.1, 0.3, 9.0]])
+    typical, largest = relative_error(omega, (lower, upper), error)
+    assert largest == pytest.approx(0.3)
+    assert typical == pytest.approx(np.sqrt((0.01 + 2 * 0.5 * (0.01 + 0.09)) / 3))
+    assert relative_error(omega[:1], (lower[:1], upper[:1]), error[:, :1]) == pytest.approx((0.1, 0.1))
+    assert relative_error(omega[3:], (lower[3:], upper[3:]), error[:, 3:]) is None
+    endless = np.full(4, np.inf)
+    assert relative_error(omega, (endless, endless), error) is None
 
 
 def test_frequencies_may_come_in_any_pieces() -> None:

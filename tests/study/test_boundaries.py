@@ -38,6 +38,42 @@ def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study)
     assert "inside the pointwise band" in dict(fitted.skipped)["simultaneous bands through draws"]
 
 
+def test_curves_through_draws_have_a_monte_carlo_error_and_those_around_regions_none(fitted: Study) -> None:
+    for boundary in fitted.boundaries:
+        if boundary.shape != "pointwise":
+            assert boundary.error is boundary.largest_error is None
+        else:
+            assert boundary.error is not None
+            assert boundary.largest_error is not None
+            assert 0.0 < boundary.error < boundary.largest_error < 2.0
+    (one,) = (
+        b
+        for b in fitted.boundaries_at([10.0], ("VE3",), kinds=("user",), joints=("joint",))
+        if b.method == "bayesian"
+    )
+    assert one.error is not None
+    assert one.largest_error is not None
+    assert one.error <= one.largest_error
+
+
+def test_halves_of_the_draws_share_no_scales(fitted: Study) -> None:
+    assert fitted.fit is not None
+    scales = fitted.fit.run.independent()
+    ensembles, count = scales.shape[:2]
+    assert ensembles % 2 == 0
+    for drawn in fitted.curve_draws:
+        sizes = {k.size for k, _ in drawn.pairs.values()}
+        if drawn.method == "bayesian":
+            # Draws of one set of scales stand side by side, in the order of the ensembles.
+            assert all(size % (ensembles * count) == 0 for size in sizes)
+        else:
+            # Each half is spread evenly by itself.
+            for k, _ in drawn.pairs.values():
+                first, second = np.split(k, 2)
+                scatter = k.std() / np.sqrt(first.size)
+                assert abs(np.median(first) - np.median(second)) < 2 * scatter
+
+
 def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
