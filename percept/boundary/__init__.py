@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from percept.boundary.draws import pointwise_band, simultaneous_band
+from percept.boundary.draws import pointwise_band
 from percept.boundary.records import Boundary
 from percept.haptics import corner_curves, magnitude_envelope, magnitude_envelope_ellipse
 
@@ -12,5 +12,4 @@ __all__ = [
     "magnitude_envelope",
     "magnitude_envelope_ellipse",
     "pointwise_band",
-    "simultaneous_band",
 ]

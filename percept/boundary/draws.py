@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, perceived_magnitude
 
-__all__ = ["MEMORY", "DrawBands", "DrawCurves", "pointwise_band", "simultaneous_band"]
+__all__ = ["MEMORY", "DrawBands", "DrawCurves", "pointwise_band", "relative_error"]
 
 Array = NDArray[np.float64]
 _BLOCK_VALUES = 1 << 20
@@ -29,25 +29,28 @@ class DrawBands:
         Equal-tailed quantiles at each frequency, N·s/m.
     mean, sd : ndarray, shape (M,)
         Mean and SD over draws of log abs(Z_h).
+    error : ndarray, shape (2, M)
+        Monte Carlo error of the logarithms of `lower` and `upper`: half the difference between the quantiles
+        of the first half of the draws and of the second.
     """
 
     lower: Array
     upper: Array
     mean: Array
     sd: Array
+    error: Array
 
 
 class DrawCurves:
     """Curves of abs(Z_h), one per draw of (k, b), never held all at once.
-
-    Frequencies may be asked for in several calls; what holds whole curves is then known for all of them.
 
     Parameters
     ----------
     device : Device or TabulatedDevice
         The device.
     stiffness, damping : ndarray, shape (N,)
-        Draws, N/m and N·s/m; at least two.
+        Draws, N/m and N·s/m; at least two. The second half must be independent of the first for the Monte
+        Carlo error to be one.
     period : float
         Sampling period, s.
     level : float
@@ -80,34 +83,13 @@ class DrawCurves:
             raise UsageError("level must lie in (0, 1).", value=level)
         self._device, self._period, self._hold, self._level = device, period, hold, level
         self._stiffness, self._damping = stiffness, damping
-        self._farthest = np.zeros(stiffness.size)
 
     def at(self, omega: Array) -> DrawBands:
         """Evaluate the draws at frequencies (M,), rad/s, block by block."""
         step = max(1, _BLOCK_VALUES // self._stiffness.size)
         parts = [self._block(omega[i : i + step]) for i in range(0, omega.size, step)]
-        return DrawBands(*np.concatenate(parts, axis=1))
-
-    @property
-    def reach(self) -> float:
-        """Level-quantile over draws of the largest standardised deviation of log abs(Z_h) so far."""
-        return float(np.quantile(self._farthest, self._level, method="higher"))
-
-    def simultaneous(self, bands: DrawBands) -> tuple[Array, Array]:
-        """Band exp(mean ± reach·sd) of log abs(Z_h) that holds whole curves at the level.
-
-        Parameters
-        ----------
-        bands : DrawBands
-            What `at` gave at the frequencies wanted.
-
-        Returns
-        -------
-        lower, upper : ndarray, shape (M,)
-            N·s/m.
-        """
-        reach = self.reach * bands.sd
-        return np.exp(bands.mean - reach), np.exp(bands.mean + reach)
+        lower, upper, mean, sd, *error = np.concatenate(parts, axis=1)
+        return DrawBands(lower, upper, mean, sd, np.stack(error))
 
     def _block(self, omega: Array) -> Array:
         curves = perceived_magnitude(
@@ -117,16 +99,13 @@ class DrawCurves:
         endless = np.isinf(curves).any(axis=1)
         curves[endless] = 1.0
         logs = np.log(curves)
-        lower, upper = _tails(curves, 0.5 * (1.0 - self._level))
+        tail, half = 0.5 * (1.0 - self._level), curves.shape[1] // 2
+        first, second = (np.log(_tails(part.copy(), tail)) for part in (curves[:, :half], curves[:, half:]))
+        lower, upper = _tails(curves, tail)
         mean = logs.mean(axis=1)
         logs -= mean[:, None]
         sd = np.sqrt(np.einsum("mn,mn->m", logs, logs) / (logs.shape[1] - 1))
-        # Where all draws agree, as at a frequency the device alone decides, nothing deviates.
-        inverse = np.divide(1.0, sd, out=np.zeros_like(sd), where=sd > 0)
-        logs *= inverse[:, None]
-        np.abs(logs, out=logs)
-        np.maximum(self._farthest, logs.max(axis=0), out=self._farthest)
-        bands = np.stack([lower, upper, mean, sd])
+        bands = np.stack([lower, upper, mean, sd, *(0.5 * np.abs(first - second))])
         bands[:3, endless] = np.inf
         return bands
 
@@ -134,6 +113,8 @@ class DrawCurves:
 def _tails(values: Array, tail: float) -> tuple[Array, Array]:
     """Quantiles of rows at `tail` and 1 − `tail`, linear between order statistics; reorders the rows."""
     last = values.shape[1] - 1
+    if not last:
+        return values[:, 0], values[:, 0]
     low = min(int(tail * last), last - 1)
     share = tail * last - low
     # One partition per side, the second of what the first left: several at once cost three times as much.
@@ -181,35 +162,28 @@ def pointwise_band(
     return bands.lower, bands.upper
 
 
-def simultaneous_band(
-    omega: Array,
-    device: AnyDevice,
-    stiffness: Array,
-    damping: Array,
-    period: float,
-    *,
-    level: float,
-    hold: str = "average",
-) -> tuple[Array, Array]:
-    """Band exp(m ± c·s) of log abs(Z_h) that holds whole curves at the level.
-
-    m and s are the pointwise mean and SD over draws; c is the level-quantile over draws of the largest
-    standardised deviation over the frequencies.
+def relative_error(omega: Array, bands: tuple[Array, Array], error: Array) -> tuple[float, float] | None:
+    """Typical and largest Monte Carlo error of a band, as shares of its half-width in logarithms.
 
     Parameters
     ----------
-    omega, device, stiffness, damping, period, level, hold
-        As `pointwise_band`.
+    omega : ndarray, shape (M,)
+        rad/s, increasing.
+    bands : tuple of ndarray, each (M,)
+        Lower and upper limits of abs(Z_h), N·s/m.
+    error : ndarray, shape (2, M)
+        Monte Carlo errors of their logarithms.
 
     Returns
     -------
-    lower, upper : ndarray, shape (M,)
-        N·s/m.
-
-    Raises
-    ------
-    UsageError
-        As `DrawCurves`.
+    typical, largest : float
+        Root mean square over both curves and log omega, and the largest. None where the band has no width.
     """
-    curves = DrawCurves(device, stiffness, damping, period, level=level, hold=hold)
-    return curves.simultaneous(curves.at(omega))
+    wide = np.isfinite(bands[1]) & (bands[1] > bands[0])
+    if not wide.any():
+        return None
+    half_width = 0.5 * np.log(bands[1][wide] / bands[0][wide])
+    share, x = error[:, wide] / half_width, np.log(omega[wide])
+    square = np.mean(share**2, axis=0)
+    mean = np.trapezoid(square, x) / (x[-1] - x[0]) if x.size > 1 else square[0]
+    return float(np.sqrt(mean)), float(share.max())

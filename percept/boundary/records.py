@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 __all__ = ["Boundary", "Shape"]
 
 Array = NDArray[np.float64]
-Shape = Literal["corner", "envelope", "pointwise", "simultaneous"]
+Shape = Literal["corner", "envelope", "pointwise"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class Boundary:
     shape : str
         "corner": both lower limits together and both upper together (Eqs 16-17); the curves can cross.
         "envelope": exact smallest and largest magnitude over the region. "pointwise": quantiles of
-        draws at each omega. "simultaneous": holds whole curves at the level.
+        draws at each omega.
     level : float
         Level of the region, or of the curves.
     omega : ndarray, shape (M,)
@@ -45,6 +45,10 @@ class Boundary:
         Where the frequencies were chosen for the curves: bound of the relative distance of straight lines
         between them, in log-log, from every curve (a pointwise one counts as the smooth band it runs along).
         None for frequencies asked for.
+    error, largest_error : float or None
+        Of a pointwise boundary: typical (root mean square over log omega) and largest Monte Carlo error of
+        its curves, as a share of half the band's width, in logarithms. It compares two halves of the draws.
+        None for a boundary around a region, and without width.
     """
 
     environment: str
@@ -60,6 +64,8 @@ class Boundary:
     reference: Array
     coupled: Array | None = None
     departure: float | None = None
+    error: float | None = None
+    largest_error: float | None = None
 
     @property
     def points(self) -> int:

@@ -11,6 +11,8 @@ from percept.haptics._arrays import FloatArray
 from percept.haptics._search import local_minima
 from percept.haptics.parameters import AnyDevice, Device, TabulatedDevice
 
+__all__ = ["covers_range", "dips_and_peaks", "search_grid"]
+
 _COVERED = 1e-3
 """A table may leave out this share of the range up to Nyquist at either end."""
 # Nearer to an end of a range, as a share of it, a minimum is the end itself.
@@ -56,7 +58,6 @@ def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArr
 
 def dips_and_peaks(curve: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
     """Return the ω (N,) between the ends of an increasing grid where a curve has local minima and maxima."""
-    dips = local_minima(curve, grid)
-    peaks = local_minima(lambda omega: -curve(omega), grid)
-    omega = np.unique(np.concatenate([dips, peaks]))
+    dips, peaks = local_minima(curve, grid), local_minima(lambda omega: -curve(omega), grid)
+    omega = np.union1d(dips, peaks)
     return omega[(omega > (1 + _AT_END) * grid[0]) & (omega < (1 - _AT_END) * grid[-1])]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
-from percept.boundary.draws import DrawBands, DrawCurves
+from percept.boundary.draws import DrawCurves, relative_error
 from percept.boundary.grid import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
@@ -78,7 +78,7 @@ def environment_boundaries(
     regions : list of Region
         Corner curves are drawn around rectangles, envelopes around all.
     draws : list of Draws
-        Pointwise and simultaneous bands are drawn through them.
+        Pointwise bands are drawn through them.
     frequencies : Range
         Where; chosen frequencies are each boundary's own.
 
@@ -288,29 +288,24 @@ def _through(place: _Place, draws: list[Draws]) -> Iterator[Boundary]:
         for one, part in _runs(which):
             bands = ensembles[one].at(omega[part])
             out = _PROXY * bands.sd
-            parts.append([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
+            proxies = np.exp(bands.mean - out), np.exp(bands.mean + out)
+            parts.append([bands.lower, bands.upper, *bands.error, *proxies])
         return np.concatenate(parts, axis=1)
 
     # Quantiles of draws are rough on a small scale: the points follow the band's smooth proxies.
-    sampled = place.sampled(curves, len(draws), (False, False, True, True))
-    for drawn, ensemble, (shared, (lower, upper, low, high)) in zip(draws, ensembles, sampled, strict=True):
-        logs = np.log(low), np.log(high)
-        # Where the device alone decides, and shows a pole, nothing deviates.
-        width = np.subtract(logs[1], logs[0], out=np.zeros_like(low), where=np.isfinite(high))
-        bands = DrawBands(lower, upper, 0.5 * (logs[0] + logs[1]), 0.5 * width / _PROXY)
-        shapes: dict[Shape, tuple[Array, Array]] = {
-            "pointwise": (lower, upper),
-            "simultaneous": ensemble.simultaneous(bands),
-        }
-        for shape, (below, above) in shapes.items():
-            yield Boundary(
-                lower=below,
-                upper=above,
-                shape=shape,
-                kind=drawn.kind,
-                method=drawn.method,
-                family=drawn.family,
-                joint="joint",
-                level=drawn.level,
-                **shared,
-            )
+    sampled = place.sampled(curves, len(draws), (False, False, False, False, True, True))
+    for drawn, (shared, (lower, upper, *errors)) in zip(draws, sampled, strict=True):
+        error = relative_error(shared["omega"], (lower, upper), np.array(errors[:2]))
+        yield Boundary(
+            lower=lower,
+            upper=upper,
+            shape="pointwise",
+            kind=drawn.kind,
+            method=drawn.method,
+            family=drawn.family,
+            joint="joint",
+            level=drawn.level,
+            error=error[0] if error else None,
+            largest_error=error[1] if error else None,
+            **shared,
+        )

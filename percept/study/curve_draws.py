@@ -86,16 +86,21 @@ def classical_draws(sessions: Sessions, scene: Scene) -> Iterator[Draws]:
             pairs = {}
             for environment, (k, b) in values.items():
                 try:
-                    drawn = confidence_draws(
-                        k,
-                        b,
-                        kind=kind,
-                        family=family,  # type: ignore[arg-type]
-                        draws=_CLASSICAL,
-                        rng=rng,
-                    )
+                    # Twice, so that the halves are independent and each is evenly spread.
+                    halves = [
+                        confidence_draws(
+                            k,
+                            b,
+                            kind=kind,
+                            family=family,  # type: ignore[arg-type]
+                            draws=_CLASSICAL // 2,
+                            rng=rng,
+                        )
+                        for _ in range(2)
+                    ]
                 except RefusalError:
                     continue
+                drawn = np.concatenate(halves, axis=1)
                 pairs[environment] = displayable(drawn[0]), displayable(drawn[1])
             yield Draws(
                 kind=kind, method="classical", family=family, level=scene.inference.level, pairs=pairs

@@ -105,7 +105,8 @@ class Draws:
     level : float
         Level of the bands.
     pairs : dict of str to (ndarray, ndarray)
-        Draws of k and b by environment, each (N,), N/m and N·s/m.
+        Draws of k and b by environment, each (N,), N/m and N·s/m. The second half is independent of the
+        first: no draw of the scales stands behind both.
     """
 
     kind: str

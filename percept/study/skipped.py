@@ -145,6 +145,11 @@ def _curves(study: Study) -> Iterator[Reason]:
     if study.sessions.form == "summary":
         yield "ellipses and curves through draws", "published limits hold no correlation of k and b"
         return
+    if study.device is not None and (asked.method != "bayesian" or not _unpooled(study)):
+        yield (
+            "simultaneous bands through draws",
+            "a band symmetric in logs does not suit skewed draws: it can lie inside the pointwise band",
+        )
     if asked.method != "classical" and _unpooled(study):
         yield (
             "Bayesian ellipses and curves through draws",

@@ -32,8 +32,46 @@ def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study)
                 assert {(method, kind, joint, "corner"), (method, kind, joint, "envelope")} <= found
         for kind in ("mean", "user"):
             assert (method, kind, "hotelling", "envelope") in found
-            assert {(method, kind, "joint", "pointwise"), (method, kind, "joint", "simultaneous")} <= found
+            assert (method, kind, "joint", "pointwise") in found
     assert not any(kind == "share" and joint in ("hotelling", "joint") for _, kind, joint, _ in found)
+    assert {shape for *_, shape in found} == {"corner", "envelope", "pointwise"}
+    assert "inside the pointwise band" in dict(fitted.skipped)["simultaneous bands through draws"]
+
+
+def test_curves_through_draws_have_a_monte_carlo_error_and_those_around_regions_none(fitted: Study) -> None:
+    for boundary in fitted.boundaries:
+        if boundary.shape != "pointwise":
+            assert boundary.error is boundary.largest_error is None
+        else:
+            assert boundary.error is not None
+            assert boundary.largest_error is not None
+            assert 0.0 < boundary.error < boundary.largest_error < 2.0
+    (one,) = (
+        b
+        for b in fitted.boundaries_at([10.0], ("VE3",), kinds=("user",), joints=("joint",))
+        if b.method == "bayesian"
+    )
+    assert one.error is not None
+    assert one.largest_error is not None
+    assert one.error <= one.largest_error
+
+
+def test_halves_of_the_draws_share_no_scales(fitted: Study) -> None:
+    assert fitted.fit is not None
+    scales = fitted.fit.run.independent()
+    ensembles, count = scales.shape[:2]
+    assert ensembles % 2 == 0
+    for drawn in fitted.curve_draws:
+        sizes = {k.size for k, _ in drawn.pairs.values()}
+        if drawn.method == "bayesian":
+            # Draws of one set of scales stand side by side, in the order of the ensembles.
+            assert all(size % (ensembles * count) == 0 for size in sizes)
+        else:
+            # Each half is spread evenly by itself.
+            for k, _ in drawn.pairs.values():
+                first, second = np.split(k, 2)
+                scatter = k.std() / np.sqrt(first.size)
+                assert abs(np.median(first) - np.median(second)) < 2 * scatter
 
 
 def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
@@ -128,21 +166,10 @@ def test_chosen_frequencies_follow_every_band_through_draws(fitted: Study) -> No
             curves = perceived_magnitude(
                 fine[:, None], fitted.apparatus.device, *pair, fitted.apparatus.period
             )
-            whole = known[*key, "simultaneous"]
-            logs = np.log(curves)
-            mean, sd = logs.mean(axis=1), logs.std(axis=1, ddof=1)
-            # Its reach in SDs is one number, here that of its own frequencies.
-            ends = np.log([whole.lower, whole.upper])
-            reach = np.interp(np.log(fine), np.log(whole.omega), 0.5 * (ends[1] - ends[0])) / sd
-            shown = {side: fitted.apparatus.curve(environment, fine, coupled=c) for side, c in SHOWN.items()}
-            middle = float(np.median(reach))
-            true = {"lower": np.exp(mean - middle * sd), "upper": np.exp(mean + middle * sd), **shown}
-            assert departure_of(whole, fine, true) < 1.1e-3
-            inside = (np.abs(logs - mean[:, None]) <= middle * sd[:, None]).all(axis=0)
-            # At frequencies it was not chosen at the band still holds whole curves.
-            assert inside.mean() > drawn.level - 2e-3
-            # Quantiles are rough: the lines keep within one standard error of as many independent draws.
             point = known[*key, "pointwise"]
+            shown = {side: fitted.apparatus.curve(environment, fine, coupled=c) for side, c in SHOWN.items()}
+            assert departure_of(point, fine, shown) < 1e-3
+            # Quantiles are rough: the lines keep within one standard error of as many independent draws.
             slack = np.sqrt(tail * (1.0 - tail) / pair[0].size)
             for side, at in (("lower", tail), ("upper", 1.0 - tail)):
                 low, high = np.quantile(curves, [at - slack, at + slack], axis=1)

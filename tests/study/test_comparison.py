@@ -144,7 +144,7 @@ def test_prior_pull_where_the_priors_matter() -> None:
 def test_curves_are_compared_in_pairs(fitted: Study) -> None:
     boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3",))
     table = compare_curves(boundaries)
-    assert len(table) == 6 * 2 + 2 + 4
+    assert len(table) == 6 * 2 + 2 + 2
     assert (table["area_lower"] <= table["largest_lower"].abs() + 1e-12).all()
 
 

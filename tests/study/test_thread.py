@@ -81,10 +81,6 @@ def test_boundaries_hold_what_they_say(fitted):
             slack = 1 + 1e-12
             assert np.all(envelope.lower <= corner.lower * slack)
             assert np.all(envelope.upper * slack >= corner.upper)
-    for b in boundaries:
-        if b.shape == "simultaneous":
-            point = named[b.environment, b.kind, b.method, b.family, b.joint, "pointwise"]
-            assert np.mean(b.upper / b.lower >= point.upper / point.lower) > 0.9
 
 
 def test_corner_curves_are_equations_16_and_17(classical):

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, METHODS, array, distinct, each_by_itself
 
-__all__ = ["build"]
+__all__ = ["build", "worst_curve"]
 
 _SHAPES = {
     "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
     "16 and 17); the two curves can cross",
     "envelope": "the exact smallest and largest |Z_h| that any k and b within their limits can give",
     "pointwise": "quantiles of draws of |Z_h|, at each ω for itself",
-    "simultaneous": "a band whose level holds for the whole curve at once",
 }
 
 
@@ -35,29 +34,48 @@ def build(document: Mapping[str, Any]) -> Part | None:
     if not records:
         return None
     names = distinct(records, "environment")
+    errors = {_labels(record): f"/boundaries/{rank}/error" for rank, record in enumerate(records)}
     shapes = [shape for shape in _SHAPES if any(record["shape"] == shape for record in records)]
     return Part(
         "boundaries",
         "Realistic performance boundaries",
         {
             "environments": [
-                _environment(document, index, name) for index, name in enumerate(names, start=1)
+                _environment(document, errors, index, name) for index, name in enumerate(names, start=1)
             ],
             "shapes": [{"name": shape, "meaning": _SHAPES[shape]} for shape in shapes],
             "curves": _curves(document, names),
             "methods": [method for method in METHODS if any(r["method"] == method for r in records)],
             "kinds": [kind for kind in KINDS if any(r["kind"] == kind for r in records)],
             "coupled": any(record.get("coupled") is not None for record in records),
+            "worst": worst_curve(records),
         },
     )
 
 
-def _environment(document: Mapping[str, Any], index: int, name: str) -> dict[str, Any]:
+def worst_curve(records: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Name the curve through draws with the largest typical Monte Carlo error; None without such curves."""
+    known = [rank for rank, record in enumerate(records) if record.get("error") is not None]
+    if not known:
+        return None
+    rank = max(known, key=lambda rank: float(records[rank]["error"]))
+    what = {name: records[rank][name] for name in ("environment", "kind", "method", "family")}
+    return what | {"place": f"/boundaries/{rank}/error"}
+
+
+def _labels(record: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(record[name] for name in ("environment", "kind", "method", "family", "joint", "shape"))
+
+
+def _environment(
+    document: Mapping[str, Any], errors: Mapping[tuple[str, ...], str], index: int, name: str
+) -> dict[str, Any]:
     rows = [
         {
             **{field: record[field] for field in ("kind", "method", "family", "shape")},
             "place": f"/readings/{place}",
             "inside": _inside(record),
+            "error": errors[_labels(record)],
         }
         for place, record in enumerate(document["readings"])
         if record["environment"] == name

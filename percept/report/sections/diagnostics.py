@@ -15,7 +15,12 @@ _MEASURES = (
     ("times_run", "Length of a kept run in autocorrelation times", "10 or more", 4),
     ("effective_draws", "Effective draws, fewest", "", 5),
     ("acceptance", "Share of proposals accepted", "", 3),
-    ("worst_error", "Monte Carlo error of the worst endpoint (half-widths)", "within the tolerance", 3),
+    (
+        "worst_error",
+        "Monte Carlo error of the Bayesian intervals’ limits, largest (half-widths)",
+        "within the tolerance",
+        3,
+    ),
 )
 _COUNTS = ("ensembles", "walkers", "steps")
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from percept.report.references import bibtex, cited
+from percept.report.sections.boundaries import worst_curve
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, family_of
 from percept.study.units import NAMES
@@ -35,6 +36,7 @@ def build(document: Mapping[str, Any]) -> Part:
     intervals = document["intervals"]
     used = {row["method"] for row in intervals}
     references = cited(document)
+    gate = (document["diagnostics"] or {}).get("gate", {})
     return Part(
         "methods",
         "Methods, ready to paste",
@@ -42,6 +44,8 @@ def build(document: Mapping[str, Any]) -> Part:
             "data": document["data"],
             "parameters": [NAMES[name] for name in document["data"]["parameters"]],
             "boundaries": bool(document["boundaries"]),
+            "worst": worst_curve(document["boundaries"]),
+            "missed": gate.get("tolerance_met") is False,
             "device": scene.get("device"),
             "coupling": scene.get("coupling") if document["coupling"] else None,
             "family": family_of(document),
