@@ -1,4 +1,4 @@
-"""The house stays small and its arrows point one way: budget, cycles, who may take a Study, docstrings by audience."""
+"""The house stays small: budget, no cycles, nothing below Study takes one, docstrings by audience."""
 
 import ast
 import re

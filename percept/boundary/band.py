@@ -13,16 +13,6 @@ from percept.boundary.band_fit import LAWS, fit_law, leave_one_out
 from percept.errors import RefusalError
 from percept.notebook import NotebookRecord
 
-__all__ = [
-    "BandLaw",
-    "BandStatement",
-    "BandStudy",
-    "Estimate",
-    "band_laws",
-    "band_statements",
-    "environment_magnitude_range",
-]
-
 Array = NDArray[np.float64]
 # Without an environment an offset counts as gone below this share of what it was.
 _GONE = 0.1
@@ -43,85 +33,38 @@ class Estimate(NotebookRecord):
 
 @dataclasses.dataclass(frozen=True)
 class BandLaw(NotebookRecord):
-    """A law fitted to bands over environments.
+    """A law fitted to bands over environments."""
 
-    Attributes
-    ----------
-    method, kind, family : str
-        Whose bands.
-    model : str
-        "weber": band = w |Z|; "offset": c + w |Z|, c >= 0; "power": w |Z|^p.
-    parameters : dict of str to Estimate
-        By name; c in N·s/m.
-    level : float
-        Of the parameters' intervals: of posterior draws, or of a parametric bootstrap.
-    sentence : str
-        What the law says.
-    left_out_error : float or None
-        Root mean square over environments of log(band predicted from the others / band), its median over
-        draws; None with too few environments.
-    best : float or None
-        Share of the draws in which this law has the smallest such error of the three.
-    carried_by : str or None
-        The one environment without which the offset all but vanishes.
-    """
-
-    method: str
-    kind: str
-    family: str
-    model: str
-    parameters: dict[str, Estimate]
-    level: float
-    sentence: str
+    method: str  # Whose bands
+    kind: str  # Whose bands
+    family: str  # Whose bands
+    model: str  # "weber": band = w |Z|
+    parameters: dict[str, Estimate]  # By name
+    level: float  # Of the parameters' intervals: of posterior draws, or of a parametric bootstrap
+    sentence: str  # What the law says
     left_out_error: float | None = None
-    best: float | None = None
-    carried_by: str | None = None
+    best: float | None = None  # Share of the draws in which this law has the smallest such error of the three
+    carried_by: str | None = None  # The one environment without which the offset all but vanishes
 
 
 @dataclasses.dataclass(frozen=True)
 class BandStatement(NotebookRecord):
-    """A statement on bands, with the probability that it is true.
+    """A statement on bands, with the probability that it is true."""
 
-    Attributes
-    ----------
-    method, kind, family : str
-        Whose bands.
-    statement : str
-        In words.
-    probability : float
-        Share of the posterior draws, or of the bootstrap's.
-    """
-
-    method: str
-    kind: str
-    family: str
-    statement: str
-    probability: float
+    method: str  # Whose bands
+    kind: str  # Whose bands
+    family: str  # Whose bands
+    statement: str  # In words
+    probability: float  # Share of the posterior draws, or of the bootstrap's
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BandStudy(NotebookRecord):
-    """Bands of the device-free environment impedance at one frequency, and their laws.
+    """Bands of the device-free environment impedance at one frequency, and their laws."""
 
-    Attributes
-    ----------
-    omega : float
-        rad/s.
-    rows : DataFrame
-        environment, method, kind, family, impedance (abs(Z_e) of the reference, N·s/m), lower, upper, band
-        (N·s/m), relative (band over impedance).
-    laws : tuple of BandLaw
-        Three per method, kind and family, with at least three environments.
-    statements : tuple of BandStatement
-        Whether bands are narrower at low impedance, absolutely and relatively.
-    kappa : DataFrame or None
-        parameter, lower, value, upper, below_zero: the hierarchical model's own trend of log spread per
-        decade, 0 being Weber's law, and the probability that it is negative.
-    """
-
-    omega: float
+    omega: float  # rad/s
     rows: pd.DataFrame
-    laws: tuple[BandLaw, ...]
+    laws: tuple[BandLaw, ...]  # Three per method, kind and family, with at least three environments
     statements: tuple[BandStatement, ...] = ()
     kappa: pd.DataFrame | None = None
 
@@ -129,20 +72,7 @@ class BandStudy(NotebookRecord):
 def environment_magnitude_range(
     omega: float, stiffness: tuple[ArrayLike, ArrayLike], damping: tuple[ArrayLike, ArrayLike]
 ) -> tuple[Array, Array]:
-    """Smallest and largest abs(b - jk/omega) over rectangles of (k, b).
-
-    Parameters
-    ----------
-    omega : float
-        rad/s.
-    stiffness, damping : tuple of array_like
-        Limits, N/m and N·s/m, of one shape; may be negative.
-
-    Returns
-    -------
-    lower, upper : ndarray
-        N·s/m, of that shape.
-    """
+    """Smallest and largest abs(b - jk/omega) over rectangles of (k, b)."""
     k, b = (tuple(np.asarray(limit, dtype=float) for limit in pair) for pair in (stiffness, damping))
     axes = [(k[0] / omega, k[1] / omega), b]
     near = [np.maximum(0.0, np.maximum(low, -high)) for low, high in axes]
@@ -161,32 +91,7 @@ def band_laws(
     family: str,
     level: float,
 ) -> tuple[BandLaw, ...]:
-    """Fit the three laws, each with intervals, leave-one-environment-out error and what it rests on.
-
-    Parameters
-    ----------
-    environments : tuple of str
-        J names.
-    impedance : ndarray, shape (J,)
-        abs(Z_e), N·s/m, positive.
-    bands : ndarray, shape (J,), or None
-        Bands, N·s/m, positive, that the estimates are fitted to; None for the medians of the draws' own laws.
-    replicates : ndarray, shape (S, J)
-        Posterior or bootstrap draws of the bands.
-    method, kind, family : str
-        Whose bands.
-    level : float
-        Of the intervals.
-
-    Returns
-    -------
-    tuple of BandLaw
-
-    Raises
-    ------
-    RefusalError
-        With fewer than three environments.
-    """
+    """Fit the three laws, each with intervals, leave-one-environment-out error and what it rests on."""
     count = impedance.size
     if count < 3:
         raise RefusalError(f"a law of the band needs three environments; there are {count}.")
@@ -229,21 +134,7 @@ def band_laws(
 def band_statements(
     impedance: Array, replicates: Array, *, method: str, kind: str, family: str
 ) -> tuple[BandStatement, ...]:
-    """Judge two statements on discrimination at low against high impedance.
-
-    Parameters
-    ----------
-    impedance : ndarray, shape (J,)
-        N·s/m.
-    replicates : ndarray, shape (S, J)
-        Posterior or bootstrap draws of the bands, N·s/m.
-    method, kind, family : str
-        Whose bands.
-
-    Returns
-    -------
-    tuple of BandStatement
-    """
+    """Judge two statements on discrimination at low against high impedance."""
     order = np.argsort(impedance)
     absolute = replicates[:, order]
     relative = absolute / impedance[order]

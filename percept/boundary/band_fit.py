@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
 
-__all__ = ["LAWS", "fit_law", "law_band", "leave_one_out"]
-
 Array = NDArray[np.float64]
 
 #: Parameters of each law, in order.
@@ -25,29 +23,7 @@ _SETTLED = 1e-9
 
 
 def fit_law(law: str, impedance: Array, bands: Array) -> Array:
-    """Fit a law by least squares on the logarithms.
-
-    Parameters
-    ----------
-    law : {"weber", "offset", "power"}
-        Which.
-    impedance : ndarray, shape (J,)
-        abs(Z_e), N·s/m, positive.
-    bands : ndarray, shape (S, J)
-        S sets of bands, N·s/m, positive.
-
-    Returns
-    -------
-    ndarray, shape (S, number of parameters)
-        In the order of `LAWS`; c and w in the bands' unit and in none (Weber, offset).
-
-    Raises
-    ------
-    UsageError
-        An unknown law, shapes that differ, values that are not positive.
-    RefusalError
-        Fewer environments than parameters, or impedances that do not differ.
-    """
+    """Fit a law by least squares on the logarithms."""
     if law not in LAWS:
         raise UsageError(f"law must be one of {', '.join(LAWS)}.", value=law)
     if bands.ndim != 2 or impedance.shape != bands.shape[1:]:
@@ -71,46 +47,13 @@ def fit_law(law: str, impedance: Array, bands: Array) -> Array:
 
 
 def law_band(law: str, parameters: Array, impedance: Array) -> Array:
-    """Bands of fitted laws, shape (S, J).
-
-    Parameters
-    ----------
-    law : {"weber", "offset", "power"}
-        Which.
-    parameters : ndarray, shape (S, number of parameters)
-        As `fit_law` gives them.
-    impedance : ndarray, shape (J,)
-        N·s/m.
-
-    Returns
-    -------
-    ndarray, shape (S, J)
-        N·s/m.
-    """
+    """Bands of fitted laws, shape (S, J)."""
     named = dict(zip(LAWS[law], parameters.T[..., None], strict=True))
     return named.get("c", 0.0) + named["w"] * impedance ** named.get("p", 1.0)
 
 
 def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Array]:
-    """Predict each environment's band from the others.
-
-    Parameters
-    ----------
-    law, impedance, bands
-        As `fit_law`, with an environment more than parameters.
-
-    Returns
-    -------
-    error : ndarray, shape (S, J)
-        log(predicted/band).
-    parameters : ndarray, shape (J, S, number of parameters)
-        Fitted without each environment.
-
-    Raises
-    ------
-    UsageError, RefusalError
-        As `fit_law`.
-    """
+    """Predict each environment's band from the others."""
     errors, fits = [], []
     for j in range(impedance.size):
         kept = np.arange(impedance.size) != j

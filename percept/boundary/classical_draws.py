@@ -17,8 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.checks import sample
 
-__all__ = ["confidence_draws"]
-
 Array = NDArray[np.float64]
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
@@ -33,35 +31,7 @@ def confidence_draws(
     draws: int,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """Draw (k, b) of the average or the next user from the distribution behind the classical intervals.
-
-    Parameters
-    ----------
-    stiffness, damping : array_like, shape (n,)
-        Values of the same subjects in the same order, N/m and N·s/m.
-    kind : {"mean", "user"}
-        Whose (k, b).
-    family : {"normal", "lognormal"}
-        Distribution between users.
-    draws : int
-        How many. They fill the distribution evenly, so that their quantiles are far less noisy than those of
-        independent draws; each by itself has the right distribution, in random order.
-    rng : numpy.random.Generator
-        Source of randomness: of a shift, a turn and the order.
-
-    Returns
-    -------
-    stiffness, damping : ndarray, shape (draws,)
-        N/m and N·s/m. Their quantiles tend to the limits of `t_interval` (kind ``"mean"``) and
-        `prediction_interval` (kind ``"user"``) of the same values.
-
-    Raises
-    ------
-    UsageError
-        Unfit values, shapes that differ, an unknown kind.
-    RefusalError
-        Fewer than 3 subjects, no scatter, zero or negative values under ``"lognormal"``.
-    """
+    """Draw (k, b) of the average or the next user from the distribution behind the classical intervals."""
     if kind not in ("mean", "user"):
         raise UsageError(
             'kind must be "mean" or "user": a share of users has no curve of its own.', value=kind

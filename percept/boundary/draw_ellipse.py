@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError
 from percept.inference.regions import EllipseRegion
 
-__all__ = ["ellipse_of_draws"]
-
 Array = NDArray[np.float64]
 
 
@@ -24,30 +22,7 @@ def ellipse_of_draws(
     level: float,
     n: int,
 ) -> EllipseRegion:
-    """Put an ellipse around draws: their mean and covariance, out to a quantile of Mahalanobis distance.
-
-    Parameters
-    ----------
-    stiffness, damping : ndarray, shape (N,)
-        Draws, N/m and N·s/m; positive under ``"lognormal"``.
-    kind : {"mean", "user"}
-        What the draws are.
-    family : {"normal", "lognormal"}
-        Scale of the ellipse.
-    level : float
-        Share of the draws inside.
-    n : int
-        Users behind the posterior.
-
-    Returns
-    -------
-    EllipseRegion
-
-    Raises
-    ------
-    RefusalError
-        Draws on a line or at a point.
-    """
+    """Put an ellipse around draws: their mean and covariance, out to a quantile of Mahalanobis distance."""
     points = np.stack([stiffness, damping])
     if family == "lognormal":
         points = np.log(points)

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, perceived_magnitude
 
-__all__ = ["MEMORY", "DrawBands", "DrawCurves", "pointwise_band", "relative_error"]
-
 Array = NDArray[np.float64]
 _BLOCK_VALUES = 1 << 20
 #: Most bytes held beside draws and results, however many frequencies: four blocks, and one of slack. A
@@ -21,48 +19,17 @@ MEMORY = 5 * 8 * _BLOCK_VALUES
 
 @dataclass(frozen=True, eq=False)
 class DrawBands:
-    """What draws say of abs(Z_h) at some frequencies.
+    """What draws say of abs(Z_h) at some frequencies."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (M,)
-        Equal-tailed quantiles at each frequency, N·s/m.
-    mean, sd : ndarray, shape (M,)
-        Mean and SD over draws of log abs(Z_h).
-    error : ndarray, shape (2, M)
-        Monte Carlo error of the logarithms of `lower` and `upper`: half the difference between the quantiles
-        of the first half of the draws and of the second.
-    """
-
-    lower: Array
-    upper: Array
-    mean: Array
-    sd: Array
-    error: Array
+    lower: Array  # (M,)
+    upper: Array  # (M,)
+    mean: Array  # (M,)
+    sd: Array  # (M,)
+    error: Array  # (2, M)
 
 
 class DrawCurves:
-    """Curves of abs(Z_h), one per draw of (k, b), never held all at once.
-
-    Parameters
-    ----------
-    device : Device or TabulatedDevice
-        The device.
-    stiffness, damping : ndarray, shape (N,)
-        Draws, N/m and N·s/m; at least two. The second half must be independent of the first for the Monte
-        Carlo error to be one.
-    period : float
-        Sampling period, s.
-    level : float
-        Level of the bands.
-    hold : str
-        "average" (Eq. 8) or "true".
-
-    Raises
-    ------
-    UsageError
-        Draws of different shapes or fewer than two, or a level outside (0, 1).
-    """
+    """Curves of abs(Z_h), one per draw of (k, b), never held all at once."""
 
     def __init__(
         self,
@@ -163,22 +130,7 @@ def pointwise_band(
 
 
 def relative_error(omega: Array, bands: tuple[Array, Array], error: Array) -> tuple[float, float] | None:
-    """Typical and largest Monte Carlo error of a band, as shares of its half-width in logarithms.
-
-    Parameters
-    ----------
-    omega : ndarray, shape (M,)
-        rad/s, increasing.
-    bands : tuple of ndarray, each (M,)
-        Lower and upper limits of abs(Z_h), N·s/m.
-    error : ndarray, shape (2, M)
-        Monte Carlo errors of their logarithms.
-
-    Returns
-    -------
-    typical, largest : float
-        Root mean square over both curves and log omega, and the largest. None where the band has no width.
-    """
+    """Typical and largest Monte Carlo error of a band, as shares of its half-width in logarithms."""
     wide = np.isfinite(bands[1]) & (bands[1] > bands[0])
     if not wide.any():
         return None

@@ -11,8 +11,6 @@ from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.notebook import NotebookRecord
 
-__all__ = ["CurveGap", "curve_gap"]
-
 Array = NDArray[np.float64]
 # Lower limits of zero have no logarithm; they count as this share of the smaller of the upper limits.
 _FLOOR = 1e-6
@@ -20,41 +18,15 @@ _FLOOR = 1e-6
 
 @dataclass(frozen=True)
 class CurveGap(NotebookRecord):
-    """Distance of one curve from another, as natural logarithms of their ratio.
+    """Distance of one curve from another, as natural logarithms of their ratio."""
 
-    Attributes
-    ----------
-    area : float
-        Mean of abs(log ratio) over log omega.
-    largest : float
-        log(second/first) where it is largest in size.
-    omega : float
-        Where that is, rad/s.
-    """
-
-    area: float
-    largest: float
-    omega: float
+    area: float  # Mean of abs(log ratio) over log omega
+    largest: float  # log(second/first) where it is largest in size
+    omega: float  # Where that is, rad/s
 
 
 def curve_gap(first: Boundary, second: Boundary) -> dict[str, CurveGap]:
-    """Compare the lower and the upper curves of two boundaries over the range they share.
-
-    Parameters
-    ----------
-    first, second : Boundary
-        On grids of their own; straight in log-log between the frequencies.
-
-    Returns
-    -------
-    dict
-        ``"lower"`` and ``"upper"``.
-
-    Raises
-    ------
-    UsageError
-        Where the ranges of omega do not overlap.
-    """
+    """Compare the lower and the upper curves of two boundaries over the range they share."""
     low, high = max(first.omega[0], second.omega[0]), min(first.omega[-1], second.omega[-1])
     if not low < high:
         raise UsageError("the two boundaries have no range of omega in common.", value=(low, high))

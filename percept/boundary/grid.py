@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from percept.errors import UsageError
 
-__all__ = ["FLOOR", "TOLERANCE", "Grid", "adaptive_grid", "adaptive_grids"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -32,22 +30,10 @@ _NARROWEST = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Curves at frequencies chosen for them.
+    """Curves at frequencies chosen for them."""
 
-    Attributes
-    ----------
-    omega : ndarray, shape (M,)
-        rad/s, increasing.
-    values : ndarray, shape (C, M)
-        The curves there.
-    departure : float
-        Bound of the relative distance of lines between the points from the curves followed, by what was seen
-        while halving; above the tolerance where 4096 points did not suffice. Around a pole, where curves are
-        endless, a billionth of the frequency to either side is left out.
-    """
-
-    omega: Array
-    values: Array
+    omega: Array  # (M,) rad/s, increasing
+    values: Array  # (C, M) The curves there
     departure: float
 
 
@@ -65,29 +51,6 @@ def adaptive_grid(
     Intervals of log omega are halved until the curves at their middle lie within half the tolerance of the
     line between their ends. Those middles are kept: a smooth curve then lies within an eighth of the
     tolerance, one with a corner in the interval within all of it.
-
-    Parameters
-    ----------
-    curves : callable
-        Frequencies (M,), rad/s, to curves (C, M), zero or more; asked for new frequencies only.
-    lower, upper : float
-        Range, rad/s, 0 < lower < upper.
-    tolerance : float
-        Largest relative distance from any curve.
-    including : ndarray, optional
-        Frequencies to start from as well, such as resonances; those outside the range are left out.
-    followed : ndarray of bool, shape (C,), optional
-        Which curves the points are chosen for; all by default. Quantiles of draws are rough on a small scale,
-        and would ask for points without end.
-
-    Returns
-    -------
-    Grid
-
-    Raises
-    ------
-    UsageError
-        A range that is not 0 < lower < upper, or a tolerance outside (0, 1).
     """
     (grid,) = adaptive_grids(
         lambda _, omega: curves(omega),
@@ -111,27 +74,7 @@ def adaptive_grids(
     including: Array | None = None,
     followed: NDArray[np.bool_] | None = None,
 ) -> list[Grid]:
-    """Choose frequencies for several sets of curves, each set its own, in as few calls as for one.
-
-    Parameters
-    ----------
-    curves : callable
-        Which set (M,), in order, and frequencies (M,), rad/s, to the curves (C, M) of those sets there.
-    count : int
-        How many sets.
-    lower, upper, tolerance, including, followed
-        As `adaptive_grid`, the same for all sets.
-
-    Returns
-    -------
-    list of Grid
-        One per set: what `adaptive_grid` would choose for it alone.
-
-    Raises
-    ------
-    UsageError
-        As `adaptive_grid`.
-    """
+    """Choose frequencies for several sets of curves, each set its own, in as few calls as for one."""
     if not 0.0 < lower < upper:
         raise UsageError("frequencies must satisfy 0 < lower < upper, in rad/s.", value=(lower, upper))
     if not 0.0 < tolerance < 1.0:
@@ -182,18 +125,7 @@ def _followed(omega: Array, values: Array) -> Array:
 
 
 def _departure(left: Array, right: Array, true: Array) -> Array:
-    """Measure how far lines lie from curves between two points, the worst of them in each interval.
-
-    Parameters
-    ----------
-    left, right, true : ndarray, shape (1 + C, N)
-        As `_followed` gives them: of the ends of N intervals, and at one place in each.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        Largest abs(log(line/curve)).
-    """
+    """Measure how far lines lie from curves between two points, the worst of them in each interval."""
     share = (true[0] - left[0]) / (right[0] - left[0])
     line = left[1:] + share * (right[1:] - left[1:])
     return np.asarray(np.abs(line - true[1:]).max(axis=0))

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from percept.errors import UsageError
 from percept.notebook import NotebookRecord
 
-__all__ = ["Membership", "depth_membership", "magnitude_membership"]
-
 Array = NDArray[np.float64]
 # Limits of zero and of infinity have no logarithm; at this depth (twelve decades) they can no longer be left.
 _DEEP = 12.0 * np.log(10.0)
@@ -20,47 +18,16 @@ _LEAST, _MOST = np.finfo(np.float64).tiny, np.finfo(np.float64).max
 
 @dataclass(frozen=True)
 class Membership(NotebookRecord):
-    """How a curve lies to a boundary over a range of omega.
+    """How a curve lies to a boundary over a range of omega."""
 
-    Attributes
-    ----------
-    inside : float
-        Share of the range inside, measured in log omega.
-    leaves : tuple of (float, float)
-        Intervals of omega outside, rad/s, in order; those at the ends of the range end there.
-    margin : float
-        Smallest depth inside, negative where the curve leaves. For magnitudes the natural logarithm of the
-        ratio to the nearer limit.
-    margin_omega : float
-        Where that is, rad/s.
-    """
-
-    inside: float
-    leaves: tuple[tuple[float, float], ...]
-    margin: float
-    margin_omega: float
+    inside: float  # Share of the range inside, measured in log omega
+    leaves: tuple[tuple[float, float], ...]  # Intervals of omega outside, rad/s, in order
+    margin: float  # Smallest depth inside, negative where the curve leaves
+    margin_omega: float  # Where that is, rad/s
 
 
 def magnitude_membership(omega: Array, lower: Array, upper: Array, curve: Array) -> Membership:
-    """Compare abs(Z) with a boundary; curves are straight in log-log between the frequencies.
-
-    Parameters
-    ----------
-    omega : ndarray, shape (M,)
-        rad/s, positive, increasing; at least two.
-    lower, upper, curve : ndarray, shape (M,)
-        N·s/m, zero or more. Where corner curves have crossed, lower above upper, nothing is inside. Poles
-        that all of them share say nothing, and are left out.
-
-    Returns
-    -------
-    Membership
-
-    Raises
-    ------
-    UsageError
-        Shapes that differ, or frequencies that do not increase from above zero.
-    """
+    """Compare abs(Z) with a boundary; curves are straight in log-log between the frequencies."""
     shared = np.isinf(lower) & np.isinf(upper) & np.isinf(curve)
     omega, lower, upper, curve = (part[~shared] for part in (omega, lower, upper, curve))
     over = np.where(lower > 0, np.minimum(_log(curve) - _log(lower), _DEEP), _DEEP)
@@ -74,24 +41,7 @@ def _log(values: Array) -> Array:
 
 
 def depth_membership(omega: Array, depths: Array) -> Membership:
-    """Say where several depths are all zero or more, each linear in log omega between the frequencies.
-
-    Parameters
-    ----------
-    omega : ndarray, shape (M,)
-        rad/s, positive, increasing; at least two.
-    depths : ndarray, shape (D, M)
-        Finite; negative outside.
-
-    Returns
-    -------
-    Membership
-
-    Raises
-    ------
-    UsageError
-        Shapes that differ, or frequencies that do not increase from above zero.
-    """
+    """Say where several depths are all zero or more, each linear in log omega between the frequencies."""
     if omega.ndim != 1 or omega.size < 2 or depths.shape[1:] != omega.shape:
         raise UsageError("a curve needs one value per omega, two or more.", value=(omega.shape, depths.shape))
     if omega[0] <= 0 or np.any(np.diff(omega) <= 0):

@@ -17,65 +17,37 @@ from percept.errors import UsageError
 from percept.haptics import AnyDevice, magnitude_envelope
 from percept.notebook import NotebookRecord
 
-__all__ = ["Displayed", "Populations", "Realism", "realism"]
-
 Array = NDArray[np.float64]
 _BLOCK_VALUES = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
 class Populations:
-    """Limits between which a level of the users of each of S posterior draws lie.
+    """Limits between which a level of the users of each of S posterior draws lie."""
 
-    Attributes
-    ----------
-    stiffness, damping : tuple of ndarray, each (S,)
-        Lower and upper limits, N/m and N·s/m.
-    """
-
-    stiffness: tuple[Array, Array]
-    damping: tuple[Array, Array]
+    stiffness: tuple[Array, Array]  # (S,)
+    damping: tuple[Array, Array]  # (S,)
 
 
 @dataclass(frozen=True, eq=False)
 class Displayed:
-    """What the device shows at some frequencies.
+    """What the device shows at some frequencies."""
 
-    Attributes
-    ----------
-    omega : ndarray, shape (M,)
-        rad/s.
-    magnitude : ndarray, shape (M,)
-        abs(Z_h), N·s/m.
-    stiffness, damping : ndarray, shape (M,)
-        Effective, of the environment as displayed, N/m and N·s/m.
-    """
-
-    omega: Array
-    magnitude: Array
-    stiffness: Array
-    damping: Array
+    omega: Array  # (M,) rad/s
+    magnitude: Array  # (M,) abs(Z_h), N·s/m
+    stiffness: Array  # (M,)
+    damping: Array  # (M,)
 
 
 @dataclass(frozen=True, eq=False)
 class Realism(NotebookRecord):
-    """Probability over posterior draws of being realistic.
+    """Probability over posterior draws of being realistic."""
 
-    Attributes
-    ----------
-    omega : ndarray, shape (M,)
-        rad/s.
-    magnitude, plane : ndarray, shape (M,)
-        Probability at each omega, by magnitude, and by stiffness and damping both.
-    magnitude_throughout, plane_throughout : float
-        Probability of being realistic at every omega.
-    """
-
-    omega: Array
-    magnitude: Array
-    plane: Array
-    magnitude_throughout: float
-    plane_throughout: float
+    omega: Array  # (M,) rad/s
+    magnitude: Array  # (M,)
+    plane: Array  # (M,)
+    magnitude_throughout: float  # Probability of being realistic at every omega
+    plane_throughout: float  # Probability of being realistic at every omega
 
 
 def realism(
@@ -86,31 +58,7 @@ def realism(
     *,
     hold: str = "average",
 ) -> list[Realism]:
-    """Work out the probability of being realistic, at each omega and throughout.
-
-    Parameters
-    ----------
-    displayed : sequence of Displayed
-        What is shown: any number of ways, all at the same omega.
-    populations : Populations
-        Posterior draws.
-    device : Device or TabulatedDevice
-        The device.
-    period : float
-        Sampling period, s.
-    hold : str
-        "average" (Eq. 8) or "true".
-
-    Returns
-    -------
-    list of Realism
-        One per display; memory is bounded by blocks of frequencies.
-
-    Raises
-    ------
-    UsageError
-        Without a draw, or with displays at different omega.
-    """
+    """Work out the probability of being realistic, at each omega and throughout."""
     draws = populations.stiffness[0].size
     if not draws:
         raise UsageError("probabilities need at least one posterior draw.")

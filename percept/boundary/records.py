@@ -9,8 +9,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Boundary", "Shape"]
-
 Array = NDArray[np.float64]
 Shape = Literal["corner", "envelope", "pointwise"]
 

@@ -9,24 +9,9 @@ from percept.report.plain import plain
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["checks_of"]
-
 
 def checks_of(study: Study) -> dict[str, Any] | None:
-    """Collect the model checks that the scene asks for.
-
-    Parameters
-    ----------
-    study : Study
-        What it has not computed yet is computed now.
-
-    Returns
-    -------
-    dict or None
-        The fields of `percept.study.model_checks.ModelChecks`, of cells only the outliers, and
-        ``models`` (None where no comparison is asked for); None without ``[checks]``, without a passed fit,
-        and for published limits and cells fitted apart.
-    """
+    """Collect the model checks that the scene asks for."""
     asked = study.scene.checks
     if asked is None or study.checks is None:
         return None

@@ -15,28 +15,13 @@ if TYPE_CHECKING:
     from percept.scene import Scene
     from percept.study import Study
 
-__all__ = ["close_views", "readings", "zoom_windows"]
-
 # How closely the paper looks.
 _LOOK_BY = 0.02
 _POINTS = 61
 
 
 def zoom_windows(scene: Scene, environments: list[str]) -> dict[str, list[float]]:
-    """Return the window of ω that each environment's close view shows.
-
-    Parameters
-    ----------
-    scene : Scene
-        An environment that ``scene.report.zoom`` does not name gets 10 rad/s ± 2 %, or as much around the
-        middle of a range without 10 rad/s.
-    environments : list of str
-
-    Returns
-    -------
-    dict
-        Environment to ``[lower, upper]``, rad/s, inside the scene's range; absent where nothing is left.
-    """
+    """Return the window of ω that each environment's close view shows."""
     middle = scene.frequency.read_at
     usual = (middle * (1 - _LOOK_BY), middle * (1 + _LOOK_BY))
     windows = {}
@@ -49,19 +34,7 @@ def zoom_windows(scene: Scene, environments: list[str]) -> dict[str, list[float]
 
 
 def close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[str, Any]]:
-    """Evaluate the boundaries of the average user anew in each window.
-
-    Parameters
-    ----------
-    study : Study
-    windows : mapping
-        As `zoom_windows` returns it.
-
-    Returns
-    -------
-    list of dict
-        Boundary records, of kind mean (or the first kind there is) and not widened for joint limits.
-    """
+    """Evaluate the boundaries of the average user anew in each window."""
     found: list[Boundary] = []
     for environment, window in windows.items():
         found += study.boundaries_at(
@@ -74,16 +47,6 @@ def close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[s
 
 
 def readings(study: Study) -> list[dict[str, Any]]:
-    """Evaluate every boundary at one frequency: 10 rad/s, or the middle of a range without it.
-
-    Parameters
-    ----------
-    study : Study
-
-    Returns
-    -------
-    list of dict
-        Boundary records with one ω each, not widened for joint limits.
-    """
+    """Evaluate every boundary at one frequency: 10 rad/s, or the middle of a range without it."""
     omega = np.array([study.scene.frequency.read_at])
     return [plain(record) for record in study.boundaries_at(omega, joints=EACH_BY_ITSELF)]

@@ -10,26 +10,9 @@ from percept.report.plain import plain
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["design_of"]
-
 
 def design_of(study: Study) -> dict[str, Any] | None:
-    """Unpack the couplings that qualify, by method, environment and for all environments.
-
-    Parameters
-    ----------
-    study : Study
-
-    Returns
-    -------
-    dict or None
-        ``maps``, one per method: ``method``, ``damping`` (b_c of each line, N·s/m) and ``environments``, each
-        with ``name`` (None for all together, last), ``intervals`` (per line, a list of ``[low, high]`` of
-        k_c, N/m), ``largest`` and ``softest`` (``stiffness``, ``damping``, or None). ``stable``:
-        ``stiffness`` and ``damping`` along the edge of the stable region of a rigid device, None with modes
-        or a measured device. ``kind`` and ``family`` of the boundary; ``frequencies``, at how many ω each
-        coupling was checked. None where the study has no such map.
-    """
+    """Unpack the couplings that qualify, by method, environment and for all environments."""
     found = study.coupling_design
     if not found:
         return None

@@ -18,8 +18,6 @@ from percept.study.adjustments import adjustments, design_counts
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["SCHEMA", "build_document", "provenance"]
-
 SCHEMA = "percept-report/1"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
@@ -89,17 +87,7 @@ def build_document(
 
 
 def provenance(study: Study) -> dict[str, Any]:
-    """Say what a result was made from: versions, seed, files and scene.
-
-    Parameters
-    ----------
-    study : Study
-
-    Returns
-    -------
-    dict
-        ``versions``, ``seed``, ``files`` (name, sha256, rows), ``scene``.
-    """
+    """Say what a result was made from: versions, seed, files and scene."""
     import percept
 
     scene = plain(study.scene.to_dict())

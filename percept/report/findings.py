@@ -8,29 +8,13 @@ from typing import Any
 from percept.errors import counted
 from percept.report.select import METHODS, distinct, matching
 
-__all__ = ["findings"]
-
 #: Fewer subjects than this are called few.
 _FEW = 5
 _SHOWN = 4
 
 
 def findings(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Count what a reader asks first.
-
-    Parameters
-    ----------
-    document : mapping
-        With intervals and boundaries.
-
-    Returns
-    -------
-    dict
-        ``references``: per method and family, how many references lie ``inside`` their own interval of kind
-        mean, ``of`` how many, and which lie ``outside``. ``widths``: per method, family, parameter and
-        kind the ``narrowest`` and ``widest`` interval relative to its reference, and where. ``cautions``:
-        sentences on what the numbers cannot bear.
-    """
+    """Count what a reader asks first."""
     intervals = document["intervals"]
     return {
         "references": _references(intervals),

@@ -12,8 +12,6 @@ from percept.report.plain import dumps
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["write_fit"]
-
 
 def write_fit(study: Study, out_dir: str | Path) -> Path:
     """Write fit.json, in report.json's schema without curves, and posterior.nc.

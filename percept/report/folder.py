@@ -12,8 +12,6 @@ from pathlib import Path
 from percept.durable import exclusive, shared
 from percept.errors import UsageError
 
-__all__ = ["filled_folder"]
-
 _ASIDE = ".percept-unfinished-"
 _HINT = "Rename it, or choose another folder."
 
@@ -26,24 +24,6 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     ``sha256sum`` and named after `last`, goes with them: a file of an earlier list that is not written again
     is removed if it still is what was written then. Every other file stays. Of two runs into one folder the
     one that ends later leaves all its files; what a killed run left goes with the next one.
-
-    Parameters
-    ----------
-    out_dir : str or Path
-        Folder, made where it does not exist.
-    last : str
-        Name of the file to move last: where it is, the rest is.
-
-    Yields
-    ------
-    Path
-        The folder to write into.
-
-    Raises
-    ------
-    UsageError
-        Where `out_dir` is empty or a file, cannot be written, or holds a folder where a file is written, or
-        a file where a folder is.
     """
     if not str(out_dir):
         raise UsageError("the name of the folder to write is empty.", hint="Name one, or leave it out.")

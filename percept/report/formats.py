@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 from percept.errors import UsageError
 
-__all__ = ["FORMATS", "check_formats"]
-
 FORMATS = ("svg", "pdf", "png")
 
 

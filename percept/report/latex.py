@@ -8,8 +8,6 @@ from typing import Any
 from percept.report.numbers import number
 from percept.report.sections.intervals import interval_tables
 
-__all__ = ["latex_tables"]
-
 _ESCAPES = str.maketrans(
     {
         "\\": r"\textbackslash{}",
@@ -34,18 +32,7 @@ _WIDENED = {"marginal": "", "bonferroni": ", widened so that stiffness and dampi
 
 
 def latex_tables(document: Mapping[str, Any]) -> dict[str, str]:
-    """Return the tables of intervals, rounded as on the page.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.report.document.build_document` returns it.
-
-    Returns
-    -------
-    dict
-        File name to LaTeX: a ``table`` with caption and label, for a preamble with ``booktabs``.
-    """
+    """Return the tables of intervals, rounded as on the page."""
     return {
         f"intervals_{'_'.join(_name(table))}.tex": _table(document, table)
         for table in interval_tables(document)

@@ -12,27 +12,11 @@ if TYPE_CHECKING:
     from percept.study import Study
     from percept.study.left_out import LeftOut
 
-__all__ = ["SCHEMA", "left_out_document", "left_out_markdown"]
-
 SCHEMA = "percept-leave-one-out/1"
 
 
 def left_out_document(study: Study, found: LeftOut) -> dict[str, Any]:
-    """Build what leave_one_out.json holds.
-
-    Parameters
-    ----------
-    study : Study
-        The whole study.
-    found : LeftOut
-        Its environments, each predicted from the others.
-
-    Returns
-    -------
-    dict
-        ``schema``, ``provenance`` (as in report.json), ``simulated``, ``sentence`` and the fields of
-        `LeftOut`; JSON values only.
-    """
+    """Build what leave_one_out.json holds."""
     return {
         "schema": SCHEMA,
         "provenance": provenance(study),
@@ -43,17 +27,7 @@ def left_out_document(study: Study, found: LeftOut) -> dict[str, Any]:
 
 
 def left_out_markdown(document: Mapping[str, Any]) -> str:
-    """Write the document as a page.
-
-    Parameters
-    ----------
-    document : mapping
-        As `left_out_document` returns it.
-
-    Returns
-    -------
-    str
-    """
+    """Write the document as a page."""
     mean = "geometric mean" if document["family"] == "lognormal" else "mean"
     files = ", ".join(one["name"] for one in document["provenance"]["files"])
     lines = [

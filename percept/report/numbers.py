@@ -10,46 +10,21 @@ from typing import Any
 
 from percept.errors import UsageError
 
-__all__ = ["Number", "at", "number", "percentage", "rounded"]
-
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _INFINITE = {"inf": "∞", "-inf": "−∞"}
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number on the page.
+    """A number on the page."""
 
-    Attributes
-    ----------
-    text : str
-        As it is read.
-    exact : str
-        Every digit; empty where there is no number.
-    place : str
-        Its JSON pointer in report.json.
-    """
-
-    text: str
-    exact: str
-    place: str
+    text: str  # As it is read
+    exact: str  # Every digit
+    place: str  # Its JSON pointer in report.json
 
 
 def rounded(value: float, digits: int = 5) -> str:
-    """Write a number to significant digits, in powers of ten where it is very large or very small.
-
-    Parameters
-    ----------
-    value : float
-        Finite or infinite.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-        ``"8979.9"``, ``"1.2000 × 10⁻⁵"``, ``"∞"``; a true minus sign.
-    """
+    """Write a number to significant digits, in powers of ten where it is very large or very small."""
     if math.isinf(value):
         return _INFINITE["inf" if value > 0 else "-inf"]
     if value == 0:
@@ -65,41 +40,12 @@ def rounded(value: float, digits: int = 5) -> str:
 
 
 def percentage(value: float, digits: int = 3) -> str:
-    """Write a fraction as a percentage.
-
-    Parameters
-    ----------
-    value : float
-        A fraction; 0.647 becomes ``"64.7 %"``.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-    """
+    """Write a fraction as a percentage."""
     return f"{rounded(100 * value, digits)}\u202f%"
 
 
 def at(document: Any, place: str) -> Any:
-    """Return what stands at a JSON pointer.
-
-    Parameters
-    ----------
-    document : object
-        A plain document.
-    place : str
-        JSON pointer (RFC 6901), such as ``"/intervals/3/lower"``.
-
-    Returns
-    -------
-    object
-
-    Raises
-    ------
-    UsageError
-        Where the pointer leads nowhere.
-    """
+    """Return what stands at a JSON pointer."""
     value = document
     for step in place.split("/")[1:]:
         name = _plain_name(step)
@@ -116,30 +62,7 @@ def at(document: Any, place: str) -> Any:
 
 
 def number(document: Any, place: str, *, digits: int = 5, style: str = "plain") -> Number:
-    """Return the number at a place of the document, as it is shown.
-
-    Parameters
-    ----------
-    document : object
-        A plain document.
-    place : str
-        JSON pointer.
-    digits : int
-        Significant digits.
-    style : {"plain", "percent", "short", "short percent", "count"}
-        A fraction may be shown as a percentage; what is exact, such as a setting, short, without zeros at its
-        end; a count whole.
-
-    Returns
-    -------
-    Number
-        A dash where the document has None or lacks the place's last name.
-
-    Raises
-    ------
-    UsageError
-        Where what stands there is no number.
-    """
+    """Return the number at a place of the document, as it is shown."""
     parent, _, last = place.rpartition("/")
     owner = at(document, parent)
     value = owner.get(_plain_name(last)) if isinstance(owner, Mapping) else at(document, place)

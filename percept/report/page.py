@@ -15,28 +15,11 @@ from percept.report.numbers import number
 from percept.report.rendering import NO_NUMBER, Plate, asset, figures, templates
 from percept.report.sections import build_parts
 
-__all__ = ["render_page"]
-
 _PACKAGE = "percept.report"
 
 
 def render_page(document: Mapping[str, Any], plates: Mapping[str, Plate], *, date: str) -> str:
-    """Render the page of a document.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.report.document.build_document` returns it; every number on the page is in it.
-    plates : mapping of str to Plate
-        The figures the page may show, by name.
-    date : str
-        Printed at the head.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Render the page of a document."""
 
     def shown(place: str, *, digits: int = 5, style: str = "plain") -> Markup:
         found = number(document, place, digits=digits, style=style)

@@ -10,8 +10,6 @@ from pathlib import Path
 from percept.browser import find_browser
 from percept.errors import UsageError
 
-__all__ = ["needed_browser", "print_pdf"]
-
 _PATIENCE = 120.0
 
 
@@ -28,20 +26,7 @@ def needed_browser() -> str:
 
 
 def print_pdf(page: Path, target: Path) -> None:
-    """Print a page to a PDF, fonts embedded.
-
-    Parameters
-    ----------
-    page : Path
-        The HTML file.
-    target : Path
-        The PDF to write.
-
-    Raises
-    ------
-    UsageError
-        Where there is no Chromium, or it fails.
-    """
+    """Print a page to a PDF, fonts embedded."""
     browser = needed_browser()
     with tempfile.TemporaryDirectory(prefix="percept-pdf-") as profile:
         command = [

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Digits", "dumps", "plain"]
-
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 
@@ -34,24 +32,7 @@ class Digits(dict[float, str]):
 
 
 def plain(value: Any) -> Any:
-    """Turn a result into what JSON can hold, without losing a digit.
-
-    Parameters
-    ----------
-    value : object
-        None, text, number, array, DataFrame, mapping, sequence, dataclass or pydantic model, nested at will.
-
-    Returns
-    -------
-    object
-        Dicts, lists, text, numbers, booleans and None only. Infinities become ``"inf"`` and ``"-inf"``, NaN
-        becomes None, a DataFrame a list of its rows, a complex number ``[real, imaginary]``.
-
-    Raises
-    ------
-    TypeError
-        Where a value has no plain form.
-    """
+    """Turn a result into what JSON can hold, without losing a digit."""
     if value is None or isinstance(value, (str, bool)):
         return value
     if isinstance(value, int):

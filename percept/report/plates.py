@@ -10,21 +10,12 @@ from percept.report.figures.canvas import Drawing
 from percept.report.figures.files import Picture
 from percept.report.rendering import Plate
 
-__all__ = ["Drawn", "draw_plates", "drawn"]
-
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure as its files and as the page shows it.
+    """A figure as its files and as the page shows it."""
 
-    Attributes
-    ----------
-    files : dict of str to bytes
-        Contents by file name.
-    plate : Plate
-    """
-
-    files: dict[str, bytes]
+    files: dict[str, bytes]  # Contents by file name
     plate: Plate
 
     def write(self, folder: Path) -> None:
@@ -35,23 +26,7 @@ class Drawn:
 
 
 def drawn(drawing: Drawing, formats: Sequence[str]) -> Drawn:
-    """Draw one figure.
-
-    Parameters
-    ----------
-    drawing : Drawing
-    formats : sequence of {"svg", "pdf", "png"}
-        Of the files.
-
-    Returns
-    -------
-    Drawn
-
-    Raises
-    ------
-    UsageError
-        An unknown format.
-    """
+    """Draw one figure."""
     picture = Picture(drawing)
     files = {f"{drawing.name}.{form}": picture.file(form) for form in formats}
     return Drawn(files, Plate(drawing.title, drawing.description, picture.inline()))
@@ -60,27 +35,7 @@ def drawn(drawing: Drawing, formats: Sequence[str]) -> Drawn:
 def draw_plates(
     drawings: Iterable[Drawing], folder: Path, *, formats: Sequence[str] = ("svg",)
 ) -> dict[str, Plate]:
-    """Draw figures, write their files, and return what the page shows.
-
-    Parameters
-    ----------
-    drawings : iterable of Drawing
-        With names that differ.
-    folder : Path
-        For the files; made where it does not exist and there is something to write.
-    formats : sequence of {"svg", "pdf", "png"}
-        Of the files.
-
-    Returns
-    -------
-    dict of str to Plate
-        By the name of the drawing.
-
-    Raises
-    ------
-    UsageError
-        An unknown format.
-    """
+    """Draw figures, write their files, and return what the page shows."""
     plates = {}
     for drawing in drawings:
         figure = drawn(drawing, formats)

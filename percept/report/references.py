@@ -8,29 +8,15 @@ from typing import Any
 
 from percept import __version__
 
-__all__ = ["Reference", "bibtex", "cited"]
-
 
 @dataclass(frozen=True)
 class Reference:
-    """A work to cite.
+    """A work to cite."""
 
-    Attributes
-    ----------
-    key : str
-        BibTeX key.
-    entry : str
-        BibTeX entry type.
-    text : str
-        As it stands in a list of references.
-    fields : mapping of str to str
-        BibTeX fields.
-    """
-
-    key: str
-    entry: str
-    text: str
-    fields: Mapping[str, str] = field(default_factory=dict)
+    key: str  # BibTeX key
+    entry: str  # BibTeX entry type
+    text: str  # As it stands in a list of references
+    fields: Mapping[str, str] = field(default_factory=dict)  # BibTeX fields
 
     @property
     def bibtex(self) -> str:
@@ -150,16 +136,7 @@ _IN_ORDER = tuple(
 
 
 def cited(document: Mapping[str, Any]) -> list[Reference]:
-    """Return what the methods paragraph of a document cites, in order.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    list of Reference
-    """
+    """Return what the methods paragraph of a document cites, in order."""
     methods = {row["method"] for row in document["intervals"]}
     scene = document["provenance"]["scene"]
     needed = {"boundaries", "percept"}
@@ -173,14 +150,5 @@ def cited(document: Mapping[str, Any]) -> list[Reference]:
 
 
 def bibtex(document: Mapping[str, Any]) -> str:
-    """Return the BibTeX entries of what a document cites.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    str
-    """
+    """Return the BibTeX entries of what a document cites."""
     return "\n".join(reference.bibtex for reference in cited(document))

@@ -10,27 +10,17 @@ from importlib import resources
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-__all__ = ["NO_NUMBER", "Plate", "asset", "figures", "templates"]
-
 #: What stands on a page where there is no number.
 NO_NUMBER = Markup('<span class="none">–</span>')
 
 
 @dataclass(frozen=True)
 class Plate:
-    """A figure for a page.
-
-    Attributes
-    ----------
-    title, description : str
-        Text, not yet escaped.
-    svg : str
-        An ``<svg>`` element as `percept.report.figures.files.Picture.inline` writes it.
-    """
+    """A figure for a page."""
 
     title: str
     description: str
-    svg: str
+    svg: str  # An ``<svg>`` element as `percept.report.figures.files.Picture.inline` writes it
 
 
 def figures(plates: Mapping[str, Plate]) -> Callable[[str], Markup]:
@@ -44,18 +34,7 @@ def figures(plates: Mapping[str, Plate]) -> Callable[[str], Markup]:
 
 @cache
 def templates(*packages: str) -> Environment:
-    """Return the templates of packages; a name is looked for in the order of the packages.
-
-    Parameters
-    ----------
-    *packages : str
-        Packages with a folder of templates.
-
-    Returns
-    -------
-    Environment
-        Shared: filters are added to an overlay of it.
-    """
+    """Return the templates of packages; a name is looked for in the order of the packages."""
     return Environment(
         loader=ChoiceLoader([PackageLoader(package) for package in packages]),
         autoescape=True,

@@ -8,19 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "EACH_BY_ITSELF",
-    "KINDS",
-    "METHODS",
-    "METHOD_NAMES",
-    "array",
-    "distinct",
-    "each_by_itself",
-    "family_of",
-    "first",
-    "matching",
-]
-
 Record = Mapping[str, Any]
 
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
@@ -57,19 +44,7 @@ def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:
 
 
 def first(records: Iterable[Record], **preferred: Sequence[Any]) -> Record | None:
-    """Return the record that stands highest in every preference, earlier fields weighing more.
-
-    Parameters
-    ----------
-    records : iterable of mapping
-        Candidates.
-    **preferred : sequence
-        Accepted values of each field, best first; other values are not accepted.
-
-    Returns
-    -------
-    mapping or None
-    """
+    """Return the record that stands highest in every preference, earlier fields weighing more."""
     accepted = [
         record for record in records if all(record.get(name) in values for name, values in preferred.items())
     ]

@@ -10,8 +10,6 @@ from markupsafe import Markup
 from percept.report.numbers import rounded
 from percept.report.rendering import NO_NUMBER, Plate, asset, figures, templates
 
-__all__ = ["render_standalone"]
-
 _REPORT = "percept.report"
 
 
@@ -25,31 +23,7 @@ def render_standalone(
     styles: tuple[str, ...] = (),
     **values: Any,
 ) -> str:
-    """Render a template of a package that may use those of the report.
-
-    Parameters
-    ----------
-    package : str
-        Package with a folder of templates.
-    template : str
-        The template's name. It is given `figure`, a figure by name; `n`, a number rounded for reading
-        with its exact value beside it; `plates` and `style`.
-    plates : mapping of str to Plate
-        Figures by name.
-    digits : int
-        Significant digits of a number where the template names none.
-    symbols : callable
-        The template's filter of that name.
-    styles : tuple of str
-        Style sheets of the package, after the report's.
-    **values
-        What else the template is given.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Render a template of a package that may use those of the report."""
 
     def shown(value: float | str | None, digits: int = digits) -> Markup:
         if value is None:

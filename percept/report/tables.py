@@ -9,31 +9,14 @@ from typing import Any
 
 from percept.report.plain import Digits
 from percept.report.select import distinct, matching
+from percept.sessions.units import UNITS
 from percept.sessions.write import neutralised
-from percept.study.units import UNITS
-
-__all__ = ["csv_tables"]
 
 _INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
 
 
 def csv_tables(document: Mapping[str, Any], *, digits: Digits | None = None) -> dict[str, str]:
-    """Return the tables of a document.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.report.document.build_document` returns it.
-    digits : Digits, optional
-        Texts known already.
-
-    Returns
-    -------
-    dict
-        File name to CSV text: one table of intervals per parameter, boundaries, and what else there is.
-        Numbers read back to the same doubles. Text that a spreadsheet would take for a formula gets an
-        apostrophe in front.
-    """
+    """Return the tables of a document."""
     tables = {}
     for parameter in distinct(document["intervals"], "parameter"):
         rows = matching(document["intervals"], parameter=parameter)

@@ -16,8 +16,6 @@ from percept.report.plain import Digits, dumps
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = ["write_report"]
-
 Progress = Callable[[str], None]
 
 

@@ -19,7 +19,7 @@ from percept.reproduce.adaptive import Adapted, TradeOff
 from percept.reproduce.claims import Claim
 from percept.reproduce.claims.limits import limits_printed
 from percept.reproduce.published import Published
-from percept.study.units import UNITS
+from percept.sessions.units import UNITS
 
 SCHEMA = "percept-reproduction/1"
 

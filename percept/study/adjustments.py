@@ -7,25 +7,11 @@ from typing import Any
 
 from percept.inference.classical.trials import subject_means
 from percept.sessions import Sessions
-from percept.study.units import UNITS
-
-__all__ = ["adjustments", "design_counts"]
+from percept.sessions.units import UNITS
 
 
 def adjustments(sessions: Sessions) -> Iterator[dict[str, Any]]:
-    """Describe the adjustments as they are, on no scale and of no model.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study; published summaries have no adjustments.
-
-    Yields
-    ------
-    dict
-        environment, parameter, reference, n (subjects), mean, sd (None for one subject), values (each the
-        mean of a subject's trials, in order of first appearance), unit; N/m or N·s/m. Environment-major.
-    """
+    """Describe the adjustments as they are, on no scale and of no model."""
     if sessions.form != "trials":
         return
     for environment, rows in sessions.table.groupby("environment", sort=False):
@@ -48,19 +34,7 @@ def adjustments(sessions: Sessions) -> Iterator[dict[str, Any]]:
 
 
 def design_counts(sessions: Sessions) -> dict[str, Any] | None:
-    """Count trials, sessions and cells.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study.
-
-    Returns
-    -------
-    dict or None
-        cells (a subject at an environment), missing (of them, without a trial), trials (of a cell) and
-        sessions (of a subject), both [fewest, most]. None for published summaries.
-    """
+    """Count trials, sessions and cells."""
     if sessions.form != "trials":
         return None
     table = sessions.table

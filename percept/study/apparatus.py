@@ -12,8 +12,6 @@ from percept.errors import UsageError
 from percept.haptics import AnyDevice, Coupling, Environment
 from percept.scene import Scene
 
-__all__ = ["Apparatus", "coupling_of", "device_of"]
-
 Array = NDArray[np.float64]
 # Rows of a measured device that a grid starts from, at most twice as many.
 _MOST_ROWS = 128
@@ -21,27 +19,13 @@ _MOST_ROWS = 128
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Apparatus:
-    """Device, period and references that curves are drawn for.
+    """Device, period and references that curves are drawn for."""
 
-    Attributes
-    ----------
-    device : Device or TabulatedDevice
-        The device.
-    period : float
-        Sampling period, s.
-    hold : str
-        "average" (Eq. 8) or "true".
-    references : dict of str to Environment
-        Reference environments by name.
-    coupling : Coupling or None
-        The virtual coupling.
-    """
-
-    device: AnyDevice
-    period: float
-    hold: str
-    references: dict[str, Environment]
-    coupling: Coupling | None
+    device: AnyDevice  # The device
+    period: float  # Sampling period, s
+    hold: str  # "average" (Eq
+    references: dict[str, Environment]  # Reference environments by name
+    coupling: Coupling | None  # The virtual coupling
 
     def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
         """abs(Z_h) of a reference at frequencies (M,), rad/s, without or through the coupling, N·s/m."""
@@ -67,23 +51,7 @@ class Apparatus:
 
 
 def device_of(scene: Scene) -> haptics.AnyDevice | None:
-    """Build the device that a scene describes.
-
-    Parameters
-    ----------
-    scene : Scene
-        Mass, damping and modes, or a file of a measured response.
-
-    Returns
-    -------
-    Device or TabulatedDevice or None
-        None without a `[device]`.
-
-    Raises
-    ------
-    UsageError
-        Where the response cannot be read, or does not cover the scene's frequencies.
-    """
+    """Build the device that a scene describes."""
     table = scene.device
     if table is None:
         return None

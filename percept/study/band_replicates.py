@@ -18,8 +18,6 @@ from percept.study.posterior import thinned_points
 from percept.study.regions import displayable
 from percept.study.streams import Stream, generator
 
-__all__ = ["Replicates", "classical_replicates", "posterior_replicates"]
-
 Array = NDArray[np.float64]
 
 
@@ -40,24 +38,7 @@ _DRAWS = 2000
 def classical_replicates(
     sessions: Sessions, scene: Scene, environments: tuple[str, ...], omega: float
 ) -> Replicates:
-    """Simulate the means and SDs that other studies of these users would find, and their bands.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study, in either form.
-    scene : Scene
-        Kinds, levels and seed.
-    environments : tuple of str
-        Names, in order.
-    omega : float
-        rad/s.
-
-    Returns
-    -------
-    Replicates
-        Stiffness and damping vary independently; environments without an interval of both are left out.
-    """
+    """Simulate the means and SDs that other studies of these users would find, and their bands."""
     rng = generator(scene.inference.seed, Stream.CLASSICAL_BANDS)
     found: Replicates = {}
     for family in FAMILIES:
@@ -80,22 +61,6 @@ def posterior_replicates(fit: Fit, scene: Scene, environments: tuple[str, ...], 
 
     Limits that hold a share of users with a stated confidence belong to the posterior as a whole: there are
     none given a draw, and no law of theirs.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior of both parameters.
-    scene : Scene
-        Kinds, level and seed.
-    environments : tuple of str
-        Names, in order.
-    omega : float
-        rad/s.
-
-    Returns
-    -------
-    Replicates
-        Of the kinds mean and user, and the environments the posterior is of.
     """
     asked = scene.inference
     model, scale = fit.prepared.model, fit.prepared.scale

@@ -19,8 +19,6 @@ from percept.study.cells import paired_limits
 from percept.study.placed import FEWEST
 from percept.study.posterior import thinned_points
 
-__all__ = ["band_study", "weber_trend"]
-
 
 def band_study(
     intervals: pd.DataFrame,
@@ -31,27 +29,7 @@ def band_study(
     level: float,
     kappa: pd.DataFrame | None = None,
 ) -> BandStudy:
-    """Band of abs(Z_e) over each environment's rectangle of intervals, and the laws bands follow.
-
-    Parameters
-    ----------
-    intervals : DataFrame
-        `Study.intervals`.
-    environments : tuple of str
-        Those whose impedance is not zero.
-    replicates : dict
-        Draws of the bands by method, kind and family.
-    omega : float
-        rad/s.
-    level : float
-        Level of the laws' parameter intervals.
-    kappa : DataFrame, optional
-        As `weber_trend` gives it.
-
-    Returns
-    -------
-    BandStudy
-    """
+    """Band of abs(Z_e) over each environment's rectangle of intervals, and the laws bands follow."""
     table = pd.DataFrame(_rows(intervals[intervals["environment"].isin(environments)], omega))
     laws: list[BandLaw] = []
     statements: list[BandStatement] = []
@@ -73,21 +51,7 @@ def band_study(
 
 
 def weber_trend(fit: Fit, *, level: float) -> pd.DataFrame | None:
-    """Give the trend of log spread per decade of the reference, which Weber's law sets to zero.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior.
-    level : float
-        Of the equal-tailed interval.
-
-    Returns
-    -------
-    DataFrame or None
-        parameter, lower, value (posterior mean), upper, below_zero (probability); None where the model has
-        no such trend.
-    """
+    """Give the trend of log spread per decade of the reference, which Weber's law sets to zero."""
     named = fit.prepared.model.scales(thinned_points(fit)[0])
     if "kappa" not in named:
         return None

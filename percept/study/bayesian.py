@@ -28,8 +28,6 @@ from percept.study.responses import ResponseScale, Trials, decades, references, 
 from percept.study.scatter import lacking_scatter
 from percept.study.units import NAMES
 
-__all__ = ["Fit", "Prepared", "RunStore", "fit", "pooled", "prepare"]
-
 Array = NDArray[np.float64]
 #: Beyond so many, proposals are hardly ever accepted and judging a run takes as long as making it.
 _MOST_COORDINATES = 128
@@ -37,49 +35,23 @@ _MOST_COORDINATES = 128
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Prepared:
-    """A model of a study, not yet sampled.
+    """A model of a study, not yet sampled."""
 
-    Attributes
-    ----------
-    model : Model
-        The posterior.
-    scale : ResponseScale
-        The way from responses to N/m and N·s/m.
-    counts : ndarray of int, shape (C,)
-        Subjects behind each cell.
-    repeats : bool or None
-        Whether any cell holds more than one trial; None where published limits do not say.
-    trials : Trials or None
-        The trials; None for published limits and for trials reduced to cells.
-    """
-
-    model: Model
-    scale: ResponseScale
-    counts: NDArray[np.int64]
-    repeats: bool | None
-    trials: Trials | None
+    model: Model  # The posterior
+    scale: ResponseScale  # The way from responses to N/m and N·s/m
+    counts: NDArray[np.int64]  # (C,) Subjects behind each cell
+    repeats: bool | None  # Whether any cell holds more than one trial
+    trials: Trials | None  # The trials
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fit:
-    """A sampled posterior and its interval limits.
+    """A sampled posterior and its interval limits."""
 
-    Attributes
-    ----------
-    prepared : Prepared
-        What was sampled.
-    run : Run
-        Draws, diagnostics and verdict.
-    limits : dict of str to tuple of ndarray
-        Lower and upper limits (C,) per kind, N/m or N·s/m.
-    estimate : ndarray, shape (C,)
-        Posterior mean of the population's mean on the model's scale, in N/m or N·s/m.
-    """
-
-    prepared: Prepared
-    run: Run
-    limits: dict[str, tuple[Array, Array]]
-    estimate: Array
+    prepared: Prepared  # What was sampled
+    run: Run  # Draws, diagnostics and verdict
+    limits: dict[str, tuple[Array, Array]]  # Lower and upper limits (C,) per kind, N/m or N·s/m
+    estimate: Array  # (C,) Posterior mean of the population's mean on the model's scale, in N/m or N·s/m
 
 
 class RunStore(Protocol):
@@ -90,26 +62,7 @@ class RunStore(Protocol):
 
 
 def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
-    """Build the model that the data and the scene ask for.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study, in either form.
-    scene : Scene
-        Family, priors and options.
-    parameters : tuple of str
-        "k", "b" or both.
-
-    Returns
-    -------
-    Prepared
-
-    Raises
-    ------
-    RefusalError
-        As `trials`; no scatter between subjects or between trials in some cell and no resolution.
-    """
+    """Build the model that the data and the scene ask for."""
     if scene.model.pooling == "none":
         return _unpooled(sessions, scene, parameters)
     if sessions.form == "summary":
@@ -134,30 +87,7 @@ def pooled(
     scale: ResponseScale,
     data: Trials | None = None,
 ) -> Prepared:
-    """Build the hierarchical model of subjects' trials from their statistics.
-
-    Parameters
-    ----------
-    statistics : Statistics
-        Of the study.
-    scene : Scene
-        Family, priors and options.
-    reference : ndarray, shape (P, J)
-        References, N/m or N·s/m.
-    scale : ResponseScale
-        The way from responses to N/m and N·s/m.
-    data : Trials, optional
-        The trials behind the statistics.
-
-    Returns
-    -------
-    Prepared
-
-    Raises
-    ------
-    RefusalError
-        No scatter between subjects or between trials in some cell and no resolution.
-    """
+    """Build the hierarchical model of subjects' trials from their statistics."""
     resolution = _resolution(statistics, scene, reference, scale)
     density = CollapsedDensity(statistics, Priors(**scene.model.priors), _options(scene), resolution)
     counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
@@ -171,28 +101,7 @@ def fit(
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
 ) -> Fit:
-    """Sample a prepared model to the scene's tolerance.
-
-    Parameters
-    ----------
-    prepared : Prepared
-        The model.
-    scene : Scene
-        Kinds, levels, accuracy and seed.
-    progress : callable, optional
-        Told the state after every round.
-    store : RunStore, optional
-        Asked first, and given what was sampled.
-
-    Returns
-    -------
-    Fit
-
-    Raises
-    ------
-    RefusalError
-        If the model has more coordinates than can be sampled in reasonable time.
-    """
+    """Sample a prepared model to the scene's tolerance."""
     coordinates = len(prepared.model.names)
     if coordinates > _MOST_COORDINATES:
         raise RefusalError(

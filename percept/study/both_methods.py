@@ -16,21 +16,9 @@ if TYPE_CHECKING:
     from percept.study.bayesian import Fit
     from percept.study.study import Study
 
-__all__ = ["study_bands", "study_draws", "study_regions"]
-
 
 def study_regions(study: Study) -> tuple[Region, ...]:
-    """Put together the rectangles and ellipses of (k, b) of every method, kind and joint treatment.
-
-    Parameters
-    ----------
-    study : Study
-        Of both parameters.
-
-    Returns
-    -------
-    tuple of Region
-    """
+    """Put together the rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
     found = list(regions.rectangles(study.intervals))
     if study.scene.inference.method != "bayesian":
         found += regions.classical_ellipses(study.sessions, study.scene)
@@ -45,18 +33,7 @@ def study_regions(study: Study) -> tuple[Region, ...]:
 
 
 def study_draws(study: Study) -> tuple[Draws, ...]:
-    """Put together the draws of (k, b) that curves go through.
-
-    Parameters
-    ----------
-    study : Study
-        Of both parameters, of sessions: published limits hold no correlation of k and b.
-
-    Returns
-    -------
-    tuple of Draws
-        None of a posterior without pooling, whose k and b are models of their own.
-    """
+    """Put together the draws of (k, b) that curves go through."""
     found: list[Draws] = []
     if study.scene.inference.method != "bayesian":
         found += classical_draws(study.sessions, study.scene)
@@ -67,19 +44,7 @@ def study_draws(study: Study) -> tuple[Draws, ...]:
 
 
 def study_bands(study: Study, omega: float) -> BandStudy:
-    """Work out bands and their law, with intervals from the posterior and from a bootstrap.
-
-    Parameters
-    ----------
-    study : Study
-        Of both parameters and at least two environments.
-    omega : float
-        rad/s.
-
-    Returns
-    -------
-    BandStudy
-    """
+    """Work out bands and their law, with intervals from the posterior and from a bootstrap."""
     level, kappa = study.scene.inference.level, None
     names = banded(study.reference, study.placed, omega)
     replicates: Replicates = {}

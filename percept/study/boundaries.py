@@ -18,8 +18,6 @@ from percept.haptics import AnyDevice
 from percept.study.apparatus import Apparatus
 from percept.study.regions import Draws, Region
 
-__all__ = ["JOINTS", "Range", "boundaries_of", "environment_boundaries", "region_curves"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 #: How k and b can be taken together: each by itself, both widened, one region, curves through draws.
@@ -33,21 +31,11 @@ _NO_LIMITS = ((np.nan, np.nan), (np.nan, np.nan))
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """Frequencies of curves: a grid as asked, or as many as the curves need.
+    """Frequencies of curves: a grid as asked, or as many as the curves need."""
 
-    Attributes
-    ----------
-    lower, upper : float
-        rad/s.
-    omega : ndarray or None
-        The grid asked for; None to choose one per environment.
-    tolerance : float
-        Largest relative distance of lines between the chosen points from any curve.
-    """
-
-    lower: float
-    upper: float
-    omega: Array | None = None
+    lower: float  # rad/s
+    upper: float  # rad/s
+    omega: Array | None = None  # The grid asked for
     tolerance: float = TOLERANCE
 
     @classmethod
@@ -67,25 +55,7 @@ class Range:
 def environment_boundaries(
     apparatus: Apparatus, environment: str, regions: list[Region], draws: list[Draws], frequencies: Range
 ) -> list[Boundary]:
-    """Draw every boundary of one environment.
-
-    Parameters
-    ----------
-    apparatus : Apparatus
-        Device and references.
-    environment : str
-        Which environment.
-    regions : list of Region
-        Corner curves are drawn around rectangles, envelopes around all.
-    draws : list of Draws
-        Pointwise bands are drawn through them.
-    frequencies : Range
-        Where; chosen frequencies are each boundary's own.
-
-    Returns
-    -------
-    list of Boundary
-    """
+    """Draw every boundary of one environment."""
     place = _Place(apparatus, environment, frequencies)
     through = [drawn for drawn in draws if environment in drawn.pairs]
     return [*_around(place, regions), *_through(place, through)]
@@ -94,28 +64,7 @@ def environment_boundaries(
 def region_curves(
     region: Region, shape: Shape, omega: Array, device: AnyDevice, period: float, *, hold: str
 ) -> tuple[Array, Array]:
-    """Lower and upper curve around a region.
-
-    Parameters
-    ----------
-    region : Region
-        Rectangle or ellipse.
-    shape : {"corner", "envelope"}
-        Corner curves are for rectangles.
-    omega : ndarray, shape (M,)
-        rad/s.
-    device : Device or TabulatedDevice
-        The device.
-    period : float
-        Sampling period, s.
-    hold : str
-        "average" (Eq. 8) or "true".
-
-    Returns
-    -------
-    lower, upper : ndarray, shape (M,)
-        N·s/m.
-    """
+    """Lower and upper curve around a region."""
     if region.ellipse is not None:
         ellipse = region.ellipse
         log = ellipse.family == "lognormal"
@@ -133,26 +82,7 @@ def boundaries_of(
     draws: Collection[Draws],
     frequencies: Range,
 ) -> tuple[Boundary, ...]:
-    """Draw the boundaries of several environments.
-
-    Parameters
-    ----------
-    apparatus : Apparatus
-        Device and references.
-    environments : collection of str
-        Of the apparatus's references.
-    regions : collection of Region
-        Of any environments.
-    draws : collection of Draws
-        Of any environments.
-    frequencies : Range
-        Where.
-
-    Returns
-    -------
-    tuple of Boundary
-        In the order of the environments.
-    """
+    """Draw the boundaries of several environments."""
     found: list[Boundary] = []
     for environment in environments:
         around = [region for region in regions if region.environment == environment]

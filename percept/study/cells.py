@@ -7,30 +7,13 @@ from typing import Any
 
 import pandas as pd
 
-__all__ = ["Limits", "paired_limits"]
-
 Limits = tuple[float, float]
 
 
 def paired_limits(
     intervals: pd.DataFrame, labels: Sequence[str]
 ) -> Iterator[tuple[dict[str, dict[str, Any]], tuple[Limits, Limits]]]:
-    """Pair the rows of stiffness and damping that agree in all labels.
-
-    Parameters
-    ----------
-    intervals : DataFrame
-        Of `Study.intervals`, at most one row per parameter and labels.
-    labels : sequence of str
-        Columns.
-
-    Yields
-    ------
-    rows : dict of str to dict
-        Both rows by parameter; pairs in order of first appearance, those without one of the two left out.
-    limits : pair of (float, float)
-        Lower and upper of stiffness and of damping, N/m and N·s/m.
-    """
+    """Pair the rows of stiffness and damping that agree in all labels."""
     pairs: dict[tuple[Any, ...], dict[str, dict[str, Any]]] = {}
     for row in intervals.to_dict("records"):
         one = {str(name): value for name, value in row.items()}

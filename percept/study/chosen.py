@@ -8,28 +8,9 @@ from percept.errors import RefusalError, UsageError
 from percept.scene import Scene
 from percept.study.units import NAMES
 
-__all__ = ["analysed", "chosen"]
-
 
 def analysed(present: tuple[str, ...], scene: Scene) -> tuple[str, ...]:
-    """Return the parameters a scene names, or all that were adjusted.
-
-    Parameters
-    ----------
-    present : tuple of str
-        Parameters that were adjusted.
-    scene : Scene
-        What to analyse.
-
-    Returns
-    -------
-    tuple of str
-
-    Raises
-    ------
-    RefusalError
-        None was adjusted, or not one the scene names.
-    """
+    """Return the parameters a scene names, or all that were adjusted."""
     asked = scene.inference.parameters
     if not present:
         raise RefusalError("no adjusted value is left in the data.")
@@ -42,26 +23,7 @@ def analysed(present: tuple[str, ...], scene: Scene) -> tuple[str, ...]:
 
 
 def chosen(what: str, asked: str | Collection[str] | None, there: Sequence[str]) -> tuple[str, ...]:
-    """Return the names asked for, if all are there.
-
-    Parameters
-    ----------
-    what : str
-        What they name, in the singular, for the message.
-    asked : str or collection of str, or None
-        One name or several; None for all.
-    there : sequence of str
-        Names there are.
-
-    Returns
-    -------
-    tuple of str
-
-    Raises
-    ------
-    UsageError
-        A name that is not there.
-    """
+    """Return the names asked for, if all are there."""
     if asked is None:
         return tuple(there)
     names = (asked,) if isinstance(asked, str) else tuple(asked)

@@ -15,9 +15,7 @@ from percept.inference.classical.trials import subject_means
 from percept.inference.intervals import Interval
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.units import UNITS
-
-__all__ = ["FAMILIES", "TOO_FEW", "Cell", "cell_interval", "cell_moments"]
+from percept.sessions.units import UNITS
 
 #: Why a cell has no interval.
 TOO_FEW = "it has fewer than two subjects"
@@ -28,23 +26,12 @@ FAMILIES = ("normal", "lognormal")
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """One parameter in one environment, one value per subject.
+    """One parameter in one environment, one value per subject."""
 
-    Attributes
-    ----------
-    parameter, environment : str
-        Which.
-    moments : Moments or None
-        Of the subjects' values, the mean of their trials on the family's scale; None where there is
-        no interval.
-    why : str
-        Why there is none.
-    """
-
-    parameter: str
-    environment: str
-    moments: Moments | None
-    why: str = ""
+    parameter: str  # Which
+    environment: str  # Which
+    moments: Moments | None  # Of the subjects' values, the mean of their trials on the family's scale
+    why: str = ""  # Why there is none
 
     @classmethod
     def of(cls, parameter: str, environment: str, found: Moments | str) -> Self:
@@ -57,23 +44,7 @@ class Cell:
 
 
 def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: str) -> Iterator[Cell]:
-    """Yield every cell of a study.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study, in either form.
-    parameters : tuple of str
-        "k", "b" or both.
-    family : str
-        "normal" or "lognormal".
-
-    Yields
-    ------
-    Cell
-        Parameter-major. Lognormal moments are None where a value, or a published mean, is zero or
-        negative, and all are where there is no scatter.
-    """
+    """Yield every cell of a study."""
     tables = list(sessions.table.groupby("environment", sort=False))
     for parameter in parameters:
         for environment, table in tables:
@@ -106,27 +77,7 @@ def _moments(sessions: Sessions, table: pd.DataFrame, parameter: str, family: st
 def cell_interval(
     moments: Moments, kind: str, family: str, scene: Scene, parameter: str, joint: str
 ) -> Interval:
-    """Interval of one kind from moments, in N/m or N·s/m.
-
-    Parameters
-    ----------
-    moments : Moments
-        Of one cell.
-    kind : str
-        "mean", "user" or "share".
-    family : str
-        "normal" or "lognormal".
-    scene : Scene
-        Levels.
-    parameter : str
-        "k" or "b", for the unit.
-    joint : str
-        "marginal" or "bonferroni".
-
-    Returns
-    -------
-    Interval
-    """
+    """Interval of one kind from moments, in N/m or N·s/m."""
     asked = scene.inference
     return interval_of(
         kind,  # type: ignore[arg-type]

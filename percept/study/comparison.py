@@ -15,8 +15,6 @@ from percept.study.bayesian import Fit
 from percept.study.classical import cell_moments
 from percept.study.prior_pull import PriorPull, prior_pull
 
-__all__ = ["compare_curves", "compare_intervals", "sample_sds"]
-
 Array = NDArray[np.float64]
 _KEYS = ["environment", "parameter", "kind", "family"]
 
@@ -24,33 +22,7 @@ _KEYS = ["environment", "parameter", "kind", "family"]
 def compare_intervals(
     intervals: pd.DataFrame, fit: Fit, scene: Scene, sample_sd: dict[tuple[str, str], float]
 ) -> pd.DataFrame:
-    """Pair the methods' marginal intervals and say why they differ.
-
-    Parameters
-    ----------
-    intervals : DataFrame
-        `Study.intervals`.
-    fit : Fit
-        The sampled posterior.
-    scene : Scene
-        Family, kinds and seed.
-    sample_sd : dict of (str, str) to float
-        SD of the subjects' values per (parameter, environment), on the scale of the family.
-
-    Returns
-    -------
-    DataFrame
-        environment, parameter, kind, family; lower, upper, estimate of each method; width_ratio (Bayesian
-        over classical); shift (relative, of the estimates); overlap (common part over the whole that both
-        span, from 0 to 1, on the family's scale). The reasons: spread_ratio (posterior typical SD between
-        users over the sample's: shrinkage across environments) times certainty_ratio (half-widths in SDs,
-        Bayesian over classical: what is borrowed in knowing the SD and the mean) is the width ratio on the
-        family's scale; shift_sds (Bayesian centre minus classical, in sample SDs); prior_lower, prior_upper
-        (shift of the Bayesian limits by the priors, against priors a quarter wider, in half-widths);
-        prior_effective (draws those rest on); scale_ratio (classical width in the other family over the
-        width in this one); to_mean_classical, to_mean_bayesian (width over that of kind mean: what is
-        covered).
-    """
+    """Pair the methods' marginal intervals and say why they differ."""
     marginal = intervals[intervals["joint"] == "marginal"]
     pair = [
         marginal[marginal["method"] == method][[*_KEYS, "lower", "upper", "estimate"]]
@@ -87,20 +59,7 @@ def compare_intervals(
 
 
 def compare_curves(boundaries: tuple[Boundary, ...]) -> pd.DataFrame:
-    """Compare the methods' boundaries of equal environment, kind, family, joint treatment and shape.
-
-    Parameters
-    ----------
-    boundaries : tuple of Boundary
-        `Study.boundaries`.
-
-    Returns
-    -------
-    DataFrame
-        environment, kind, family, joint, shape; per side, lower and upper: area (mean over log omega of
-        abs(log(Bayesian/classical))), largest (log(Bayesian/classical) where it is largest) and omega (where
-        that is, rad/s).
-    """
+    """Compare the methods' boundaries of equal environment, kind, family, joint treatment and shape."""
     labels = ("environment", "kind", "family", "joint", "shape")
     known = {(b.method, *(getattr(b, name) for name in labels)): b for b in boundaries}
     rows = []
@@ -115,22 +74,7 @@ def compare_curves(boundaries: tuple[Boundary, ...]) -> pd.DataFrame:
 
 
 def sample_sds(sessions: Sessions, parameters: tuple[str, ...], family: str) -> dict[tuple[str, str], float]:
-    """Take the SD of the subjects' values of every cell that has one.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study, in either form.
-    parameters : tuple of str
-        "k", "b" or both.
-    family : str
-        "normal" or "lognormal": of the values, or of their logarithms.
-
-    Returns
-    -------
-    dict of (str, str) to float
-        By (parameter, environment).
-    """
+    """Take the SD of the subjects' values of every cell that has one."""
     found = {}
     for cell in cell_moments(sessions, parameters, family):
         if cell.moments is not None:

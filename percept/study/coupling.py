@@ -20,8 +20,6 @@ from percept.notebook import NotebookRecord
 from percept.study.apparatus import Apparatus
 from percept.study.regions import Region
 
-__all__ = ["CouplingStudy", "study_coupling"]
-
 Array = NDArray[np.float64]
 #: What a verdict makes of realism: a coupling on the limit of stability is none to use.
 _STABLE = {"stable": True, "marginal": False, "unstable": False}
@@ -29,54 +27,21 @@ _STABLE = {"stable": True, "marginal": False, "unstable": False}
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CouplingStudy(NotebookRecord):
-    """What the coupling does, with the device, over the scene's frequencies.
-
-    Attributes
-    ----------
-    stiffness, damping : float
-        Of the coupling, N/m and N·s/m.
-    verdict, reason : str
-        Absolute stability (Eqs 2-3, 9-10, and the poles): "stable", "marginal", "unstable", or "undecided"
-        where the device's table leaves out a part of the range.
-    margin : float
-        Smallest ratio of Re Z_d to what is required, over all frequencies that the device is known at.
-    binding_omega : float
-        Where it binds, rad/s.
-    required_damping : float or None
-        Damping a rigid device would need, N·s/m.
-    required_omega : float or None
-        Where that need is largest, rad/s.
-    omega, bound, admittance : ndarray, shape (M,)
-        Fig. 4: lower bound of Re(1/Z_c) and Re(1/Z_c) itself, m/(N·s), up to Nyquist.
-    realism : DataFrame
-        environment, method, kind, family, joint, shape, share_inside_uncoupled, share_inside_coupled (shares
-        of the range of log omega), leaves_uncoupled, leaves_coupled (intervals of omega, rad/s),
-        margin_uncoupled, margin_coupled (log of the ratio to the nearer limit, least over omega),
-        effective_stiffness (N/m) and effective_damping (N·s/m) at `read_at`; for envelopes also
-        plane_uncoupled, plane_coupled (shares of the range where stiffness and damping both lie inside the
-        region) and plane_leaves_coupled.
-    read_at : float
-        Where single values are read, rad/s.
-    probability : DataFrame or None
-        environment, coupled, magnitude, plane (posterior probability that the displayed impedance lies
-        between the limits of a level of users throughout the range, by abs(Z_h) or by stiffness and damping
-        both), stable_and_realistic, stable_and_realistic_plane (the same, zero unless the coupling is
-        stable, None where that is undecided). None without a posterior.
-    """
+    """What the coupling does, with the device, over the scene's frequencies."""
 
     stiffness: float
     damping: float
     verdict: str
     reason: str
     margin: float
-    binding_omega: float
-    required_damping: float | None
-    required_omega: float | None
-    omega: Array
-    bound: Array
-    admittance: Array
+    binding_omega: float  # Where it binds, rad/s
+    required_damping: float | None  # Damping a rigid device would need, N·s/m
+    required_omega: float | None  # Where that need is largest, rad/s
+    omega: Array  # (M,)
+    bound: Array  # (M,)
+    admittance: Array  # (M,)
     realism: pd.DataFrame
-    read_at: float
+    read_at: float  # Where single values are read, rad/s
     probability: pd.DataFrame | None = None
 
 
@@ -88,30 +53,7 @@ def study_coupling(
     *,
     read_at: float,
 ) -> CouplingStudy:
-    """Judge a coupling: Llewellyn's criterion, and membership in the boundaries.
-
-    Parameters
-    ----------
-    apparatus : Apparatus
-        Device, references and coupling.
-    boundaries : tuple of Boundary
-        Boundaries with `coupled` curves.
-    regions : tuple of Region
-        What the boundaries were drawn around.
-    realisms : iterable of (str, bool, Realism)
-        By environment and whether through the coupling.
-    read_at : float
-        Where effective stiffness and damping are read, rad/s.
-
-    Returns
-    -------
-    CouplingStudy
-
-    Raises
-    ------
-    UsageError
-        Without a coupling.
-    """
+    """Judge a coupling: Llewellyn's criterion, and membership in the boundaries."""
     device, coupling, period, hold = apparatus.device, apparatus.coupling, apparatus.period, apparatus.hold
     if coupling is None:
         raise UsageError("there is no coupling to judge.", hint="Give the scene a [coupling].")

@@ -11,8 +11,6 @@ from percept.study.apparatus import Apparatus
 from percept.study.boundaries import region_curves
 from percept.study.regions import Region
 
-__all__ = ["design_by_method"]
-
 Array = NDArray[np.float64]
 _POINTS = 81
 
@@ -20,26 +18,7 @@ _POINTS = 81
 def design_by_method(
     apparatus: Apparatus, regions: tuple[Region, ...], family: str, omega: Array
 ) -> dict[str, haptics.CouplingDesign]:
-    """Map the couplings that qualify, by the envelope of kind user of each method.
-
-    Parameters
-    ----------
-    apparatus : Apparatus
-        Device and references.
-    regions : tuple of Region
-        Of the study.
-    family : str
-        Family of the regions used.
-    omega : ndarray, shape (M,)
-        rad/s; thinned to about 80.
-
-    Returns
-    -------
-    dict of str to CouplingDesign
-        By method, those left out that lack limits of an environment; `each` in the order of the apparatus's
-        references. Empty for a device whose table leaves out a part of the range, since no coupling can be
-        shown stable there.
-    """
+    """Map the couplings that qualify, by the envelope of kind user of each method."""
     if not covers_range(apparatus.device, apparatus.period):
         return {}
     grid = np.geomspace(omega[0], omega[-1], min(_POINTS, omega.size))

@@ -19,8 +19,6 @@ from percept.study.streams import Stream, generator
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
 
-__all__ = ["classical_draws", "posterior_draws"]
-
 # As many as there is information for: several conditional draws per effective draw of the scales ...
 _POSTERIOR = 16_384
 # ... and evenly spread ones, whose quantiles are as good as those of ten times as many independent ones.
@@ -28,20 +26,7 @@ _CLASSICAL = 8_192
 
 
 def posterior_draws(fit: Fit, scene: Scene) -> Iterator[Draws]:
-    """Draw the average and the next user of every environment, several times per kept set of scales.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior of both parameters, k and b correlated.
-    scene : Scene
-        Kinds, level and seed.
-
-    Yields
-    ------
-    Draws
-        Of kinds "mean" and "user", where asked for.
-    """
+    """Draw the average and the next user of every environment, several times per kept set of scales."""
     points, _ = thinned_points(fit)
     repeats = max(1, round(_POSTERIOR / len(points)))
     rng = generator(scene.inference.seed, Stream.POSTERIOR_CURVES)
@@ -63,20 +48,7 @@ def posterior_draws(fit: Fit, scene: Scene) -> Iterator[Draws]:
 
 
 def classical_draws(sessions: Sessions, scene: Scene) -> Iterator[Draws]:
-    """Draw from the distributions behind the classical intervals, in both families.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        Trial form.
-    scene : Scene
-        Kinds, level and seed.
-
-    Yields
-    ------
-    Draws
-        Of kinds "mean" and "user", where asked for; of the environments with three subjects and scatter.
-    """
+    """Draw from the distributions behind the classical intervals, in both families."""
     rng = generator(scene.inference.seed, Stream.CLASSICAL_CURVES)
     for family in FAMILIES:
         values = subject_pairs(sessions, family)  # type: ignore[arg-type]

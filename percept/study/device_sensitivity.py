@@ -19,8 +19,6 @@ from percept.study.regions import Region
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-__all__ = ["DeviceSensitivity", "device_sensitivity"]
-
 Array = NDArray[np.float64]
 _TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 _POINTS = 61
@@ -28,56 +26,22 @@ _POINTS = 61
 
 @dataclasses.dataclass(frozen=True)
 class DeviceSensitivity(NotebookRecord):
-    """Verdicts for lighter, heavier, less and better damped devices.
-
-    Attributes
-    ----------
-    mass, damping : tuple of float
-        Seven of each, kg and N·s/m: between an eighth and eight times the device's own; where that is zero,
-        zero and up to 8.
-    own : tuple of int
-        Where the device itself stands: place of its damping, of its mass.
-    verdict : tuple of tuple of (str or None)
-        By damping and mass: "stable", "marginal" or "unstable"; None without a coupling.
-    inside : dict of str to tuple of tuple of int
-        By kind, then likewise: in how many environments the reference, through the coupling if there is one,
-        stays inside the exact envelope of that kind's classical limits at every omega checked.
-    frequencies : int
-        At how many omega that was checked.
-    environments : int
-        How many were judged.
-    required_damping : float or None
-        Damping that the coupling asks of a rigid device, N·s/m.
-    method, family : str
-        Whose limits.
-    """
+    """Verdicts for lighter, heavier, less and better damped devices."""
 
     mass: tuple[float, ...]
     damping: tuple[float, ...]
-    own: tuple[int, int]
-    verdict: tuple[tuple[str | None, ...], ...]
+    own: tuple[int, int]  # Where the device itself stands: place of its damping, of its mass
+    verdict: tuple[tuple[str | None, ...], ...]  # By damping and mass: "stable", "marginal" or "unstable"
     inside: Mapping[str, tuple[tuple[int, ...], ...]]
-    frequencies: int
-    environments: int
-    required_damping: float | None
-    method: str
-    family: str
+    frequencies: int  # At how many omega that was checked
+    environments: int  # How many were judged
+    required_damping: float | None  # Damping that the coupling asks of a rigid device, N·s/m
+    method: str  # Whose limits
+    family: str  # Whose limits
 
 
 def device_sensitivity(study: Study) -> DeviceSensitivity | None:
-    """Judge stability and realism again for 49 devices about the scene's.
-
-    Parameters
-    ----------
-    study : Study
-        With both parameters.
-
-    Returns
-    -------
-    DeviceSensitivity or None
-        None without a device, with a measured one, which has neither mass nor damping to vary, or without
-        classical intervals.
-    """
+    """Judge stability and realism again for 49 devices about the scene's."""
     apparatus = study.apparatus
     if apparatus is None or not isinstance(apparatus.device, Device):
         return None

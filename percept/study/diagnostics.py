@@ -7,22 +7,9 @@ from typing import Any
 from percept.inference.hierarchy.priors import MEANINGS
 from percept.study.bayesian import Fit
 
-__all__ = ["diagnostics"]
-
 
 def diagnostics(fit: Fit) -> dict[str, Any]:
-    """Say how a fit was sampled, whether it passed, and under which priors.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior.
-
-    Returns
-    -------
-    dict
-        gate, steps, ensembles, walkers, dimension, tolerance, and priors (prior, value, meaning of each).
-    """
+    """Say how a fit was sampled, whether it passed, and under which priors."""
     run = fit.run
     ensembles, _, walkers, dimension = run.points.shape
     return {

@@ -10,16 +10,15 @@ import pandas as pd
 from percept.errors import RefusalError
 from percept.inference.intervals import Interval
 from percept.scene import Scene
+from percept.sessions.units import UNITS
 from percept.study.classical import FAMILIES, Cell, cell_interval, cell_moments
 from percept.study.placed import References
 from percept.study.responses import refuse_lone_subject
-from percept.study.units import NAMES, UNITS
+from percept.study.units import NAMES
 
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
     from percept.study.study import Study
-
-__all__ = ["COLUMNS", "bayesian_rows", "classical_rows", "interval_table", "refuse_nothing"]
 
 COLUMNS = [
     "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
@@ -28,24 +27,7 @@ COLUMNS = [
 
 
 def interval_table(study: Study) -> pd.DataFrame:
-    """Put the intervals of the methods asked for into one table.
-
-    Parameters
-    ----------
-    study : Study
-        Fitted now, unless only the classical method is asked for.
-
-    Returns
-    -------
-    DataFrame
-        One row per interval: environment, what `Interval.as_dict` holds, and the reference; limits and
-        references in N/m and N·s/m. No Bayesian rows where the gate failed.
-
-    Raises
-    ------
-    RefusalError
-        Fewer than two subjects; nothing that has scatter; and as the fit.
-    """
+    """Put the intervals of the methods asked for into one table."""
     asked, form = study.scene.inference, study.sessions.form
     rows: list[dict[str, Any]] = []
     if asked.method != "bayesian":
@@ -73,22 +55,7 @@ def refuse_nothing(cells: Sequence[Cell]) -> NoReturn:
 def classical_rows(
     cells: Mapping[str, Sequence[Cell]], scene: Scene, reference: References
 ) -> Iterator[dict[str, Any]]:
-    """Yield a row for every classical interval the scene asks for.
-
-    Parameters
-    ----------
-    cells : mapping of str to sequence of Cell
-        Cells of the study by family.
-    scene : Scene
-        Kinds and levels.
-    reference : mapping of (str, str) to float
-        Reference by parameter and environment, N/m or N·s/m.
-
-    Yields
-    ------
-    dict
-        By `COLUMNS`.
-    """
+    """Yield a row for every classical interval the scene asks for."""
     for family, found in cells.items():
         two = len({cell.parameter for cell in found}) == 2
         for cell in found:
@@ -103,24 +70,7 @@ def classical_rows(
 def bayesian_rows(
     fit: Fit, scene: Scene, reference: References, *, approximate: bool = False
 ) -> Iterator[dict[str, Any]]:
-    """Yield a row for every interval of a fit.
-
-    Parameters
-    ----------
-    fit : Fit
-        Whose gate passed.
-    scene : Scene
-        Family and levels.
-    reference : mapping of (str, str) to float
-        Reference by parameter and environment, N/m or N·s/m.
-    approximate : bool
-        Whether published limits were matched by moments.
-
-    Yields
-    ------
-    dict
-        By `COLUMNS`.
-    """
+    """Yield a row for every interval of a fit."""
     asked = scene.inference
     for kind, (lower, upper) in fit.limits.items():
         for c, (parameter, environment) in enumerate(fit.prepared.model.cells):

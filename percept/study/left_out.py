@@ -23,39 +23,18 @@ if TYPE_CHECKING:
     from percept.inference.hierarchy.laws import Laws
     from percept.study.study import Study
 
-__all__ = ["LeftOut", "leave_one_environment_out"]
-
 Array = NDArray[np.float64]
 _FEWEST = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Predictions of environments that the model had not seen, against what was found there.
+    """Predictions of environments that the model had not seen, against what was found there."""
 
-    Attributes
-    ----------
-    family : str
-        Of the model; under lognormal means are geometric.
-    level : float
-        Of the intervals.
-    rows : DataFrame
-        environment, parameter; reference, lower, upper, estimate (predicted, of the average user), observed
-        (mean of the users), user_lower, user_upper (predicted, of the next user), N/m or N·s/m; n; inside
-        (whether the observed mean lies between the limits of the average user); place (predictive probability
-        that the mean of n other users is lower; even over (0, 1) for published limits if the predictions mean
-        what they say. Sessions are of users seen in the other environments too: strong subject effects draw
-        their places towards one half, and noise of single trials, which is left out, drives them apart);
-        users_inside (share of users between the limits of the next user, of a population with the observed
-        mean and SD); beyond (decades outside the range of the others, 0 inside).
-    skipped : tuple of (str, str)
-        Environments without a prediction, and why.
-    """
-
-    family: str
-    level: float
-    rows: pd.DataFrame
-    skipped: tuple[tuple[str, str], ...] = ()
+    family: str  # Of the model
+    level: float  # Of the intervals
+    rows: pd.DataFrame  # environment, parameter
+    skipped: tuple[tuple[str, str], ...] = ()  # Environments without a prediction, and why
 
     @property
     def sentence(self) -> str:
@@ -75,22 +54,7 @@ class LeftOut:
 
 
 def leave_one_environment_out(study: Study) -> LeftOut:
-    """Predict each environment from a fit to all others, and compare with its users.
-
-    Parameters
-    ----------
-    study : Study
-        Of three environments or more, in either form; fitted once per environment.
-
-    Returns
-    -------
-    LeftOut
-
-    Raises
-    ------
-    RefusalError
-        Fewer than three environments, or the classical method alone, which has no model of others.
-    """
+    """Predict each environment from a fit to all others, and compare with its users."""
     if len(study.environments) < _FEWEST:
         raise RefusalError(
             f"leaving one of {len(study.environments)} environments out leaves no trend to predict from; "

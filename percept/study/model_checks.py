@@ -16,15 +16,13 @@ from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress
 from percept.notebook import NotebookRecord
 from percept.scene import Scene
+from percept.sessions.units import UNITS
 from percept.study.bands import weber_trend
 from percept.study.bayesian import Fit
 from percept.study.posterior import data_tree, full_groups, subject_density, thinned_points
 from percept.study.sensitivity import power_scaling
 from percept.study.streams import Stream, generator
 from percept.study.subject_checks import SubjectChecks, check_statistics, check_subjects
-from percept.study.units import UNITS
-
-__all__ = ["ModelChecks", "correlation_table", "model_checks", "prior_quantiles", "shrinkage_table"]
 
 Array = NDArray[np.float64]
 _PRIOR_DRAWS = 40_000
@@ -33,34 +31,13 @@ _QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ModelChecks(NotebookRecord):
-    """Checks of a hierarchical fit.
+    """Checks of a hierarchical fit."""
 
-    Attributes
-    ----------
-    loo : SubjectChecks
-        Each subject against the others.
-    statistics : DataFrame
-        Posterior predictive check of each environment (see `check_statistics`).
-    prior : DataFrame
-        What the priors say before any data (see `prior_quantiles`).
-    sensitivity : DataFrame
-        Power-scaling of priors and likelihood (see `percept.study.sensitivity.power_scaling`).
-    shrinkage : DataFrame or None
-        How far each environment moved to the trend (see `shrinkage_table`); None with one environment.
-    correlation : DataFrame or None
-        of ("within" an environment, "shared" over environments, "population"), environment ("" for all),
-        lower, value (posterior mean), upper, positive (probability): the correlation of k and b between
-        users on the response scale; None with one parameter.
-    weber : DataFrame or None
-        parameter, lower, value, upper, positive (probability): kappa, the change of log spread per decade of
-        the reference, zero under Weber's law; None where the model has none.
-    """
-
-    loo: SubjectChecks
-    statistics: pd.DataFrame
-    prior: pd.DataFrame
+    loo: SubjectChecks  # Each subject against the others
+    statistics: pd.DataFrame  # Posterior predictive check of each environment (see `check_statistics`)
+    prior: pd.DataFrame  # What the priors say before any data (see `prior_quantiles`)
     sensitivity: pd.DataFrame
-    shrinkage: pd.DataFrame | None
+    shrinkage: pd.DataFrame | None  # How far each environment moved to the trend (see `shrinkage_table`)
     correlation: pd.DataFrame | None
     weber: pd.DataFrame | None
 
@@ -71,23 +48,7 @@ def model_checks(
     *,
     progress: Callable[[Progress], None] | None = None,
 ) -> ModelChecks | None:
-    """Check a fit against its data, its priors and its own assumptions.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior.
-    scene : Scene
-        Level, seed, caps, and whether to sample anew without influential subjects.
-    progress : callable, optional
-        Told the state of that sampling.
-
-    Returns
-    -------
-    ModelChecks or None
-        None for models other than the pooled one of sessions: published limits hold no subjects, and cells
-        that are fitted apart predict nothing of each other.
-    """
+    """Check a fit against its data, its priors and its own assumptions."""
     subjects = subject_density(fit)
     if subjects is None:
         return None
@@ -104,23 +65,7 @@ def model_checks(
 
 
 def prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.DataFrame:
-    """Quantiles of the average and the next user before any data.
-
-    Parameters
-    ----------
-    fit : Fit
-        For its priors and units.
-    subjects : SubjectDensity
-        The model.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    DataFrame
-        environment, parameter, kind ("mean": average user; "user": next user), q0.5, q5, q25, q50, q75, q95,
-        q99.5 (N/m or N·s/m, by percentage), unit.
-    """
+    """Quantiles of the average and the next user before any data."""
     rng = generator(seed, Stream.PRIOR)
     _, means, users = draw_prior(subjects.density, _PRIOR_DRAWS, rng)
     scale = fit.prepared.scale
@@ -137,22 +82,7 @@ def prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Data
 
 
 def shrinkage_table(fit: Fit, subjects: SubjectDensity) -> pd.DataFrame | None:
-    """How far the centre of each environment moved from its raw mean to the trend over environments.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior.
-    subjects : SubjectDensity
-        Its model and subjects.
-
-    Returns
-    -------
-    DataFrame or None
-        environment, parameter, raw (mean of the subjects' means, geometric in the lognormal family), centre,
-        trend (all N/m or N·s/m), moved (share of the way from raw to trend; NaN where they coincide), unit;
-        None with one environment.
-    """
+    """How far the centre of each environment moved from its raw mean to the trend over environments."""
     found = shrinkage(subjects.density, thinned_points(fit)[0])
     if found is None:
         return None
@@ -173,22 +103,7 @@ def shrinkage_table(fit: Fit, subjects: SubjectDensity) -> pd.DataFrame | None:
 
 
 def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd.DataFrame | None:
-    """Correlations of stiffness and damping between users, with intervals.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior.
-    subjects : SubjectDensity
-        Its model.
-    level : float
-        Of the equal-tailed intervals.
-
-    Returns
-    -------
-    DataFrame or None
-        As `ModelChecks.correlation`; None with one parameter.
-    """
+    """Correlations of stiffness and damping between users, with intervals."""
     draws = correlation_draws(subjects.density, thinned_points(fit)[0])
     rows = []
     for name, values in draws.items():

@@ -18,8 +18,6 @@ from percept.study.bayesian import RunStore, fit, prepare
 from percept.study.posterior import subject_density
 from percept.study.subject_checks import SubjectChecks, check_subjects
 
-__all__ = ["MODELS", "ModelChoice", "compare_models"]
-
 #: Models compared, by what they leave out of the full one. "Weber trend" keeps each environment's own spread
 #: about the trend, which takes up what the trend lacks: it seldom differs from "full". Weber's law itself is
 #: put to the test by "exact Weber" against "common spread".
@@ -37,23 +35,11 @@ _SMALL = 4.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ModelChoice(NotebookRecord):
-    """Models in the order of their predictive density.
+    """Models in the order of their predictive density."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        model; elpd, se (expected log predictive density of subjects left out, response scale); difference
-        (to the first model, at most 0), difference_se (of the paired difference); rough (subjects
-        whose share is). Models whose sampling failed its gate are absent.
-    failed : tuple of str
-        Those, with the reason.
-    sentence : str
-        What can be told.
-    """
-
-    table: pd.DataFrame
-    failed: tuple[str, ...]
-    sentence: str
+    table: pd.DataFrame  # model
+    failed: tuple[str, ...]  # Those, with the reason
+    sentence: str  # What can be told
 
 
 def compare_models(
@@ -65,35 +51,7 @@ def compare_models(
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
 ) -> ModelChoice:
-    """Fit models of `MODELS` and compare them by leave-one-subject-out predictive density.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study.
-    scene : Scene
-        Everything but the model's options, which are set in turn; whether to sample anew without influential
-        subjects.
-    parameters : tuple of str
-        "k", "b" or both.
-    models : tuple of str, optional
-        Which models, of the names in `MODELS`; all by default.
-    progress : callable, optional
-        Told the state of every sampling.
-    store : RunStore, optional
-        Asked for finished runs first.
-
-    Returns
-    -------
-    ModelChoice
-
-    Raises
-    ------
-    UsageError
-        If there is no model of a name.
-    RefusalError
-        One environment, published limits, cells fitted apart, or no model passes its gate.
-    """
+    """Fit models of `MODELS` and compare them by leave-one-subject-out predictive density."""
     if len(sessions.environments) == 1:
         raise RefusalError(
             "with one environment there is one model only.",

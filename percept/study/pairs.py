@@ -26,8 +26,6 @@ from percept.study.streams import Stream, generator
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-__all__ = ["PairComparison", "compare_studies", "split_by"]
-
 Array = NDArray[np.float64]
 #: Draws of either posterior, and turns in which each draw of one meets another draw of the other.
 _DRAWS, _TURNS = 8192, 16
@@ -40,29 +38,12 @@ _SAME = (
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PairComparison:
-    """Study B against study A.
+    """Study B against study A."""
 
-    Attributes
-    ----------
-    intervals : DataFrame
-        environment, parameter, kind, method, family, joint; lower, upper of each; width_ratio (B over A).
-    differences : DataFrame
-        environment, parameter, method, family; lower, value, upper of the average user of B over A (a ratio
-        under lognormal, a difference in N/m or N·s/m under normal); probability_above (that B's is the
-        larger, None for the classical method); and the same of the SD between users, as a ratio:
-        spread_lower, spread_value, spread_upper. The Bayesian ones are quantiles over pairs of draws, with a
-        Monte Carlo error about the tolerance for differences and up to a tenth of the half-width for ratios
-        of spreads, which no stopping rule looks at. Empty where A and B are the same sessions.
-    curves : DataFrame
-        As `compare_curves`, for boundaries of the two that are alike.
-    notes : tuple of str
-        Why there are no differences, and what they take for granted.
-    """
-
-    intervals: pd.DataFrame
-    differences: pd.DataFrame
-    curves: pd.DataFrame
-    notes: tuple[str, ...] = ()
+    intervals: pd.DataFrame  # environment, parameter, kind, method, family, joint
+    differences: pd.DataFrame  # environment, parameter, method, family
+    curves: pd.DataFrame  # As `compare_curves`, for boundaries of the two that are alike
+    notes: tuple[str, ...] = ()  # Why there are no differences, and what they take for granted
 
     def _repr_html_(self) -> str:
         shown = self.differences.to_html(index=False, escape=True)
@@ -71,27 +52,7 @@ class PairComparison:
 
 
 def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
-    """Split a study by a column of the sessions, such as a group of subjects.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        Trial form.
-    column : str
-        A column of the table that was kept beside those of the format.
-
-    Returns
-    -------
-    dict of str to Sessions
-        By value, in order of first appearance.
-
-    Raises
-    ------
-    UsageError
-        Where there is no such column, it has one value, or none in some rows; published limits.
-    RefusalError
-        Where a subject is in more than one part: two such parts are no two samples.
-    """
+    """Split a study by a column of the sessions, such as a group of subjects."""
     if sessions.form == "summary":
         raise UsageError(
             "published limits hold no subjects to divide.",
@@ -133,25 +94,7 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
 
 
 def compare_studies(first: Study, second: Study) -> PairComparison:
-    """Compare two studies over the environments and parameters that both have.
-
-    Parameters
-    ----------
-    first, second : Study
-        A and B: of different subjects, or of the same sessions under two scenes; in one family and at one
-        level. Posterior draws are paired by the seed of A's scene.
-
-    Returns
-    -------
-    PairComparison
-
-    Raises
-    ------
-    UsageError
-        Families or levels that differ.
-    RefusalError
-        No environment in common; some subjects of one file in both; or the same sessions and scene.
-    """
+    """Compare two studies over the environments and parameters that both have."""
     for name in ("family", "level"):
         a, b = (getattr(study.scene.inference, name) for study in (first, second))
         if a != b:

@@ -7,26 +7,11 @@ import pandas as pd
 from percept import haptics
 from percept.study.apparatus import Apparatus
 
-__all__ = ["direct_passivity"]
-
 _COLUMNS = ["environment", "needed_colgate", "needed_paper", "device_damping", "passive"]
 
 
 def direct_passivity(apparatus: Apparatus) -> pd.DataFrame:
-    """Judge one-port passivity of every reference without a coupling.
-
-    Parameters
-    ----------
-    apparatus : Apparatus
-        Device and references.
-
-    Returns
-    -------
-    DataFrame
-        environment, needed_colgate, needed_paper and device_damping (N·s/m: Colgate and Schenkel's condition,
-        that of Eqs 7 and 8, and what the device has), passive (by Colgate and Schenkel). Without rows for a
-        measured device, which has no damping of its own.
-    """
+    """Judge one-port passivity of every reference without a coupling."""
     device = apparatus.device
     rows = []
     if isinstance(device, haptics.Device):

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-__all__ = ["FEWEST", "References", "banded", "placed"]
-
 #: By parameter and environment, N/m or N·s/m; NaN where there is none.
 References = Mapping[tuple[str, str], float]
 #: Environments that laws of the band need.

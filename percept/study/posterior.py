@@ -16,15 +16,6 @@ from percept.study.streams import Stream, generator
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
 
-__all__ = [
-    "Groups",
-    "data_tree",
-    "full_groups",
-    "posterior_groups",
-    "subject_density",
-    "thinned_points",
-]
-
 Array = np.ndarray[Any, Any]
 #: Log likelihoods (draws times subjects) that a tree holds; larger studies keep fewer draws.
 _MOST = 1 << 24
@@ -34,21 +25,11 @@ _CELL = ["parameter", "environment"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Groups:
-    """What a DataTree of a posterior is made of.
+    """What a DataTree of a posterior is made of."""
 
-    Attributes
-    ----------
-    arrays : dict of str to (dict of str to ndarray)
-        By group and variable, each (chains, draws per chain, ...).
-    dims : dict of str to list of str
-        By variable, names of the dimensions after chain and draw.
-    coords : dict of str to list of str
-        Labels along a dimension.
-    """
-
-    arrays: dict[str, dict[str, Array]]
-    dims: dict[str, list[str]]
-    coords: dict[str, list[str]]
+    arrays: dict[str, dict[str, Array]]  # By group and variable, each (chains, draws per chain, ...)
+    dims: dict[str, list[str]]  # By variable, names of the dimensions after chain and draw
+    coords: dict[str, list[str]]  # Labels along a dimension
 
 
 def thinned_points(fit: Fit) -> tuple[np.ndarray[Any, Any], int]:
@@ -66,21 +47,7 @@ def subject_density(fit: Fit) -> SubjectDensity | None:
 
 
 def posterior_groups(fit: Fit, *, seed: int) -> Groups:
-    """Collect scales, correlations, locations and new users, one chain per ensemble.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior.
-    seed : int
-        Seed of the draws of locations and users given the scales.
-
-    Returns
-    -------
-    Groups
-        `posterior` (scales on the response scale; `population_mean` in N/m and N·s/m),
-        `posterior_predictive` (`new_user`), `sample_stats` (`lp`).
-    """
+    """Collect scales, correlations, locations and new users, one chain per ensemble."""
     points, per_chain = thinned_points(fit)
     means, users = _draws(fit, points, seed)
     groups, dims = _posterior(fit, points, per_chain, means, users)
@@ -88,23 +55,7 @@ def posterior_groups(fit: Fit, *, seed: int) -> Groups:
 
 
 def full_groups(fit: Fit, *, seed: int) -> Groups:
-    """Collect what model checks by ArviZ need beside the posterior too.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior of the pooled model of sessions.
-    seed : int
-        As for `posterior_groups`; the draws are the same.
-
-    Returns
-    -------
-    Groups
-        Beside those of `posterior_groups`: `population_sd` (SD between users, response scale) in
-        `posterior`; `log_likelihood` (`trials`, per subject, given locations and scales, on the response
-        scale); `log_prior` (of every top-level prior); `prior` and `prior_predictive`, with the names and
-        units of their posterior twins. Studies of very many subjects keep fewer draws.
-    """
+    """Collect what model checks by ArviZ need beside the posterior too."""
     subjects = subject_density(fit)
     assert subjects is not None
     density = subjects.density
@@ -187,18 +138,7 @@ def _coords(fit: Fit) -> dict[str, list[str]]:
 
 
 def data_tree(groups: Groups) -> Any:
-    """Build an ArviZ DataTree.
-
-    Parameters
-    ----------
-    groups : Groups
-        As `posterior_groups` or `full_groups` give them.
-
-    Returns
-    -------
-    DataTree
-        Without time stamps, which would make equal runs differ.
-    """
+    """Build an ArviZ DataTree."""
     import arviz_base
 
     tree = arviz_base.from_dict(groups.arrays, coords=groups.coords, dims=groups.dims)

@@ -10,21 +10,12 @@ import numpy as np
 import percept
 from percept.study.posterior import Groups
 
-__all__ = ["write_posterior"]
-
 
 def write_posterior(groups: Groups, path: Path) -> None:
     """Write groups of named arrays, each with its coordinates.
 
     xarray would write the same, after it has imported every array library of the machine to ask whether the
     arrays are of its kind: dask, distributed and pint take longer than the file.
-
-    Parameters
-    ----------
-    groups : Groups
-        As `percept.study.posterior` gives them.
-    path : Path
-        Replaced where it exists.
     """
     import h5netcdf
 

@@ -17,6 +17,7 @@ from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
 from percept.inference.intervals import Interval
 from percept.scene import Scene
+from percept.sessions.units import UNITS
 from percept.study.apparatus import Apparatus
 from percept.study.bayesian import Fit
 from percept.study.boundaries import Range, environment_boundaries
@@ -24,12 +25,10 @@ from percept.study.posterior import thinned_points
 from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
 from percept.study.responses import ResponseScale, refuse_no_ratio
 from percept.study.streams import Stream, generator
-from percept.study.units import NAMES, UNITS
+from percept.study.units import NAMES
 
 if TYPE_CHECKING:
     from percept.study.study import Study
-
-__all__ = ["NO_PLACE", "Prediction", "expected_users", "predict"]
 
 Array = NDArray[np.float64]
 _DRAWS = 16_384
@@ -40,35 +39,15 @@ NO_PLACE = "and has no place on the scale that environments are compared on"
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """What the hierarchical model expects of an untested environment.
+    """What the hierarchical model expects of an untested environment."""
 
-    Attributes
-    ----------
-    environment : str
-        Its name.
-    decades : dict of str to float
-        Per parameter, log10 of the reference over the geometric mean of the tested ones.
-    beyond : dict of str to float
-        Per parameter, decades outside the tested range: negative below, positive above, 0 inside.
-    nearest : str
-        The tested environment whose references are nearest.
-    distance : float
-        How far that is, decades.
-    intervals : DataFrame
-        environment, parameter, reference, what `Interval.as_dict` holds, and monte_carlo: standard error of
-        the limits over the half-width, on the model's scale.
-    boundaries : tuple of Boundary
-        Of abs(Z_h); empty without a device or with one parameter. Around rectangles only where published
-        limits hold no correlation of stiffness and damping.
-    """
-
-    environment: str
+    environment: str  # Its name
     decades: dict[str, float]
     beyond: dict[str, float]
-    nearest: str
-    distance: float
+    nearest: str  # The tested environment whose references are nearest
+    distance: float  # How far that is, decades
     intervals: pd.DataFrame
-    boundaries: tuple[Boundary, ...]
+    boundaries: tuple[Boundary, ...]  # Of abs(Z_h)
 
     @property
     def extrapolates(self) -> bool:
@@ -102,32 +81,7 @@ def predict(
     kinds: tuple[str, ...] | None = None,
     curves: bool = True,
 ) -> Prediction:
-    """Predict intervals and boundaries of an untested environment.
-
-    Parameters
-    ----------
-    study : Study
-        With a Bayesian fit of at least two environments.
-    stiffness, damping : float, optional
-        References of the new environment, N/m and N·s/m: those of the parameters the study analyses.
-    name : str
-        What to call it.
-    kinds : tuple of str, optional
-        Kinds of intervals; the scene's by default.
-    curves : bool
-        Whether boundaries are wanted.
-
-    Returns
-    -------
-    Prediction
-
-    Raises
-    ------
-    UsageError
-        A reference that is missing, not positive, or of a parameter that is not analysed.
-    RefusalError
-        Without a passed fit, with one environment, without pooling, or where a tested reference is zero.
-    """
+    """Predict intervals and boundaries of an untested environment."""
     scene = study.scene
     given = {"k": stiffness, "b": damping}
     for parameter, value in given.items():
@@ -164,27 +118,7 @@ def predict(
 
 
 def expected_users(fit: Fit, x: Array, scene: Scene) -> NewEnvironment:
-    """Work out what a fit expects of the users of a new environment.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior of at least two environments.
-    x : ndarray, shape (P,)
-        Decades of the new reference above the geometric mean of the tested ones, by parameter.
-    scene : Scene
-        Seed.
-
-    Returns
-    -------
-    NewEnvironment
-        On the response scale; some 16 000 draws.
-
-    Raises
-    ------
-    RefusalError
-        As `new_environment`.
-    """
+    """Work out what a fit expects of the users of a new environment."""
     points, _ = thinned_points(fit)
     rng = generator(scene.inference.seed, Stream.NEW_ENVIRONMENT)
     repeats = max(4, round(_DRAWS / len(points)))

@@ -17,27 +17,16 @@ from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
 from percept.study.streams import Stream, generator
 
-__all__ = ["PriorPull", "prior_pull"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PriorPull:
-    """Limits under priors a quarter wider, beside those of the same draws under the priors themselves.
-
-    Attributes
-    ----------
-    limits, own : dict of str to (ndarray, ndarray)
-        By kind: lower and upper limits (C,) on the response scale, under wider priors and under the priors
-        themselves. Both scatter alike, so that their difference hardly does.
-    effective : float
-        Effective number of draws left after reweighting; few, and the limits are rough.
-    """
+    """Limits under priors a quarter wider, beside those of the same draws under the priors themselves."""
 
     limits: dict[str, tuple[Array, Array]]
     own: dict[str, tuple[Array, Array]]
-    effective: float
+    effective: float  # Effective number of draws left after reweighting
 
 
 def prior_pull(fit: Fit, scene: Scene) -> PriorPull | None:
@@ -45,18 +34,6 @@ def prior_pull(fit: Fit, scene: Scene) -> PriorPull | None:
 
     The scales keep their draws, weighted by the ratio of priors and by the ratio of likelihoods with the
     locations integrated out; the locations are worked out anew under the wider priors.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior.
-    scene : Scene
-        Kinds, level, share, confidence and seed.
-
-    Returns
-    -------
-    PriorPull or None
-        None for models other than the pooled one of sessions.
     """
     model = fit.prepared.model
     if not isinstance(model, Pooled):

@@ -21,27 +21,12 @@ from percept.study.streams import Stream, generator
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
 
-__all__ = ["populations", "study_realism"]
-
 Array = NDArray[np.float64]
 _MOST = 4096
 
 
 def populations(fit: Fit, scene: Scene) -> dict[str, Populations]:
-    """Limits between which the level of all users lie, per posterior draw and environment.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior of both parameters.
-    scene : Scene
-        Level and seed.
-
-    Returns
-    -------
-    dict of str to Populations
-        N/m and N·s/m.
-    """
+    """Limits between which the level of all users lie, per posterior draw and environment."""
     model, scale = fit.prepared.model, fit.prepared.scale
     points, _ = thinned_points(fit)
     rng = generator(scene.inference.seed, Stream.REALISM)
@@ -65,23 +50,6 @@ def study_realism(
     The dips and peaks of abs(Z_h) as displayed are added to the frequencies given. All intervals are then
     halved until no probability throughout the range moves by more than its Monte Carlo error, or up to 4096
     frequencies.
-
-    Parameters
-    ----------
-    apparatus : Apparatus
-        Device, references and coupling.
-    fit : Fit
-        A sampled posterior of both parameters.
-    scene : Scene
-        Level and seed.
-    omega : ndarray, shape (M,)
-        rad/s, increasing: where to start from.
-
-    Yields
-    ------
-    environment : str
-    coupled : bool
-    realism : Realism
     """
     for environment, users in populations(fit, scene).items():
         grid = np.union1d(omega, _turns(apparatus, environment, float(omega[0]), float(omega[-1])))

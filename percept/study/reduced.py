@@ -22,8 +22,6 @@ from percept.study.interval_table import COLUMNS, bayesian_rows, classical_rows,
 from percept.study.placed import References
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
-__all__ = ["prepare_reduced", "reduced_intervals"]
-
 Array = NDArray[np.float64]
 
 
@@ -34,32 +32,7 @@ def reduced_intervals(
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
 ) -> pd.DataFrame:
-    """Work out the intervals of a study that was reduced while it was read.
-
-    Parameters
-    ----------
-    reduced : Reduced
-        From `percept.sessions.reduce_sessions`.
-    scene : Scene, optional
-        What to analyse; its family is that of the reduction.
-    progress : callable, optional
-        Told the state of the sampler after every round.
-    store : RunStore, optional
-        Where finished runs of the sampler are kept.
-
-    Returns
-    -------
-    DataFrame
-        As `Study.intervals`, in the family of the reduction alone and of trials with every parameter. Where
-        the gate failed there are no Bayesian rows, and `attrs["skipped"]` says why, as `Study.skipped`.
-
-    Raises
-    ------
-    UsageError
-        A scene of another family, or without pooling.
-    RefusalError
-        As `Study.intervals`.
-    """
+    """Work out the intervals of a study that was reduced while it was read."""
     scene = scene or Scene()
     parameters = _asked(reduced, scene)
     reference = {
@@ -90,27 +63,7 @@ def reduced_intervals(
 
 
 def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
-    """Build the hierarchical model of a study that was reduced while it was read.
-
-    Parameters
-    ----------
-    reduced : Reduced
-        From `percept.sessions.reduce_sessions`.
-    scene : Scene
-        Priors and options.
-
-    Returns
-    -------
-    Prepared
-        Without trials.
-
-    Raises
-    ------
-    UsageError
-        A scene of another family, or without pooling.
-    RefusalError
-        As `percept.study.bayesian.prepare`.
-    """
+    """Build the hierarchical model of a study that was reduced while it was read."""
     parameters = _asked(reduced, scene)
     cells = reduced.cells[reduced.cells["n"] > 0]
     subjects = tuple(dict.fromkeys(cells["subject"]))

@@ -25,17 +25,6 @@ from percept.study.posterior import thinned_points
 if TYPE_CHECKING:
     from percept.study.bayesian import Fit
 
-__all__ = [
-    "Draws",
-    "Region",
-    "bonferroni_regions",
-    "classical_ellipses",
-    "displayable",
-    "draw_ellipses",
-    "rectangles",
-    "subject_pairs",
-]
-
 Array = NDArray[np.float64]
 Family = Literal["normal", "lognormal"]
 Pairs = dict[str, tuple[Array, Array]]
@@ -47,42 +36,19 @@ _SIDES = ("lower", "upper")
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Region:
-    """A rectangle or an ellipse of (k, b) that feels like an environment.
-
-    Attributes
-    ----------
-    environment, kind, method, family, joint : str
-        What it is; as in `Study.intervals`, with ``joint = "hotelling"`` for an ellipse.
-    level : float
-        Level asked for.
-    limits : tuple of (float, float), or None
-        Of stiffness and of damping, N/m and N·s/m; None for an ellipse.
-    ellipse : EllipseRegion or None
-        None for a rectangle.
-    """
+    """A rectangle or an ellipse of (k, b) that feels like an environment."""
 
     environment: str
     kind: str
     method: str
     family: str
     joint: str
-    level: float
-    limits: tuple[Limits, Limits] | None = None
-    ellipse: EllipseRegion | None = None
+    level: float  # Level asked for
+    limits: tuple[Limits, Limits] | None = None  # Of stiffness and of damping, N/m and N·s/m
+    ellipse: EllipseRegion | None = None  # None for a rectangle
 
     def depths(self, stiffness: Array, damping: Array) -> Array:
-        """Measure how deep inside points lie: from each edge, in widths, or from the curve, in radii.
-
-        Parameters
-        ----------
-        stiffness, damping : ndarray, shape (M,)
-            N/m and N·s/m.
-
-        Returns
-        -------
-        ndarray, shape (4, M) or (1, M)
-            Inside where all are zero or more; -1e300 where an ellipse's scale does not reach.
-        """
+        """Measure how deep inside points lie: from each edge, in widths, or from the curve, in radii."""
         if self.ellipse is not None:
             distance = self.ellipse.distance(stiffness, damping) / self.ellipse.radius
             return np.maximum(1.0 - distance, -1e300)[None]
@@ -96,24 +62,13 @@ class Region:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Draws:
-    """Draws of (k, b) per environment that curves are drawn through.
+    """Draws of (k, b) per environment that curves are drawn through."""
 
-    Attributes
-    ----------
-    kind, method, family : str
-        What was drawn.
-    level : float
-        Level of the bands.
-    pairs : dict of str to (ndarray, ndarray)
-        Draws of k and b by environment, each (N,), N/m and N·s/m. The second half is independent of the
-        first: no draw of the scales stands behind both.
-    """
-
-    kind: str
-    method: str
-    family: str
-    level: float
-    pairs: Pairs
+    kind: str  # What was drawn
+    method: str  # What was drawn
+    family: str  # What was drawn
+    level: float  # Level of the bands
+    pairs: Pairs  # Draws of k and b by environment, each (N,), N/m and N·s/m
 
     def within(self, environment: str) -> Draws:
         """Draws of one environment alone."""
@@ -126,17 +81,7 @@ def displayable(values: Array) -> Array:
 
 
 def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
-    """Pair the intervals of stiffness and damping.
-
-    Parameters
-    ----------
-    intervals : DataFrame
-        `Study.intervals`.
-
-    Yields
-    ------
-    Region
-    """
+    """Pair the intervals of stiffness and damping."""
     if intervals.empty:
         return
     shown = intervals.assign(**{side: displayable(intervals[side].to_numpy()) for side in _SIDES})
@@ -147,21 +92,7 @@ def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
 
 
 def subject_pairs(sessions: Sessions, family: Family) -> Pairs:
-    """Take one stiffness and one damping per subject and environment, of the trials that have both.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        Trial form.
-    family : {"normal", "lognormal"}
-        Whether trials are averaged, or their logarithms.
-
-    Returns
-    -------
-    dict of str to (ndarray, ndarray)
-        By environment, N/m and N·s/m, subjects in one order; without the environments whose values have no
-        logarithm where one is needed.
-    """
+    """Take one stiffness and one damping per subject and environment, of the trials that have both."""
     complete = sessions.table[sessions.table[["k_adj", "b_adj"]].notna().all(axis=1)]
     pairs: Pairs = {}
     for environment, rows in complete.groupby("environment", sort=False):
@@ -177,20 +108,7 @@ def subject_pairs(sessions: Sessions, family: Family) -> Pairs:
 
 
 def classical_ellipses(sessions: Sessions, scene: Scene) -> Iterator[Region]:
-    """Hotelling's ellipses of the average and the next user, in both families.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        The study; published limits have no correlation, and so no ellipse.
-    scene : Scene
-        Kinds and level.
-
-    Yields
-    ------
-    Region
-        For the environments that have one: three subjects, scatter, not all on a line.
-    """
+    """Hotelling's ellipses of the average and the next user, in both families."""
     if sessions.form == "summary":
         return
     level = scene.inference.level
@@ -208,19 +126,7 @@ def classical_ellipses(sessions: Sessions, scene: Scene) -> Iterator[Region]:
 
 
 def draw_ellipses(draws: Draws, counts: dict[str, int]) -> Iterator[Region]:
-    """Ellipses that hold the level of posterior draws.
-
-    Parameters
-    ----------
-    draws : Draws
-        Of a posterior.
-    counts : dict of str to int
-        Users behind each environment.
-
-    Yields
-    ------
-    Region
-    """
+    """Ellipses that hold the level of posterior draws."""
     for environment, (k, b) in draws.pairs.items():
         ellipse = ellipse_of_draws(
             k,
@@ -235,19 +141,7 @@ def draw_ellipses(draws: Draws, counts: dict[str, int]) -> Iterator[Region]:
 
 
 def bonferroni_regions(fit: Fit, scene: Scene) -> Iterator[Region]:
-    """Posterior rectangles whose sides leave out half as much each, so that both hold at the level.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior of both parameters.
-    scene : Scene
-        Kinds, level, share and confidence.
-
-    Yields
-    ------
-    Region
-    """
+    """Posterior rectangles whose sides leave out half as much each, so that both hold at the level."""
     asked = scene.inference
     model = fit.prepared.model
     halved = IntervalEstimands(

@@ -8,28 +8,11 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.haptics import TabulatedDevice
 
-__all__ = ["read_response"]
-
 _COLUMNS = ("omega", "real", "imaginary")
 
 
 def read_response(path: str) -> TabulatedDevice:
-    """Read a table of omega (rad/s) and Z_d, real and imaginary (N·s/m).
-
-    Parameters
-    ----------
-    path : str
-        A CSV file with a header.
-
-    Returns
-    -------
-    TabulatedDevice
-
-    Raises
-    ------
-    UsageError
-        If the file cannot be read, lacks a column, or holds what is not a finite number.
-    """
+    """Read a table of omega (rad/s) and Z_d, real and imaginary (N·s/m)."""
     try:
         table = pd.read_csv(path)
     except (OSError, ValueError) as error:

@@ -15,27 +15,16 @@ from percept.sessions import Sessions
 from percept.study.placed import References
 from percept.study.units import NAMES
 
-__all__ = ["ResponseScale", "Trials", "references", "refuse_lone_subject", "refuse_no_ratio", "trials"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ResponseScale:
-    """The map between responses and parameters, per cell (parameter-major).
+    """The map between responses and parameters, per cell (parameter-major)."""
 
-    Attributes
-    ----------
-    log : bool
-        Whether a response is a logarithm.
-    origin, unit : ndarray, shape (C,)
-        Parameter value of response zero, and per unit of response: origin + unit y, or
-        origin exp(unit y) where `log`; in N/m or N·s/m.
-    """
-
-    log: bool
-    origin: Array
-    unit: Array
+    log: bool  # Whether a response is a logarithm
+    origin: Array  # (C,)
+    unit: Array  # (C,)
 
     @classmethod
     def of(cls, reference: Array, family: str, unit: Array | None = None) -> Self:
@@ -53,35 +42,17 @@ class ResponseScale:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trials:
-    """Trials of the parameters asked for, as arrays.
+    """Trials of the parameters asked for, as arrays."""
 
-    Attributes
-    ----------
-    response : ndarray, shape (M, P)
-        Unit-free responses.
-    subject, environment : ndarray of int, shape (M,)
-        Codes.
-    subjects, environments : tuple of str
-        Labels.
-    reference : ndarray, shape (P, J)
-        References, N/m or N·s/m.
-    x : ndarray, shape (P, J)
-        log10 of each reference over their geometric mean; zero where a reference is zero.
-    scale : ResponseScale
-        The way back.
-    dropped : int
-        Trials left out because one of the parameters is missing.
-    """
-
-    response: Array
-    subject: NDArray[np.intp]
-    environment: NDArray[np.intp]
-    subjects: tuple[str, ...]
-    environments: tuple[str, ...]
-    reference: Array
-    x: Array
-    scale: ResponseScale
-    dropped: int
+    response: Array  # (M, P) Unit-free responses
+    subject: NDArray[np.intp]  # (M,) Codes
+    environment: NDArray[np.intp]  # (M,) Codes
+    subjects: tuple[str, ...]  # Labels
+    environments: tuple[str, ...]  # Labels
+    reference: Array  # (P, J) References, N/m or N·s/m
+    x: Array  # (P, J) log10 of each reference over their geometric mean
+    scale: ResponseScale  # The way back
+    dropped: int  # Trials left out because one of the parameters is missing
 
 
 def references(sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]) -> Array:
@@ -107,18 +78,7 @@ def decades(reference: Array) -> Array:
 
 
 def refuse_lone_subject(subjects: Sequence[str]) -> None:
-    """Refuse a study of fewer than two subjects.
-
-    Parameters
-    ----------
-    subjects : sequence of str
-        Subjects with data.
-
-    Raises
-    ------
-    RefusalError
-        Naming the one there is.
-    """
+    """Refuse a study of fewer than two subjects."""
     if len(subjects) < 2:
         found = f"only one, {subjects[0]!r}, is" if subjects else "none is"
         raise RefusalError(
@@ -128,27 +88,7 @@ def refuse_lone_subject(subjects: Sequence[str]) -> None:
 
 
 def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials:
-    """Take the trials with all parameters asked for, in unit-free responses.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        Trial form.
-    scene : Scene
-        Family and scales.
-    parameters : tuple of str
-        "k", "b" or both.
-
-    Returns
-    -------
-    Trials
-
-    Raises
-    ------
-    RefusalError
-        Fewer than two subjects; zero or negative adjustments under lognormal; a zero reference
-        without a scale.
-    """
+    """Take the trials with all parameters asked for, in unit-free responses."""
     columns = [f"{p}_adj" for p in parameters]
     complete = sessions.table[columns].notna().all(axis=1)
     table = sessions.table[complete]
@@ -197,20 +137,7 @@ def refuse_no_ratio(
     why: str = "which has no ratio",
     hint: str = "Leave the environment or the parameter out in the scene.",
 ) -> None:
-    """Refuse a reference that is not positive.
-
-    Parameters
-    ----------
-    references : mapping of (str, str) to float
-        By parameter and environment, N/m or N·s/m; NaN where there is none.
-    why, hint : str
-        What is wrong with it, and what to do.
-
-    Raises
-    ------
-    RefusalError
-        Naming the first.
-    """
+    """Refuse a reference that is not positive."""
     for (parameter, environment), reference in references.items():
         if reference <= 0:
             raise RefusalError(

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.statistics import Statistics
-from percept.study.units import NAMES, UNITS
-
-__all__ = ["Lacking", "lacking_scatter"]
+from percept.sessions.units import UNITS
+from percept.study.units import NAMES
 
 Array = NDArray[np.float64]
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
@@ -23,17 +22,10 @@ _PROPORTION = 1e-3
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Lacking:
-    """Cells whose scatter the step of the adjustment has to make up for.
+    """Cells whose scatter the step of the adjustment has to make up for."""
 
-    Attributes
-    ----------
-    between, trial : ndarray of bool, shape (P, J)
-        Where there is no scatter between subjects, and none between a subject's trials, or where both
-        parameters move in proportion.
-    """
-
-    between: NDArray[np.bool_]
-    trial: NDArray[np.bool_]
+    between: NDArray[np.bool_]  # (P, J)
+    trial: NDArray[np.bool_]  # (P, J)
 
 
 def lacking_scatter(statistics: Statistics, steps: Collection[str]) -> Lacking:
@@ -42,23 +34,6 @@ def lacking_scatter(statistics: Statistics, steps: Collection[str]) -> Lacking:
     Near a correlation of one the density of pairs in proportion grows as (1 - rho²)^(-(f - 1)/2) for every
     environment's f degrees of freedom; from four such half powers on no prior of rho holds it. A remainder
     ends that growth, too near one for walkers to follow where it is small.
-
-    Parameters
-    ----------
-    statistics : Statistics
-        The study.
-    steps : collection of str
-        Parameters of whose adjustments the step is known.
-
-    Returns
-    -------
-    Lacking
-        For parameters with a step.
-
-    Raises
-    ------
-    RefusalError
-        Naming parameter, environments and the remedy.
     """
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)

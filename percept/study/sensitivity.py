@@ -9,8 +9,6 @@ import pandas as pd
 
 from percept.inference.checks.prior import GROUPS
 
-__all__ = ["THRESHOLD", "power_scaling"]
-
 #: Sensitivity (a distance of distributions per doubling of the power) from which it is worth a look.
 THRESHOLD = 0.05
 _QUANTITIES = {"mean": "population_mean", "user": "new_user", "spread": "population_sd"}
@@ -21,18 +19,6 @@ def power_scaling(tree: Any) -> pd.DataFrame:
 
     Priors (all together, and by what they speak of) and likelihood are raised to powers just off one by
     Pareto-smoothed reweighting (Kallioinen et al. 2024, doi:10.1007/s11222-023-10366-5).
-
-    Parameters
-    ----------
-    tree : DataTree
-        Of `percept.study.posterior.full_groups`.
-
-    Returns
-    -------
-    DataFrame
-        environment, parameter, quantity ("mean", "user", "spread"); prior, likelihood and prior_bias,
-        prior_spread and so on, for the groups of priors the model has; diagnosis ("", or what is worth a
-        look).
     """
     import xarray
 

@@ -18,26 +18,13 @@ if TYPE_CHECKING:
     from percept.study.responses import Trials
     from percept.study.study import Study
 
-__all__ = ["skipped"]
-
 Reason = tuple[str, str]
 #: What a covariance of k and b needs.
 _FEWEST_SUBJECTS = 3
 
 
 def skipped(study: Study) -> Iterator[Reason]:
-    """List what the data or the scene leave no room for.
-
-    Parameters
-    ----------
-    study : Study
-        Fitted now, unless only the classical method is asked for.
-
-    Yields
-    ------
-    what, why : str
-        In words.
-    """
+    """List what the data or the scene leave no room for."""
     yield from _inference(study)
     yield from _haptics(study)
     table = study.scene.frequency

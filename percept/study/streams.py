@@ -6,8 +6,6 @@ import enum
 
 import numpy as np
 
-__all__ = ["Stream", "generator"]
-
 
 @enum.unique
 class Stream(enum.IntEnum):
@@ -29,17 +27,5 @@ class Stream(enum.IntEnum):
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:
-    """Return a new generator of a stream.
-
-    Parameters
-    ----------
-    seed : int
-        The scene's.
-    stream : Stream
-        What the draws are for.
-
-    Returns
-    -------
-    numpy.random.Generator
-    """
+    """Return a new generator of a stream."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))

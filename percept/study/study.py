@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from percept.study.posterior import Groups
     from percept.study.regions import Draws, Region
 
-__all__ = ["Study"]
-
 Array = NDArray[np.float64]
 #: Frequencies of an even grid where the scene leaves their number open.
 DEFAULT_POINTS = 241

@@ -22,12 +22,11 @@ from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress, Settings
 from percept.notebook import NotebookRecord
 from percept.scene import Scene
+from percept.sessions.units import UNITS
 from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
 from percept.study.streams import Stream, generator
-from percept.study.units import NAMES, UNITS
-
-__all__ = ["SubjectChecks", "check_statistics", "check_subjects"]
+from percept.study.units import NAMES
 
 Array = NDArray[np.float64]
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is looked at.
@@ -41,32 +40,14 @@ _REPLICATES = 4000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SubjectChecks(NotebookRecord):
-    """What leaving each subject out says.
-
-    Attributes
-    ----------
-    elpd, se : float
-        Expected log predictive density of the study's subjects, each given the others, on the response
-        scale; and its standard error as an estimate for other subjects.
-    good_k : float
-        Pareto index up to which reweighting is trusted, with this many draws.
-    subjects : DataFrame
-        subject; elpd (its share); pareto_k; influential (index above `good_k`: its share is rough
-        unless refitted); refitted (sampled anew without it, to within 0.2 nats); farther (predictive
-        probability of lying as far off or farther, all cells together); outlier.
-    cells : DataFrame
-        subject, environment, parameter, value (mean adjusted value, N/m or N·s/m; geometric in the lognormal
-        family), below (predictive probability of a smaller one, given the other subjects), outlier.
-    messages : tuple of str
-        Influential subjects and outliers by name, with what to do.
-    """
+    """What leaving each subject out says."""
 
     elpd: float
     se: float
-    good_k: float
-    subjects: pd.DataFrame
-    cells: pd.DataFrame
-    messages: tuple[str, ...]
+    good_k: float  # Pareto index up to which reweighting is trusted, with this many draws
+    subjects: pd.DataFrame  # subject
+    cells: pd.DataFrame  # subject, environment, parameter, value (mean adjusted value, N/m or N·s/m
+    messages: tuple[str, ...]  # Influential subjects and outliers by name, with what to do
 
 
 def check_subjects(
@@ -76,24 +57,7 @@ def check_subjects(
     *,
     progress: Callable[[Progress], None] | None = None,
 ) -> SubjectChecks:
-    """Leave every subject out.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior of the pooled model of sessions.
-    subjects : SubjectDensity
-        Its subjects.
-    scene : Scene
-        Whether to sample the posterior anew without each subject whose Pareto index is too high; seed and
-        caps of that.
-    progress : callable, optional
-        Told the state of that sampling.
-
-    Returns
-    -------
-    SubjectChecks
-    """
+    """Leave every subject out."""
     points, _ = thinned_points(fit)
     loo = leave_one_out(subjects, points, chains=len(fit.run.points))
     predicted = predict_left_out(subjects, loo.points, loo.weights)
@@ -215,26 +179,7 @@ def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float, *, refit:
 
 
 def check_statistics(fit: Fit, subjects: SubjectDensity, scene: Scene) -> pd.DataFrame:
-    """Compare each cell's mean, SD and farthest subject with those of new studies from the posterior.
-
-    Parameters
-    ----------
-    fit : Fit
-        A sampled posterior of the pooled model of sessions.
-    subjects : SubjectDensity
-        Its subjects.
-    scene : Scene
-        Level and seed.
-
-    Returns
-    -------
-    DataFrame
-        environment, parameter, statistic ("mean", "sd", both on the response scale; "farthest": distance of
-        the farthest subject from the mean in SDs); observed; lower, upper (equal-tailed predictive interval
-        of the scene's level); above (probability of a larger one); unusual (outside). The data are used
-        twice, so that of the mean, and less so that of the SD, are cautious; the farthest subject's hardly
-        depends on the fit.
-    """
+    """Compare each cell's mean, SD and farthest subject with those of new studies from the posterior."""
     points, _ = thinned_points(fit)
     chosen = points[:: max(1, len(points) // _REPLICATES)]
     rng = generator(scene.inference.seed, Stream.CHECKED_STATISTICS)

@@ -16,20 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "Block",
-    "Pair",
-    "PairPrecision",
-    "Precision",
-    "Scalar",
-    "Vector",
-    "block",
-    "diagonal",
-    "join",
-    "weighted_mean",
-    "weighted_mean_of_rows",
-]
-
 Array = NDArray[np.float64]
 #: One array per parameter: the components of a vector for every entry of the trailing axes.
 Vector = tuple[Array, ...]
@@ -199,22 +185,7 @@ def _sum_of_two(
 
 
 def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = None) -> Block:
-    """Build a block from standard deviations and, for two parameters, a correlation.
-
-    Parameters
-    ----------
-    sd : tuple of ndarray
-        Standard deviations, one array per parameter, any common shape.
-    rho : ndarray, optional
-        Correlation, broadcastable to the shape of `sd`; with two parameters only.
-    one_minus_size : ndarray, optional
-        1 - abs(rho), given separately because it cannot be had from `rho` near the ends.
-
-    Returns
-    -------
-    Scalar or Pair
-        The covariance per entry.
-    """
+    """Build a block from standard deviations and, for two parameters, a correlation."""
     if len(sd) == 1:
         return Scalar(sd[0] * sd[0])
     if rho is None or one_minus_size is None:
@@ -239,23 +210,7 @@ def join(parts: Sequence[Block]) -> Block:
 
 
 def weighted_mean(parts: Precision, total: Precision, r: Vector, *, axis: int | None = -2) -> Vector:
-    """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j.
-
-    Parameters
-    ----------
-    parts : Scalar or PairPrecision, entries (J, W)
-        P_j.
-    total : Scalar or PairPrecision, entries (W,)
-        K.
-    r : tuple of ndarray, each (..., J, W)
-        Vectors r_j, one array per parameter.
-    axis : int or None
-        The axis of j; None leaves the terms of the sum apart.
-
-    Returns
-    -------
-    tuple of ndarray, each (..., W), or (..., J, W)
-    """
+    """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j."""
     if isinstance(parts, Scalar):
         first = parts.v * r[0]
         return ((first if axis is None else first.sum(axis=axis)) / total.v,)
@@ -270,21 +225,7 @@ def weighted_mean(parts: Precision, total: Precision, r: Vector, *, axis: int | 
 
 
 def weighted_mean_of_rows(parts: Precision, total: Precision, rows: Array) -> Vector:
-    """Return K⁻¹ sum_j P_j r_j for many constant vectors.
-
-    Parameters
-    ----------
-    parts : Scalar or PairPrecision, entries (J, W)
-        P_j.
-    total : Scalar or PairPrecision, entries (W,)
-        K.
-    rows : ndarray, shape (P, N, J)
-        N vectors of P parameters for every j.
-
-    Returns
-    -------
-    tuple of ndarray, each (N, W)
-    """
+    """Return K⁻¹ sum_j P_j r_j for many constant vectors."""
     if isinstance(parts, Scalar):
         return (rows[0] @ parts.v / total.v,)
     assert isinstance(total, PairPrecision)

@@ -12,30 +12,11 @@ from percept.inference.hierarchy.least_squares import factor
 from percept.inference.hierarchy.locations import stack_columns
 from percept.inference.hierarchy.scales import Scales
 
-__all__ = ["Conditional"]
-
 Array = NDArray[np.float64]
 
 
 class Conditional:
-    """Law of beta given W sets of scales and the data.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The model and the study.
-    scales : Scales
-        W sets of scales.
-
-    Attributes
-    ----------
-    mean : tuple of ndarray, each (J, W)
-        Conditional mean of beta, per parameter.
-    covariance : Block, entries (J, W)
-        Conditional covariance of one environment's beta over the parameters.
-    population : Block, entries (J, W)
-        Sigma_u + Sigma_w: covariance of a new subject's point of equality about beta.
-    """
+    """Law of beta given W sets of scales and the data."""
 
     def __init__(self, density: CollapsedDensity, scales: Scales) -> None:
         problem = density.regression.build(scales, density.cell_blocks(scales), merge=False)
@@ -94,17 +75,7 @@ class Conditional:
         return np.concatenate([columns, apart.reshape(-1, size, environments, width)])
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """Draw beta of all environments jointly, once per set of scales.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (P, J, W)
-        """
+        """Draw beta of all environments jointly, once per set of scales."""
         size, width = self._solved.coefficients.shape
         latents = self._solved.solve(self._solved.coefficients + rng.standard_normal((size, width)))
         beta = np.stack(

@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-__all__ = ["LIMIT", "correlation", "half_normal"]
-
 Array = NDArray[np.float64]
 
 #: Beyond this many prior SDs a coordinate has no mass that doubles can weigh: exp(-35²/2) = 1e-266.
@@ -23,20 +21,7 @@ _FAR = 1.5
 
 
 def half_normal(u: Array, scale: Array | float) -> Array:
-    """Map a standard normal to a half-normal by its quantiles.
-
-    Parameters
-    ----------
-    u : ndarray
-        Standard normal coordinate.
-    scale : float or ndarray
-        Scale of the half-normal (its unit is the result's), broadcast against `u`.
-
-    Returns
-    -------
-    ndarray
-        Values in (0, inf), increasing in `u`.
-    """
+    """Map a standard normal to a half-normal by its quantiles."""
     u = np.asarray(u)
     value = np.sqrt(2.0) * special.erfinv(special.ndtr(u))
     # From here on 1 - ndtr(u) has lost digits, and the upper tail's own form is needed.
@@ -46,22 +31,7 @@ def half_normal(u: Array, scale: Array | float) -> Array:
 
 
 def correlation(u: Array, shape: float = 2.0) -> tuple[Array, Array]:
-    """Map a standard normal to a correlation with (rho + 1)/2 ~ Beta(shape, shape).
-
-    Parameters
-    ----------
-    u : ndarray
-        Standard normal coordinate.
-    shape : float
-        Shape of the symmetric Beta law.
-
-    Returns
-    -------
-    rho : ndarray
-        Correlation in [-1, 1].
-    one_minus_size : ndarray
-        1 - abs(rho), accurate where it is far below the spacing of doubles near one.
-    """
+    """Map a standard normal to a correlation with (rho + 1)/2 ~ Beta(shape, shape)."""
     lower = special.ndtr(-np.abs(u))
     if shape == 2.0:
         # The Beta(2, 2) quantile is trigonometric; near the end the angle's distance from pi/6 is kept.

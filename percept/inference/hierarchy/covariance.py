@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Vector, weighted_mean, weighted_mean_of_rows
 
-__all__ = ["SharedCovariance"]
-
 Array = NDArray[np.float64]
 
 
@@ -18,13 +16,6 @@ class SharedCovariance:
     A vector r splits into its precision-weighted mean m and the deviations from it, and
     r'V⁻¹r = sum_j (r_j - m)'D_j⁻¹(r_j - m) + m'(S + (sum_j D_j⁻¹)⁻¹)⁻¹m: squares only, where Woodbury's
     identity would subtract (up to 12 digits at extreme variances).
-
-    Parameters
-    ----------
-    cells : Block, entries of shape (E, W)
-        D_j.
-    shared : Block or None, entries of shape (W,)
-        S; None where there is no shared part.
     """
 
     def __init__(self, cells: Block, shared: Block | None) -> None:
@@ -43,18 +34,7 @@ class SharedCovariance:
         return value
 
     def whiten(self, r: Vector) -> list[Vector]:
-        """Split r into pieces whose squares sum to r'V⁻¹r.
-
-        Parameters
-        ----------
-        r : tuple of ndarray, each of shape (..., E, W) or broadcastable to it
-            A vector per leading index, one array per parameter.
-
-        Returns
-        -------
-        list of tuple of ndarray
-            Pieces of shape (..., E, W) and, with a shared part, (..., W).
-        """
+        """Split r into pieces whose squares sum to r'V⁻¹r."""
         if not self._shared:
             return [self._cells.whiten(r)]
         mean = weighted_mean(self._precisions, self._precision, r)
@@ -62,17 +42,7 @@ class SharedCovariance:
         return [self._cells.whiten(inside), self._outer.whiten(mean)]
 
     def scatter_distance(self, rows: Array) -> Array:
-        """Sum of r'V⁻¹r over constant rows.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (P, K, E)
-            K vectors of P parameters in E environments.
-
-        Returns
-        -------
-        ndarray, shape (W,)
-        """
+        """Sum of r'V⁻¹r over constant rows."""
         vectors = tuple(rows[..., None])
         if not self._shared:
             return self._cells.distance(vectors).sum(axis=0)

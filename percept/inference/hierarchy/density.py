@@ -16,8 +16,6 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Layout, Options, Scales
 from percept.inference.hierarchy.statistics import Pattern, Statistics
 
-__all__ = ["CollapsedDensity", "Resolution"]
-
 Array = NDArray[np.float64]
 #: Numbers of coordinates per pass: fewer waste calls, and temporaries beyond the processor's cache cost more.
 _PASS = 49152
@@ -26,32 +24,14 @@ _LOG_2PI = math.log(2.0 * math.pi)
 
 @dataclasses.dataclass(frozen=True)
 class Resolution:
-    """Variance that a finite resolution of the adjustment adds, on the response scale.
+    """Variance that a finite resolution of the adjustment adds, on the response scale."""
 
-    Attributes
-    ----------
-    between, trial : ndarray, shape (P, J), or None
-        Added to the between-subject and to the between-trial variances.
-    """
-
-    between: Array | None = None
-    trial: Array | None = None
+    between: Array | None = None  # (P, J)
+    trial: Array | None = None  # (P, J)
 
 
 class CollapsedDensity:
-    """Log posterior density of the scales and correlations, vectorised over draws.
-
-    Parameters
-    ----------
-    statistics : Statistics
-        The study.
-    priors : Priors, optional
-        Prior scales.
-    options : Options, optional
-        Simpler models asked for.
-    resolution : Resolution, optional
-        Variance added for the resolution of the adjustment.
-    """
+    """Log posterior density of the scales and correlations, vectorised over draws."""
 
     def __init__(
         self,
@@ -84,18 +64,7 @@ class CollapsedDensity:
         return min(2048, max(128, _PASS // self.dimension))
 
     def __call__(self, points: Array) -> Array:
-        """Log posterior density, up to the evidence.
-
-        Parameters
-        ----------
-        points : ndarray, shape (W, dimension)
-            Coordinates; W draws at once.
-
-        Returns
-        -------
-        ndarray, shape (W,)
-            -inf beyond `Layout.limits`, otherwise finite.
-        """
+        """Log posterior density, up to the evidence."""
         most = self.draws_per_pass
         if len(points) > most:
             return np.concatenate([self(points[i : i + most]) for i in range(0, len(points), most)])
@@ -110,17 +79,7 @@ class CollapsedDensity:
         return np.where(inside & ~np.isnan(value), value, -np.inf)
 
     def log_likelihood(self, scales: Scales) -> Array:
-        """Log density of the data given scales, locations and subject effects integrated out.
-
-        Parameters
-        ----------
-        scales : Scales
-            W sets of scales.
-
-        Returns
-        -------
-        ndarray, shape (W,)
-        """
+        """Log density of the data given scales, locations and subject effects integrated out."""
         statistics = self.statistics
         value = np.full(scales.log_prior.shape, self._constant)
         trial = self.trial_block(scales)

@@ -11,24 +11,12 @@ from percept.inference.hierarchy.laws import Laws, Model
 from percept.inference.sampling.estimands import Estimates
 from percept.inference.sampling.mixture import mixture_quantile, share_half_width
 
-__all__ = ["KINDS", "IntervalEstimands"]
-
 Array = NDArray[np.float64]
 KINDS = ("mean", "user", "share")
 
 
 class IntervalEstimands:
-    """Endpoints of the intervals asked for, of every cell.
-
-    Parameters
-    ----------
-    model : Model
-        The model and the study.
-    kinds : sequence of str
-        Kinds wanted, of "mean", "user", "share".
-    level, share, confidence : float
-        Level of `mean` and `user`; share and confidence of `share`.
-    """
+    """Endpoints of the intervals asked for, of every cell."""
 
     def __init__(
         self,
@@ -59,22 +47,7 @@ class IntervalEstimands:
         return self._model.laws(points).pack()
 
     def limits(self, kind: str, laws: Laws) -> tuple[Array, Array, Array]:
-        """Limits of one kind on the response scale.
-
-        Parameters
-        ----------
-        kind : str
-            "mean", "user" or "share".
-        laws : Laws
-            Kept draws.
-
-        Returns
-        -------
-        lower, upper : ndarray, shape (C,)
-            Limits.
-        influence : ndarray, shape (S, 2 C)
-            Pull of each draw on the lower, then the upper limits.
-        """
+        """Limits of one kind on the response scale."""
         if kind == "share":
             centre, half, influence = share_half_width(
                 laws.mean, laws.sd, laws.spread, share=self.share, confidence=self.confidence

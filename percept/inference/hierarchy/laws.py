@@ -9,26 +9,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Laws", "Model"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Laws:
-    """Per draw and cell (a parameter in an environment), on the response scale.
+    """Per draw and cell (a parameter in an environment), on the response scale."""
 
-    Attributes
-    ----------
-    mean, sd : ndarray, shape (S, C)
-        Mean and SD of the population's mean given the draw's scales.
-    spread : ndarray, shape (S, C)
-        SD of the population about its mean.
-    """
-
-    mean: Array
-    sd: Array
-    spread: Array
+    mean: Array  # (S, C)
+    sd: Array  # (S, C)
+    spread: Array  # (S, C) SD of the population about its mean
 
     def pack(self) -> Array:
         """Return all three side by side, shape (S, 3 C)."""

@@ -12,31 +12,17 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Factored", "factor"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Factored:
-    """Result of `factor` for latents of dimension q and W sets of scales.
+    """Result of `factor` for latents of dimension q and W sets of scales."""
 
-    Attributes
-    ----------
-    log_determinant : ndarray, shape (W,)
-        log det(I + A'A).
-    distance : ndarray, shape (W,)
-        y'(I + AA')⁻¹y, a sum of squares.
-    triangle : ndarray, shape (q, q, W)
-        Upper triangular R with R'R = I + A'A.
-    coefficients : ndarray, shape (q, W)
-        R times the conditional mean of xi.
-    """
-
-    log_determinant: Array
-    distance: Array
-    triangle: Array
-    coefficients: Array
+    log_determinant: Array  # (W,) log det(I + A'A)
+    distance: Array  # (W,) y'(I + AA')⁻¹y, a sum of squares
+    triangle: Array  # (q, q, W) Upper triangular R with R'R = I + A'A
+    coefficients: Array  # (q, W) R times the conditional mean of xi
 
     def solve(self, right: Array) -> Array:
         """Solve R x = right for x, `right` of shape (q, ..., W)."""
@@ -68,19 +54,7 @@ def _back_substitute(triangle: Array, right: Array) -> Array:
 
 
 def factor(design: Array, target: Array) -> Factored:
-    """Factor [[I], [A]] and project the target, for every set of scales.
-
-    Parameters
-    ----------
-    design : ndarray, shape (q, M, W)
-        Columns of A, whitened.
-    target : ndarray, shape (M, W)
-        y, whitened.
-
-    Returns
-    -------
-    Factored
-    """
+    """Factor [[I], [A]] and project the target, for every set of scales."""
     size, rows, width = design.shape
     # The identity stands upside down, so that what can be other than zero of each column is one stretch.
     work = np.zeros((size + 1, size + rows, width))

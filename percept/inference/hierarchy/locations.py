@@ -20,51 +20,23 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Layout, Scales
 from percept.inference.hierarchy.statistics import Statistics
 
-__all__ = ["LocationProblem", "Whitened", "stack_columns"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Whitened:
-    """A regression on standard normal latents with unit noise, and how beta follows from it.
+    """A regression on standard normal latents with unit noise, and how beta follows from it."""
 
-    Attributes
-    ----------
-    design : ndarray, shape (q, M, W)
-        Columns of the whitened design.
-    target : ndarray, shape (M, W)
-        Whitened pattern means.
-    log_determinant : ndarray, shape (W,)
-        log det of the noise covariance that was whitened away.
-    columns : list of tuple of ndarray, each broadcastable to (J, W)
-        What each latent adds to the pooled means, per parameter.
-    locations : list of tuple of ndarray, each broadcastable to (J, W)
-        What each latent adds to alpha + gamma x (+ delta, where that is a latent), per parameter.
-    pooled : PooledMeans or None
-        The pooled means, where the environments' own biases were summed out.
-    """
-
-    design: Array
-    target: Array
-    log_determinant: Array
-    columns: list[Vector]
+    design: Array  # (q, M, W) Columns of the whitened design
+    target: Array  # (M, W) Whitened pattern means
+    log_determinant: Array  # (W,) log det of the noise covariance that was whitened away
+    columns: list[Vector]  # What each latent adds to the pooled means, per parameter
     locations: list[Vector]
-    pooled: PooledMeans | None
+    pooled: PooledMeans | None  # The pooled means, where the environments' own biases were summed out
 
 
 class LocationProblem:
-    """Builds the regression of the pattern means on the locations.
-
-    Parameters
-    ----------
-    statistics : Statistics
-        The study.
-    layout : Layout
-        Which parts the model has.
-    priors : Priors
-        Prior scales of alpha and gamma.
-    """
+    """Builds the regression of the pattern means on the locations."""
 
     def __init__(self, statistics: Statistics, layout: Layout, priors: Priors) -> None:
         self._patterns = statistics.patterns
@@ -80,23 +52,7 @@ class LocationProblem:
         self.by_environment = self._trend and 1 < effects >= self._environments
 
     def build(self, scales: Scales, cells: list[Block], *, merge: bool = True) -> Whitened:
-        """Whiten the pattern means and the design of the latents.
-
-        Parameters
-        ----------
-        scales : Scales
-            W sets of scales.
-        cells : list of Block, entries (E, W)
-            Covariance of one cell mean about the subject's effect, per pattern.
-        merge : bool
-            Let alpha and the mean subject effect of a single pattern be one latent.
-
-        Returns
-        -------
-        Whitened
-            Latents in the order alpha, gamma, then delta per environment or ubar per pattern; each
-            with its parameters in order.
-        """
+        """Whiten the pattern means and the design of the latents."""
         if self.by_environment:
             return self._keeping_biases(scales, cells)
         return self._keeping_effects(scales, cells, merge=merge and self.merged)
@@ -163,19 +119,7 @@ class LocationProblem:
 
 
 def stack_columns(columns: list[Vector], shape: tuple[int, int]) -> Vector:
-    """Stack columns along a new first axis.
-
-    Parameters
-    ----------
-    columns : list of tuple of ndarray
-        q columns, one array per parameter, each broadcastable to `shape`.
-    shape : tuple of int
-        (J, W).
-
-    Returns
-    -------
-    tuple of ndarray, each (q, J, W)
-    """
+    """Stack columns along a new first axis."""
     stacked = tuple(np.empty((len(columns), *shape)) for _ in columns[0])
     for i, column in enumerate(columns):
         for rows, part in zip(stacked, column, strict=True):

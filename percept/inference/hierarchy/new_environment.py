@@ -20,29 +20,17 @@ from percept.inference.hierarchy.least_squares import factor
 from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.hierarchy.product import Product
 
-__all__ = ["NewEnvironment", "new_environment"]
-
 Array = NDArray[np.float64]
 _CHUNK = 512
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class NewEnvironment:
-    """What S posterior draws say of one new environment; P parameters, on the response scale.
+    """What S posterior draws say of one new environment; P parameters, on the response scale."""
 
-    Attributes
-    ----------
-    mean : ndarray, shape (S, P)
-        Conditional mean of β*.
-    covariance : ndarray, shape (S, P, P)
-        Conditional covariance of β*.
-    population : ndarray, shape (S, P, P)
-        Σ_u + Σ_w*: covariance of users about β*.
-    """
-
-    mean: Array
-    covariance: Array
-    population: Array
+    mean: Array  # (S, P) Conditional mean of β*
+    covariance: Array  # (S, P, P) Conditional covariance of β*
+    population: Array  # (S, P, P) Σ_u + Σ_w*: covariance of users about β*
 
     @property
     def laws(self) -> Laws:
@@ -61,31 +49,7 @@ class NewEnvironment:
 def new_environment(
     model: Model, points: Array, x: Array, *, repeats: int, rng: np.random.Generator
 ) -> NewEnvironment:
-    """Work out the laws of a new environment at posterior draws.
-
-    Parameters
-    ----------
-    model : Pooled or Product
-        The model of the study; one of models of single parameters leaves stiffness and damping uncorrelated.
-    points : ndarray, shape (W, d)
-        Draws of the coordinates.
-    x : ndarray, shape (P,)
-        Decades of the new reference above the geometric mean of the tested ones.
-    repeats : int
-        Draws of σ* per draw of the coordinates, evenly spread over its law.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    NewEnvironment
-        Of W·repeats draws, those of one point side by side.
-
-    Raises
-    ------
-    RefusalError
-        With one tested environment, from which no trend can be learnt, or a model without pooling.
-    """
+    """Work out the laws of a new environment at posterior draws."""
     if isinstance(model, Product):
         parts = [
             new_environment(part, own, x[[p]], repeats=repeats, rng=rng)

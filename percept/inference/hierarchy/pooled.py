@@ -11,19 +11,11 @@ from percept.inference.hierarchy.laws import Laws
 from percept.inference.hierarchy.prior_density import draws_first
 from percept.inference.hierarchy.scales import Scales
 
-__all__ = ["Pooled"]
-
 Array = NDArray[np.float64]
 
 
 class Pooled:
-    """Environments and subjects partially pooled.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The study, its priors and options.
-    """
+    """Environments and subjects partially pooled."""
 
     def __init__(self, density: CollapsedDensity) -> None:
         self.density = density

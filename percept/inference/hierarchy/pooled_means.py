@@ -15,32 +15,11 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.blocks import Block, Precision, Vector, join, weighted_mean
 from percept.inference.hierarchy.statistics import Pattern
 
-__all__ = ["PooledMeans"]
-
 Array = NDArray[np.float64]
 
 
 class PooledMeans:
-    """Means of all patterns pooled within environments, for W sets of scales.
-
-    Parameters
-    ----------
-    patterns : sequence of Pattern
-        Patterns of trial counts.
-    noises : sequence of Block, entries (E, W)
-        Covariance of each pattern's mean about its mean subject effect.
-    environments : int
-        Number of environments J.
-
-    Attributes
-    ----------
-    mean : tuple of ndarray, each (J, W)
-        Precision-weighted means.
-    spread : Block, entries (J, W)
-        Their covariances.
-    log_determinant : ndarray, shape (W,)
-        log of prod |P_g⁻¹| |K| over the environments.
-    """
+    """Means of all patterns pooled within environments, for W sets of scales."""
 
     def __init__(self, patterns: Sequence[Pattern], noises: Sequence[Block], environments: int) -> None:
         self._patterns = patterns

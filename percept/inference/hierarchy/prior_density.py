@@ -10,8 +10,6 @@ from scipy import special
 
 from percept.inference.hierarchy.priors import Priors
 
-__all__ = ["draws_first", "log_normal_density", "log_scale_priors"]
-
 Array = NDArray[np.float64]
 Named = dict[str, tuple[tuple[str, ...], Array]]
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -23,20 +21,6 @@ def log_scale_priors(named: Mapping[str, Array], priors: Priors, *, trend: bool)
 
     The laws of the environments' own SDs about their trend are part of the model, not priors: raising those
     to a power would ask what another model says.
-
-    Parameters
-    ----------
-    named : mapping of str to ndarray, each (..., W)
-        W draws, as `Scales.named`.
-    priors : Priors
-        Which.
-    trend : bool
-        Whether the SDs have one; without it (one environment) sigma itself has the prior of s.
-
-    Returns
-    -------
-    dict of str to ndarray, each (..., W)
-        By name, of those that are there.
     """
     found: dict[str, Array] = {}
     for name in ("tau", "sigma_u", "omega", "omega_e"):

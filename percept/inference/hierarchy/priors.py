@@ -7,8 +7,6 @@ import math
 
 from percept.errors import UsageError
 
-__all__ = ["MEANINGS", "Priors"]
-
 MEANINGS = {
     "alpha_sd": "SD of the common bias alpha (response scale)",
     "gamma_sd": "SD of the trend gamma of the bias (response scale per decade of the reference)",
@@ -32,11 +30,6 @@ class Priors:
 
     The response is log(adjusted/reference) (lognormal family) or (adjusted - reference)/reference
     (normal family); `MEANINGS` says what each field is.
-
-    Raises
-    ------
-    UsageError
-        If a scale is not finite and positive, or a location not finite.
     """
 
     alpha_sd: float = 1.0

@@ -9,19 +9,11 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.laws import Laws, Model
 
-__all__ = ["Product"]
-
 Array = NDArray[np.float64]
 
 
 class Product:
-    """Product of models, one per parameter.
-
-    Parameters
-    ----------
-    models : sequence of Model
-        Models whose coordinates and cells are put one after the other.
-    """
+    """Product of models, one per parameter."""
 
     def __init__(self, models: Sequence[Model]) -> None:
         self.models = tuple(models)

@@ -13,8 +13,6 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.spreads import SpreadMap
 from percept.inference.hierarchy.statistics import Statistics
 
-__all__ = ["Layout", "Options", "Scales"]
-
 Array = NDArray[np.float64]
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _TINY = 1e-300
@@ -24,49 +22,23 @@ _LEAST_LEFT = 0.05
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Options:
-    """Simpler models an analyst can ask for.
+    """Simpler models an analyst can ask for."""
 
-    Attributes
-    ----------
-    subject_effect : bool
-        Whether subjects carry an effect u shared by environments.
-    weber : bool
-        Fix kappa = 0: the spread is a constant fraction of the reference.
-    common_spread : bool
-        Fix omega = 0: the spread follows its trend exactly.
-    """
-
-    subject_effect: bool = True
-    weber: bool = False
-    common_spread: bool = False
+    subject_effect: bool = True  # Whether subjects carry an effect u shared by environments
+    weber: bool = False  # Fix kappa = 0: the spread is a constant fraction of the reference
+    common_spread: bool = False  # Fix omega = 0: the spread follows its trend exactly
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scales:
-    """Scales and correlations of the model for W draws; P parameters, J environments.
+    """Scales and correlations of the model for W draws; P parameters, J environments."""
 
-    Attributes
-    ----------
-    between : Block, entries (J, W)
-        Covariance between subjects within an environment, Sigma_w.
-    shared : Block or None, entries (W,)
-        Covariance of the subject effect, Sigma_u.
-    trial : Block or None, entries (J, W)
-        Covariance between trials, Sigma_e.
-    tau : tuple of ndarray or None, each (W,)
-        SD of an environment's own bias.
-    named : dict of str to ndarray
-        Every scale and correlation by name, (W,), (P, W) or (P, J, W).
-    log_prior : ndarray, shape (W,)
-        Prior density of the coordinates.
-    """
-
-    between: Block
-    shared: Block | None
-    trial: Block | None
-    tau: Vector | None
-    named: dict[str, Array]
-    log_prior: Array
+    between: Block  # Covariance between subjects within an environment, Sigma_w
+    shared: Block | None  # Covariance of the subject effect, Sigma_u
+    trial: Block | None  # Covariance between trials, Sigma_e
+    tau: Vector | None  # (W,) SD of an environment's own bias
+    named: dict[str, Array]  # Every scale and correlation by name, (W,), (P, W) or (P, J, W)
+    log_prior: Array  # (W,) Prior density of the coordinates
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,17 +53,7 @@ class _Level:
 
 
 class Layout:
-    """Order of the coordinates and their map to `Scales`.
-
-    Parameters
-    ----------
-    statistics : Statistics
-        The study; decides which parts of the model there are.
-    priors : Priors
-        Prior scales.
-    options : Options
-        Simpler models asked for.
-    """
+    """Order of the coordinates and their map to `Scales`."""
 
     def __init__(self, statistics: Statistics, priors: Priors, options: Options) -> None:
         self.statistics = statistics
@@ -217,17 +179,7 @@ class Layout:
         return np.sqrt(variance * shares / subjects)
 
     def scales(self, coords: Array) -> Scales:
-        """Map coordinates to scales.
-
-        Parameters
-        ----------
-        coords : ndarray, shape (dimension, W)
-            Coordinates, each within its `limits` of zero.
-
-        Returns
-        -------
-        Scales
-        """
+        """Map coordinates to scales."""
         named: dict[str, Array] = {}
         rest: dict[str, Array] = {}
         for name, values in self._all_half_normal(coords):

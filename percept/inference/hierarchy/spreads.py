@@ -16,43 +16,20 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SpreadMap", "Spreads"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Spreads:
-    """Spreads of one level and their trend, P parameters in J cells at W points.
+    """Spreads of one level and their trend, P parameters in J cells at W points."""
 
-    Attributes
-    ----------
-    log_sigma : ndarray, shape (P, J, W)
-        log sigma.
-    trend : ndarray, shape (P, 2, W)
-        h: log s less m, and kappa, each over its prior SD.
-    log_density : ndarray, shape (W,)
-        Log density of the coordinates u under the prior, the trend integrated out, plus
-        P J log(2 pi)/2.
-    """
-
-    log_sigma: Array
-    trend: Array
-    log_density: Array
+    log_sigma: Array  # (P, J, W) log sigma
+    trend: Array  # (P, 2, W) h: log s less m, and kappa, each over its prior SD
+    log_density: Array  # (W,)
 
 
 class SpreadMap:
-    """Map from coordinates to spreads.
-
-    Parameters
-    ----------
-    centre : float
-        m, prior mean of log s.
-    loadings : ndarray, shape (P, 2, J)
-        U': the prior SD of log s, and that of kappa times the decades.
-    rough_mean, rough_weight : ndarray, shape (P, J)
-        l and w; weight zero leaves a cell out.
-    """
+    """Map from coordinates to spreads."""
 
     def __init__(self, centre: float, loadings: Array, rough_mean: Array, rough_weight: Array) -> None:
         cells = loadings.shape[-1]
@@ -73,21 +50,7 @@ class SpreadMap:
         self._weight = rough_weight[..., None]
 
     def __call__(self, u: Array, omega: Array, trend: Array) -> Spreads:
-        """Map coordinates to spreads.
-
-        Parameters
-        ----------
-        u : ndarray, shape (P, J, W)
-            Coordinates of log sigma.
-        omega : ndarray, shape (P, W)
-            SD of log sigma about its trend, positive.
-        trend : ndarray, shape (P, 2, W)
-            Coordinates of the trend.
-
-        Returns
-        -------
-        Spreads
-        """
+        """Map coordinates to spreads."""
         wide = omega[:, None]
         square = wide * wide
         swell = 1.0 + self._weight * square

@@ -10,36 +10,19 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
 
-__all__ = ["Pattern", "Statistics", "from_cells", "from_summary", "from_trials"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pattern:
-    """Subjects who share one vector of trial counts, and so one covariance of cell means.
+    """Subjects who share one vector of trial counts, and so one covariance of cell means."""
 
-    Attributes
-    ----------
-    environments : ndarray of int, shape (E,)
-        Environments these subjects were measured in.
-    trials : ndarray, shape (E,)
-        Trials per cell.
-    members : ndarray of int, shape (N,)
-        The subjects.
-    mean : ndarray, shape (P, E)
-        Mean over the subjects of their cell means.
-    rows : ndarray, shape (P, K, E)
-        K <= min(N - 1, P E) rows whose sum of outer products is the scatter of the cell means
-        about `mean`; a triangular factor, so the density never sees the subjects.
-    """
-
-    environments: Indices
-    trials: Array
-    members: Indices
-    mean: Array
-    rows: Array
+    environments: Indices  # (E,) Environments these subjects were measured in
+    trials: Array  # (E,) Trials per cell
+    members: Indices  # (N,) The subjects
+    mean: Array  # (P, E) Mean over the subjects of their cell means
+    rows: Array  # (P, K, E)
 
     @property
     def subjects(self) -> int:
@@ -49,43 +32,19 @@ class Pattern:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Statistics:
-    """Sufficient statistics of the hierarchical model.
+    """Sufficient statistics of the hierarchical model."""
 
-    Attributes
-    ----------
-    parameters : tuple of str
-        "k", "b" or both.
-    environments, subjects : tuple of str
-        Labels; `subjects` is empty for summary data.
-    x : ndarray, shape (P, J)
-        log10 of each reference over the geometric mean of the references.
-    patterns : tuple of Pattern
-        Distinct patterns of trial counts.
-    trial_df : ndarray, shape (J,)
-        Degrees of freedom of the pooled scatter between trials.
-    trial_rows : ndarray, shape (P, P, J)
-        Rows whose sum of outer products is that scatter.
-    constant : float
-        Part of the log density that no scale enters (powers of the counts).
-    sd : ndarray, shape (P, J)
-        Between-subject SD of the cell means, zero where there is none.
-    df : ndarray, shape (P, J)
-        Its degrees of freedom.
-    cell_means : ndarray, shape (N, P, J)
-        Cell means per subject, NaN where a subject has none; empty for summary data.
-    """
-
-    parameters: tuple[str, ...]
-    environments: tuple[str, ...]
-    subjects: tuple[str, ...]
-    x: Array
-    patterns: tuple[Pattern, ...]
-    trial_df: Array
-    trial_rows: Array
-    constant: float
-    sd: Array
-    df: Array
-    cell_means: Array
+    parameters: tuple[str, ...]  # "k", "b" or both
+    environments: tuple[str, ...]  # Labels
+    subjects: tuple[str, ...]  # Labels
+    x: Array  # (P, J) log10 of each reference over the geometric mean of the references
+    patterns: tuple[Pattern, ...]  # Distinct patterns of trial counts
+    trial_df: Array  # (J,) Degrees of freedom of the pooled scatter between trials
+    trial_rows: Array  # (P, P, J) Rows whose sum of outer products is that scatter
+    constant: float  # Part of the log density that no scale enters (powers of the counts)
+    sd: Array  # (P, J) Between-subject SD of the cell means, zero where there is none
+    df: Array  # (P, J) Its degrees of freedom
+    cell_means: Array  # (N, P, J) Cell means per subject, NaN where a subject has none
 
     @property
     def repeats(self) -> bool:
@@ -108,30 +67,7 @@ def from_trials(
     environments: tuple[str, ...],
     subjects: tuple[str, ...],
 ) -> Statistics:
-    """Reduce trials to sufficient statistics.
-
-    Parameters
-    ----------
-    response : ndarray, shape (M, P)
-        Unit-free responses of M trials (log ratio or relative difference), all finite.
-    subject, environment : ndarray of int, shape (M,)
-        Codes into `subjects` and `environments`.
-    x : ndarray, shape (P, J)
-        log10 of each reference over the geometric mean of the references.
-    parameters, environments, subjects : tuple of str
-        Labels.
-
-    Returns
-    -------
-    Statistics
-
-    Raises
-    ------
-    UsageError
-        If a response is not finite.
-    RefusalError
-        If there are fewer than two subjects.
-    """
+    """Reduce trials to sufficient statistics."""
     if not np.all(np.isfinite(response)):
         trial = int(np.argmin(np.all(np.isfinite(response), axis=1)))
         raise UsageError("responses must be finite.", row=trial, value=response[trial].tolist())
@@ -169,32 +105,7 @@ def from_cells(
     environments: tuple[str, ...],
     subjects: tuple[str, ...],
 ) -> Statistics:
-    """Take trials that were reduced to cells already.
-
-    Parameters
-    ----------
-    count : ndarray of int, shape (N, J)
-        Trials of each subject in each environment, zero where there are none.
-    mean : ndarray, shape (N, P, J)
-        Mean responses of the cells, NaN where there are none.
-    scatter : ndarray, shape (P, P, J)
-        Sums over an environment's cells of squares and products about their means.
-    x : ndarray, shape (P, J)
-        log10 of each reference over the geometric mean of the references.
-    parameters, environments, subjects : tuple of str
-        Labels.
-
-    Returns
-    -------
-    Statistics
-        Of two parameters whose trials move almost in proportion less is known than from the trials: the
-        remainder is what two sums of squares differ by.
-
-    Raises
-    ------
-    RefusalError
-        If there are fewer than two subjects.
-    """
+    """Take trials that were reduced to cells already."""
     _refuse_lone(subjects)
     rows = np.zeros_like(scatter)
     rows[0, 0] = np.sqrt(scatter[0, 0])
@@ -247,26 +158,7 @@ def _of_cells(
 def from_summary(
     mean: Array, sd: Array, n: Array, x: Array, *, parameter: str, environments: tuple[str, ...]
 ) -> Statistics:
-    """Take published means and SDs of one parameter as sufficient statistics.
-
-    Parameters
-    ----------
-    mean, sd : ndarray, shape (J,)
-        Mean and SD over subjects of the unit-free response.
-    n : ndarray of int, shape (J,)
-        Subjects behind each.
-    x : ndarray, shape (J,)
-        log10 of each reference over the geometric mean of the references.
-    parameter : str
-        "k" or "b"; published limits hold no correlation, so each parameter stands alone.
-    environments : tuple of str
-        Labels.
-
-    Returns
-    -------
-    Statistics
-        Each environment its own pattern, without subjects.
-    """
+    """Take published means and SDs of one parameter as sufficient statistics."""
     patterns = []
     for j, count in enumerate(n):
         members = np.arange(int(count))

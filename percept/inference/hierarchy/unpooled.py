@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError
 from percept.inference.hierarchy.laws import Laws
 
-__all__ = ["Unpooled"]
-
 Array = NDArray[np.float64]
 
 
@@ -19,18 +17,6 @@ class Unpooled:
     Responses are standardised by the cell's own mean and SD, so that an offset costs no digits: with
     t = log(sigma/SD) the posterior is exp(-nu t - nu exp(-2t)/2), nu = n - 1, and
     beta | sigma ~ N(0, exp(2t)/n). The coordinate is t in units of 1/sqrt(2 nu).
-
-    Parameters
-    ----------
-    cells : tuple of (str, str)
-        (parameter, environment), parameter-major.
-    counts : ndarray of int, shape (C,)
-        Subjects behind each cell.
-
-    Raises
-    ------
-    RefusalError
-        If a cell has fewer than two subjects.
     """
 
     def __init__(self, cells: tuple[tuple[str, str], ...], counts: NDArray[np.int64]) -> None:

@@ -17,31 +17,13 @@ from percept.inference.hierarchy.prior_density import log_scale_priors
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 
-__all__ = ["reweighted", "wider", "with_priors"]
-
 Array = NDArray[np.float64]
 _WIDER = 1.25
 _CHUNK = 512
 
 
 def reweighted(density: CollapsedDensity, points: Array) -> tuple[Array, Array]:
-    """Weigh draws of the scales to wider priors, and work out the locations anew under these.
-
-    Parameters
-    ----------
-    density : CollapsedDensity
-        The model.
-    points : ndarray, shape (S, d)
-        Draws of its posterior.
-
-    Returns
-    -------
-    log_weight : ndarray, shape (S,)
-        Log of the ratio of the posteriors, up to a constant: of priors, and of likelihoods with the locations
-        integrated out.
-    packed : ndarray, shape (S, 3 C)
-        Laws of the cells under the wider priors, as `Laws.pack`.
-    """
+    """Weigh draws of the scales to wider priors, and work out the locations anew under these."""
     priors = wider(density.priors)
     wide = with_priors(density, priors)
     log_weight, packed = [], []

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from percept.report.figures.canvas import COLOURS, MM, Axes, row_labels
 
-__all__ = ["Widths", "draw_band"]
-
 FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 _NAME_WIDTH = 26.0  # mm
@@ -25,40 +23,18 @@ _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)))
 
 @dataclass(frozen=True, eq=False)
 class Widths:
-    """Bands of one method and kind.
+    """Bands of one method and kind."""
 
-    Attributes
-    ----------
-    label : str
-        For the legend.
-    method : {"classical", "bayesian"}
-    environments : tuple of str
-    impedance, band : ndarray, shape (n,)
-        N·s/m.
-    laws : mapping of str to ndarray, shape (m,)
-        Fitted band, N·s/m, by the law's name, at the impedances drawn.
-    """
-
-    label: str
+    label: str  # For the legend
     method: str
     environments: tuple[str, ...]
-    impedance: FloatArray
-    band: FloatArray
-    laws: Mapping[str, FloatArray]
+    impedance: FloatArray  # (n,) N·s/m
+    band: FloatArray  # (n,) N·s/m
+    laws: Mapping[str, FloatArray]  # (m,) Fitted band, N·s/m, by the law's name, at the impedances drawn
 
 
 def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None:
-    """Draw band against impedance on logarithmic axes.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    impedance : ndarray, shape (m,)
-        Where the laws are drawn, N·s/m.
-    series : sequence of Widths
-        One per method.
-    """
+    """Draw band against impedance on logarithmic axes."""
     for one in series:
         colour = COLOURS[one.method]
         ax.plot(

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from percept.report.figures.canvas import COLOURS, Axes
 
-__all__ = ["SHOWN_RATIOS", "Limits", "beyond_axis", "draw_magnitude", "draw_ratio"]
-
 FloatArray = NDArray[np.float64]
 #: Ratios to the reference that an axis shows at most: few subjects let limits run away.
 SHOWN_RATIOS = (1e-4, 1e4)
@@ -23,28 +21,14 @@ _COUPLED = (0, (2.5, 1.5))
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """A pair of curves to draw.
+    """A pair of curves to draw."""
 
-    Attributes
-    ----------
-    label : str
-        For the legend.
-    method : {"classical", "bayesian"}
-        Decides colour and form: classical limits are lines, Bayesian ones a filled band.
-    omega : ndarray, shape (n,)
-        rad/s.
-    lower, upper : ndarray, shape (n,)
-        N·s/m.
-    reference : ndarray, shape (n,)
-        abs(Z_h) of the reference at the same ω, N·s/m.
-    """
-
-    label: str
-    method: str
-    omega: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    reference: FloatArray
+    label: str  # For the legend
+    method: str  # Decides colour and form: classical limits are lines, Bayesian ones a filled band
+    omega: FloatArray  # (n,) rad/s
+    lower: FloatArray  # (n,) N·s/m
+    upper: FloatArray  # (n,) N·s/m
+    reference: FloatArray  # (n,) abs(Z_h) of the reference at the same ω, N·s/m
 
 
 def draw_magnitude(
@@ -56,21 +40,7 @@ def draw_magnitude(
     *,
     log: bool = True,
 ) -> None:
-    """Draw boundaries, the reference and the coupled impedance, in the manner of Fig. 7.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    omega : ndarray, shape (n,)
-        rad/s.
-    limits : sequence of Limits
-        In drawing order.
-    reference, coupled : ndarray, shape (n,)
-        abs(Z_h) and abs(Z_h_vc) of the reference environment, N·s/m.
-    log : bool
-        Logarithmic axes.
-    """
+    """Draw boundaries, the reference and the coupled impedance, in the manner of Fig. 7."""
     _draw_limits(ax, limits)
     ax.plot(omega, reference, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
     if coupled is not None:
@@ -94,19 +64,7 @@ def draw_ratio(
     reference: FloatArray,
     coupled: FloatArray | None = None,
 ) -> None:
-    """Draw boundaries divided by the reference's abs(Z_h), over the whole range.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    omega : ndarray, shape (n,)
-        rad/s.
-    limits : sequence of Limits
-        N·s/m, in drawing order.
-    reference, coupled : ndarray, shape (n,)
-        N·s/m.
-    """
+    """Draw boundaries divided by the reference's abs(Z_h), over the whole range."""
     ratios = _ratios(limits)
     _draw_limits(ax, ratios)
     ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
@@ -128,18 +86,7 @@ def draw_ratio(
 
 
 def beyond_axis(limits: Sequence[Limits]) -> bool:
-    """Say whether `draw_ratio` cuts some of the curves off.
-
-    Parameters
-    ----------
-    limits : sequence of Limits
-        N·s/m.
-
-    Returns
-    -------
-    bool
-        Whether a ratio lies outside `SHOWN_RATIOS` on a logarithmic axis.
-    """
+    """Say whether `draw_ratio` cuts some of the curves off."""
     seen = _positive(_ratios(limits))
     least, most = SHOWN_RATIOS
     return bool(seen.max(initial=0.0) > _LINEAR and (seen.min() < least or seen.max() > most))

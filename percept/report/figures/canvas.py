@@ -10,24 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
 else:
     # Importing matplotlib takes long: only drawing does it.
     Figure = Axes = Any
-
-__all__ = [
-    "COLOURS",
-    "MM",
-    "Axes",
-    "Drawing",
-    "Figure",
-    "grid",
-    "legend_below",
-    "panels",
-    "row_labels",
-    "shade_boxes",
-]
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them apart as well.
 # The names are those of the page's style sheet, where the dark page has its own values.
@@ -48,27 +35,13 @@ MM = 1 / 25.4
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure that has not been drawn yet.
+    """A figure that has not been drawn yet."""
 
-    Attributes
-    ----------
-    name : str
-        Of its file, without ending; never made from text of the input.
-    title : str
-        What it shows, in a few words.
-    description : str
-        What a reader who cannot see it should know.
-    size : tuple of float
-        Width and height, mm.
-    draw : callable
-        Draws on an empty matplotlib Figure.
-    """
-
-    name: str
-    title: str
-    description: str
-    size: tuple[float, float]
-    draw: Callable[[Figure], None]
+    name: str  # Of its file, without ending
+    title: str  # What it shows, in a few words
+    description: str  # What a reader who cannot see it should know
+    size: tuple[float, float]  # Width and height, mm
+    draw: Callable[[Figure], None]  # Draws on an empty matplotlib Figure
 
 
 def panels(
@@ -81,23 +54,7 @@ def panels(
     gap: float = 12.0,
     columns: int = 1,
 ) -> list[Axes]:
-    """Add axes in a row, placed in millimetres so that figures of one size line up.
-
-    Parameters
-    ----------
-    figure : Figure
-        Where to add them.
-    left, right, top, bottom : float
-        Margins, mm.
-    gap : float
-        Between axes, mm.
-    columns : int
-        How many.
-
-    Returns
-    -------
-    list of Axes
-    """
+    """Add axes in a row, placed in millimetres so that figures of one size line up."""
     return grid(figure, columns, columns=columns, left=left, right=right, top=top, bottom=bottom, gap=gap)
 
 
@@ -113,26 +70,7 @@ def grid(
     gap: float = 12.0,
     line: float = 17.0,
 ) -> list[Axes]:
-    """Add axes in rows, placed in millimetres.
-
-    Parameters
-    ----------
-    figure : Figure
-        Where to add them.
-    count : int
-        How many in all.
-    columns : int
-        How many in a row.
-    left, right, top, bottom : float
-        Margins, mm.
-    gap, line : float
-        Between axes, sideways and from row to row, mm.
-
-    Returns
-    -------
-    list of Axes
-        Row by row from the top left.
-    """
+    """Add axes in rows, placed in millimetres."""
     width, height = (float(side) / MM for side in figure.get_size_inches())
     rows = -(-count // columns)
     wide = (width - left - right - gap * (columns - 1)) / columns
@@ -171,20 +109,6 @@ def row_labels(names: Sequence[str], *, most: float) -> tuple[list[str], float]:
 
     A name that is too long loses its middle, since names in a series differ at their ends; names that look
     the same then are numbered.
-
-    Parameters
-    ----------
-    names : sequence of str
-        From top to bottom, all different.
-    most : float
-        Width there may be, mm.
-
-    Returns
-    -------
-    labels : list of str
-        One per name, all different.
-    width : float
-        Of the widest, in the lettering of the ticks, mm.
     """
     labels = [_shortened(name, most) for name in names]
     if len(set(labels)) < len(labels):
@@ -217,21 +141,7 @@ def _width(label: str) -> float:
 def shade_boxes(
     ax: Axes, boxes: NDArray[np.float64], *, color: str, alpha: float, label: str | None = None
 ) -> None:
-    """Shade boxes that do not overlap, without outline, all as one mark.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    boxes : ndarray, shape (n, 4)
-        Left, right, bottom and top of each, in the axes' units.
-    color : str
-        Of `COLOURS`.
-    alpha : float
-        Opacity.
-    label : str, optional
-        For the legend.
-    """
+    """Shade boxes that do not overlap, without outline, all as one mark."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 

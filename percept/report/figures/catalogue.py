@@ -11,21 +11,9 @@ from percept.report.figures.from_boundaries import boundary_drawings
 from percept.report.figures.from_coupling import coupling_drawings
 from percept.report.figures.from_intervals import interval_drawings
 
-__all__ = ["drawings"]
-
 
 def drawings(document: Mapping[str, Any]) -> list[Drawing]:
-    """Return every figure the document has data for; nothing is drawn yet.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.report.document.build_document` returns it.
-
-    Returns
-    -------
-    list of Drawing
-    """
+    """Return every figure the document has data for; nothing is drawn yet."""
     return [
         *interval_drawings(document),
         *boundary_drawings(document),

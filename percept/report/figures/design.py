@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from percept.report.figures.canvas import COLOURS, Axes, shade_boxes
 
-__all__ = ["draw_design"]
-
 FloatArray = NDArray[np.float64]
 Place = tuple[float, float]
 #: The axes show so many times what qualifies at most.
@@ -25,21 +23,7 @@ def draw_design(
     stable: tuple[FloatArray, FloatArray] | None = None,
     coupling: tuple[float, float] | None = None,
 ) -> None:
-    """Draw the couplings that are stable and stay inside a boundary.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw; stiffness in kN/m to the right, damping in N·s/m upward.
-    damping : ndarray, shape (n,)
-        b_c of each line, N·s/m.
-    intervals : sequence of ndarray, each of shape (m, 2)
-        The k_c that qualify on each line, N/m.
-    stable : pair of ndarray, optional
-        k_c (N/m) and b_c (N·s/m) along the edge of the stable region.
-    coupling : tuple of float, optional
-        k_c (N/m) and b_c (N·s/m) of the coupling in use.
-    """
+    """Draw the couplings that are stable and stay inside a boundary."""
     if stable is not None:
         ax.plot(
             *(np.append(side, side[0]) for side in (stable[0] / 1e3, stable[1])),

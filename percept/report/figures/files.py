@@ -11,8 +11,6 @@ from typing import Any
 from percept.report.figures.canvas import COLOURS, MM, Drawing, Figure
 from percept.report.formats import check_formats
 
-__all__ = ["Picture"]
-
 _DPI = 300  # of a PNG
 
 _STYLE: Any = {
@@ -78,13 +76,7 @@ _REFERENCE = re.compile(r'(url\(|href=")#([^)"]+)')
 
 
 class Picture:
-    """A drawing, drawn; for any number of files and for the page.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        What to draw; it is drawn once.
-    """
+    """A drawing, drawn; for any number of files and for the page."""
 
     def __init__(self, drawing: Drawing) -> None:
         from matplotlib import rc_context
@@ -100,23 +92,7 @@ class Picture:
             plain_powers(self._figure)
 
     def file(self, form: str) -> bytes:
-        """Return the content of a file: fonts embedded in a PDF, text as text in an SVG, white ground.
-
-        Parameters
-        ----------
-        form : {"svg", "pdf", "png"}
-            The format.
-
-        Returns
-        -------
-        bytes
-            The same for the same drawing.
-
-        Raises
-        ------
-        UsageError
-            Another format.
-        """
+        """Return the content of a file: fonts embedded in a PDF, text as text in an SVG, white ground."""
         check_formats([form])
         if form != "svg":
             return self._saved(form, dpi=_DPI, facecolor="white")
@@ -131,13 +107,7 @@ class Picture:
         return text.encode("utf-8")
 
     def inline(self) -> str:
-        """Return an ``<svg>`` for the page, with a title and in the page's colours.
-
-        Returns
-        -------
-        str
-            Safe to put into HTML; every id starts with ``svg-`` and the drawing's name.
-        """
+        """Return an ``<svg>`` for the page, with a title and in the page's colours."""
         prefix = f"svg-{self.drawing.name}-"
         used = {match[2] for match in _REFERENCE.finditer(self._elements)}
 

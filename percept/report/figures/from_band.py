@@ -13,24 +13,12 @@ from percept.report.figures.band import Widths, draw_band
 from percept.report.figures.canvas import Drawing, Figure, legend_below, panels
 from percept.report.select import KINDS, METHOD_NAMES, METHODS, array, family_of, first, matching
 
-__all__ = ["band_drawings"]
-
 FloatArray = NDArray[np.float64]
 _LAW_NAMES = {"weber": "Weber", "offset": "Weber with offset", "power": "power law"}
 
 
 def band_drawings(document: Mapping[str, Any]) -> list[Drawing]:
-    """Return the figure of bands and laws, of the first kind there is, in the study's family.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    list of Drawing
-        Empty where there is no band.
-    """
+    """Return the figure of bands and laws, of the first kind there is, in the study's family."""
     band = document["band"]
     if not band or not band.get("rows"):
         return []

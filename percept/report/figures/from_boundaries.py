@@ -24,8 +24,6 @@ from percept.report.select import (
     matching,
 )
 
-__all__ = ["boundary_drawings"]
-
 FloatArray = NDArray[np.float64]
 _KIND_NAMES = {"mean": "average user", "user": "next user", "share": "share of users"}
 _WHOM = {"mean": "the average user", "user": "the next user", "share": "a share of all users"}
@@ -43,17 +41,7 @@ class _Curves:
 
 
 def boundary_drawings(document: Mapping[str, Any]) -> list[Drawing]:
-    """Return three figures per environment: whole range, close view, every kind over the reference.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    list of Drawing
-        Numbered in the order of the environments, whose names are text of the input.
-    """
+    """Return three figures per environment: whole range, close view, every kind over the reference."""
     found = []
     family = family_of(document)
     for index, environment in enumerate(distinct(document["boundaries"], "environment"), start=1):

@@ -14,25 +14,13 @@ from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
 from percept.report.select import METHOD_NAMES, METHODS, array
 
-__all__ = ["coupling_drawings"]
-
 _LABEL = "this coupling"
 _COLUMNS = 3
 _TITLE_WIDTH = 38.0  # mm
 
 
 def coupling_drawings(document: Mapping[str, Any]) -> list[Drawing]:
-    """Return the stability criterion over ω (Fig. 4), and the map of couplings that qualify.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    list of Drawing
-        Empty where there is no coupling.
-    """
+    """Return the stability criterion over ω (Fig. 4), and the map of couplings that qualify."""
     found = []
     if document["coupling"] and document["coupling"].get("bound"):
         found.append(

@@ -13,8 +13,6 @@ from percept.report.figures.canvas import Drawing, Figure, legend_below, panels,
 from percept.report.figures.intervals import Bar, draw_intervals
 from percept.report.select import KINDS, METHODS, array, distinct, family_of, first, matching
 
-__all__ = ["interval_drawings"]
-
 FloatArray = NDArray[np.float64]
 _NAMES = {"k": "stiffness k", "b": "damping b"}
 _BARS = {
@@ -29,17 +27,7 @@ _MARGIN_BESIDE = 4.0
 
 
 def interval_drawings(document: Mapping[str, Any]) -> list[Drawing]:
-    """Return one figure per parameter: every kind and method in the study's family, over the reference.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    list of Drawing
-        None for a parameter whose references are zero.
-    """
+    """Return one figure per parameter: every kind and method in the study's family, over the reference."""
     family = family_of(document)
     found = []
     for parameter in distinct(document["intervals"], "parameter"):

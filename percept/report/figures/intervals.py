@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from percept.report.figures.canvas import COLOURS, Axes
 from percept.report.select import KINDS, METHOD_NAMES, METHODS
 
-__all__ = ["Bar", "draw_intervals"]
-
 _WIDTH = {"mean": 3.2, "user": 1.6, "share": 0.7}
 
 _MARK = {"classical": "o", "bayesian": "D"}
@@ -20,23 +18,14 @@ _MARK = {"classical": "o", "bayesian": "D"}
 
 @dataclass(frozen=True, eq=False)
 class Bar:
-    """An interval to draw, relative to its reference.
-
-    Attributes
-    ----------
-    environment : str
-    kind : {"mean", "user", "share"}
-    method : {"classical", "bayesian"}
-    lower, upper, estimate : float
-        Divided by the reference; dimensionless.
-    """
+    """An interval to draw, relative to its reference."""
 
     environment: str
     kind: str
     method: str
-    lower: float
-    upper: float
-    estimate: float
+    lower: float  # Divided by the reference
+    upper: float  # Divided by the reference
+    estimate: float  # Divided by the reference
 
 
 def draw_intervals(
@@ -48,23 +37,7 @@ def draw_intervals(
     log: bool,
     labels: Sequence[str] | None = None,
 ) -> None:
-    """Draw a group of bars per environment: kinds by thickness, methods by colour and mark.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    environments : sequence of str
-        From top to bottom.
-    bars : sequence of Bar
-        In any order.
-    values : sequence of ndarray
-        The subjects' adjustments divided by the reference, one array per environment; may be empty.
-    log : bool
-        Logarithmic axis, where anything is positive; what is zero or negative then runs to the edge.
-    labels : sequence of str, optional
-        What the environments are called on the axis, where that is not their names.
-    """
+    """Draw a group of bars per environment: kinds by thickness, methods by colour and mark."""
     place = {environment: -index for index, environment in enumerate(environments)}
     present = [method for method in METHODS if any(bar.method == method for bar in bars)]
     ends = np.array([edge for bar in bars for edge in (bar.lower, bar.upper)], dtype=float)

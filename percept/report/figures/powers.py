@@ -7,8 +7,6 @@ import re
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
-__all__ = ["plain_powers"]
-
 _FORMULA = re.compile(r"\$\\mathdefault\{(.*)\}\$")
 _EXPONENT = re.compile(r"\^\{([^}]*)\}")
 _RAISED = str.maketrans("-−0123456789.", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹·")
@@ -26,13 +24,7 @@ class _Plain(LogFormatterSciNotation):
 
 
 def plain_powers(figure: Figure) -> None:
-    """Write powers of ten as 10⁻³ on every logarithmic axis whose labels are matplotlib's own.
-
-    Parameters
-    ----------
-    figure : Figure
-        Drawn, and not yet saved.
-    """
+    """Write powers of ten as 10⁻³ on every logarithmic axis whose labels are matplotlib's own."""
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
             if type(axis.get_major_formatter()) is LogFormatterSciNotation:

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from percept.errors import UsageError
 from percept.report.figures.canvas import COLOURS, Axes
 
-__all__ = ["draw_stability"]
-
 # Long and short dashes as in the paper's figure; more couplings go on with other patterns.
 _COLOURS = ("classical", "bayesian", "coupled", "warn")
 _DASHES = ((0, (9, 3)), (0, (3, 2)), (0, (6, 2, 1, 2)), (0, (1, 1.5)))
@@ -27,27 +25,7 @@ def draw_stability(
     *,
     binding: Mapping[str, float] | None = None,
 ) -> None:
-    """Draw the right-hand side of Eq. 10 and the couplings it has to stay below.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    omega : array_like, shape (n,)
-        rad/s, positive and increasing.
-    bound : array_like, shape (n,)
-        Lower bound of Re 1/Z_c, m/(N·s), as `percept.haptics.coupling_bound` gives it.
-    couplings : mapping of str to array_like, each of shape (n,)
-        Re 1/Z_c by label, m/(N·s).
-    binding : mapping of str to float, optional
-        The ω, rad/s, at which a coupling is nearest to the bound, or furthest below it; marked there.
-
-    Raises
-    ------
-    UsageError
-        Where lengths differ, ω is not positive and increasing, or `binding` names no coupling or an ω outside
-        the range drawn.
-    """
+    """Draw the right-hand side of Eq. 10 and the couplings it has to stay below."""
     omega, bound = np.asarray(omega, dtype=float), np.asarray(bound, dtype=float)
     curves = {label: np.asarray(curve, dtype=float) for label, curve in couplings.items()}
     for label, curve in {"bound": bound, **curves}.items():

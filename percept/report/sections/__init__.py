@@ -46,15 +46,5 @@ _ORDER = (
 
 
 def build_parts(document: Mapping[str, Any]) -> list[Part]:
-    """Return the parts a document needs; what it has nothing for is absent.
-
-    Parameters
-    ----------
-    document : mapping
-        As `percept.report.document.build_document` returns it.
-
-    Returns
-    -------
-    list of Part
-    """
+    """Return the parts a document needs; what it has nothing for is absent."""
     return [part for section in _ORDER if (part := section.build(document)) is not None]

@@ -8,23 +8,12 @@ from typing import Any
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, METHODS, family_of
 
-__all__ = ["build"]
-
 _NAMES = {"weber": "Weber, w·|Z|", "offset": "Weber with offset, c + w·|Z|", "power": "power law, w·|Z|^p"}
 _MEANINGS = {"c": "c, offset (N·s/m)", "w": "w, slope", "p": "p, exponent"}
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the widths, absolute and relative, and the laws with their parameters.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the widths, absolute and relative, and the laws with their parameters."""
     band = document["band"]
     if not band or not band.get("rows"):
         return None

@@ -9,8 +9,6 @@ from typing import Any
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, METHODS, array, distinct, each_by_itself
 
-__all__ = ["build", "worst_curve"]
-
 _SHAPES = {
     "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
     "16 and 17); the two curves can cross",
@@ -20,16 +18,7 @@ _SHAPES = {
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the figures and a table of values for each environment, and the curves for the page's script.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the figures and a table of values for each environment, and the curves for the page's script."""
     records = document["boundaries"]
     if not records:
         return None

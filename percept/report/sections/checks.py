@@ -8,29 +8,15 @@ from typing import Any
 
 from percept.report.sections.part import Part
 
-__all__ = ["build"]
-
 
 @dataclass(frozen=True)
 class _Table:
-    """A table of the document: what it shows, in words and in numbers.
+    """A table of the document: what it shows, in words and in numbers."""
 
-    Attributes
-    ----------
-    place : str
-        Where it stands under /checks.
-    caption : str
-        What it says.
-    words : mapping of str to str
-        Heads of the columns of text.
-    numbers : mapping of str to (str, int, str)
-        Heads of the columns of numbers, their digits and style.
-    """
-
-    place: str
-    caption: str
-    words: Mapping[str, str]
-    numbers: Mapping[str, tuple[str, int, str]]
+    place: str  # Where it stands under /checks
+    caption: str  # What it says
+    words: Mapping[str, str]  # Heads of the columns of text
+    numbers: Mapping[str, tuple[str, int, str]]  # Heads of the columns of numbers, their digits and style
 
 
 def _plain(digits: int, **heads: str) -> dict[str, tuple[str, int, str]]:
@@ -110,16 +96,7 @@ _TABLES = (
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the checks that were asked for, as messages and tables.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the checks that were asked for, as messages and tables."""
     checks = document.get("checks")
     if not checks:
         return None

@@ -8,8 +8,6 @@ from typing import Any
 from percept.report.sections.part import Part
 from percept.report.select import METHODS, distinct, each_by_itself
 
-__all__ = ["build"]
-
 _MEASURES = {
     "width_ratio": ("width ratio", "Bayesian width over classical width"),
     "shift": ("shift", "how far the Bayesian estimate stands from the classical one"),
@@ -39,16 +37,7 @@ _PERCENTAGES = ("shift", "overlap")
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the pairs of intervals with measures of how they differ and of why, and the pairs of curves.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the pairs of intervals with measures of how they differ and of why, and the pairs of curves."""
     rows = document["comparison"]
     if not rows:
         return None

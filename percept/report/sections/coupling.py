@@ -8,20 +8,9 @@ from typing import Any
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, METHODS, each_by_itself, family_of
 
-__all__ = ["build"]
-
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the verdict, the margin and the rows of realism.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the verdict, the margin and the rows of realism."""
     coupling = document["coupling"]
     if not coupling:
         return None

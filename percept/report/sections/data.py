@@ -7,20 +7,9 @@ from typing import Any
 
 from percept.report.sections.part import Part
 
-__all__ = ["build"]
-
 
 def build(document: Mapping[str, Any]) -> Part:
-    """Return counts, exclusions and the reader's notices.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part
-    """
+    """Return counts, exclusions and the reader's notices."""
     data = document["data"]
     counts = [{"what": what, "place": f"/data/counts/{_escaped(what)}"} for what in data["counts"]]
     cells = [

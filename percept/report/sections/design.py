@@ -7,20 +7,9 @@ from typing import Any
 
 from percept.report.sections.part import Part
 
-__all__ = ["build"]
-
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the stiffest and the softest coupling of each environment, and of all together.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the stiffest and the softest coupling of each environment, and of all together."""
     design = document["design"]
     if not design:
         return None

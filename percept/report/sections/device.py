@@ -7,20 +7,9 @@ from typing import Any
 
 from percept.report.sections.part import Part
 
-__all__ = ["build"]
-
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the table of devices: a row per damping, a column per mass.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the table of devices: a row per damping, a column per mass."""
     found = document["sensitivity"]
     if not found:
         return None

@@ -7,8 +7,6 @@ from typing import Any
 
 from percept.report.sections.part import Part
 
-__all__ = ["build"]
-
 _MEASURES = (
     ("rhat", "Rank R̂ across ensembles, largest", "below 1.01", 5),
     ("autocorrelation_time", "Autocorrelation time, longest (steps)", "finite", 4),
@@ -26,16 +24,7 @@ _COUNTS = ("ensembles", "walkers", "steps")
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the gate's verdict, the measures behind it, and the priors.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the gate's verdict, the measures behind it, and the priors."""
     diagnostics = document["diagnostics"]
     if not diagnostics:
         return None

@@ -7,20 +7,9 @@ from typing import Any
 
 from percept.report.sections.part import Part
 
-__all__ = ["build"]
-
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return a row per environment.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return a row per environment."""
     rows = document["passivity"]
     if not rows:
         return None

@@ -8,8 +8,6 @@ from typing import Any
 from percept.report.sections.part import Part
 from percept.report.select import KINDS, distinct
 
-__all__ = ["build", "interval_tables"]
-
 _COLUMNS = (
     ("classical", "normal"),
     ("classical", "lognormal"),
@@ -20,16 +18,7 @@ _PARAMETERS = {"k": "Stiffness k", "b": "Damping b"}
 
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the tables of intervals, with the sentence each kind and method carries.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the tables of intervals, with the sentence each kind and method carries."""
     tables = interval_tables(document)
     if not tables:
         return None
@@ -37,18 +26,7 @@ def build(document: Mapping[str, Any]) -> Part | None:
 
 
 def interval_tables(document: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return one table per joint treatment and parameter: rows of environment and kind, columns of method.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    list of dict
-        ``title``, ``parameter``, ``joint``, ``unit``, ``columns`` (method and family), ``rows``
-        (environment, kind, place of the reference, places of the cells or None) and ``sentences``.
-    """
+    """Return one table per joint treatment and parameter: rows of environment and kind, columns of method."""
     places = list(enumerate(document["intervals"]))
     tables = []
     for joint in distinct(document["intervals"], "joint"):

@@ -11,8 +11,6 @@ from percept.report.sections.part import Part
 from percept.report.select import KINDS, family_of
 from percept.study.units import NAMES
 
-__all__ = ["build"]
-
 _CLASSICAL = {
     "mean": "t-intervals of the mean",
     "user": "prediction intervals of the next user",
@@ -22,16 +20,7 @@ _LEVEL, _SHARE = (f"/provenance/scene/inference/{name}" for name in ("level", "s
 
 
 def build(document: Mapping[str, Any]) -> Part:
-    """Return what the methods paragraph depends on.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part
-    """
+    """Return what the methods paragraph depends on."""
     scene = document["provenance"]["scene"]
     intervals = document["intervals"]
     used = {row["method"] for row in intervals}

@@ -7,20 +7,9 @@ from typing import Any
 
 from percept.report.sections.part import Part
 
-__all__ = ["build"]
-
 
 def build(document: Mapping[str, Any]) -> Part:
-    """Return versions, seed, hashes and every setting of the scene.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part
-    """
+    """Return versions, seed, hashes and every setting of the scene."""
     provenance = document["provenance"]
     settings = [
         {"table": table, "key": key, "value": value}

@@ -7,19 +7,8 @@ from typing import Any
 
 from percept.report.sections.part import Part
 
-__all__ = ["build"]
-
 
 def build(document: Mapping[str, Any]) -> Part | None:
-    """Return the skipped parts.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part or None
-    """
+    """Return the skipped parts."""
     skipped = document["skipped"]
     return Part("skipped", "Not computed", {"skipped": skipped}) if skipped else None

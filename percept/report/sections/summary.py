@@ -9,20 +9,9 @@ from percept.report.sections.part import Part
 from percept.report.select import KINDS, family_of, first, matching
 from percept.study.units import NAMES
 
-__all__ = ["build"]
-
 
 def build(document: Mapping[str, Any]) -> Part:
-    """Return what the summary's sentences need, as places of the document.
-
-    Parameters
-    ----------
-    document : mapping
-
-    Returns
-    -------
-    Part
-    """
+    """Return what the summary's sentences need, as places of the document."""
     gate = (document["diagnostics"] or {}).get("gate")
     scene = document["provenance"]["scene"]
     return Part(
