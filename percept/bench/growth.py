@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from percept.boundary.draws import DrawCurves
 from percept.haptics import Device
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.run import Settings, sample
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.sampling.run import Settings, sample
 from percept.scene import Scene
 from percept.sessions import read_sessions

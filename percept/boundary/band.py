@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 _GONE = 0.1
 # Log of the factor a law may be off by and still be said to predict anything.
 _OF_NO_USE = math.log(10.0)
-# Laws within this factor in leave-one-out error are called equal.
+# ConditionalMoments within this factor in leave-one-out error are called equal.
 _ALIKE = 1.25
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.models import Pooled
 from percept.simulate.model import Hyperparameters, TrueValues
 from percept.study import Study
 from percept.study.posterior import thinned_points

@@ -13,8 +13,7 @@ from scipy import special
 from percept.calibration.sbc_plan import SBC_DESIGNS, SbcPlan
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.run import Run, Settings, sample
@@ -116,7 +115,7 @@ def _places(
     below = (model.draw(chosen, rng)[0] < beta).sum(axis=0)
     found |= _named("beta", (below + 0.5) / (plan.draws + 1), model)
     found |= _named("mean", special.ndtr((beta - laws.mean) / laws.sd).mean(axis=0), model)
-    spread = np.hypot(laws.sd, laws.spread)
+    spread = np.hypot(laws.sd, laws.population_sd)
     found |= _named("user", special.ndtr((user.ravel() - laws.mean) / spread).mean(axis=0), model)
     return found
 

@@ -77,7 +77,7 @@ def posterior_replicates(fit: Fit, scene: Scene, environments: tuple[str, ...], 
     for kind in asked.kinds:
         if kind == "share":
             continue
-        centre, spread = (laws.mean, laws.sd) if kind == "mean" else (means, laws.spread)
+        centre, spread = (laws.mean, laws.sd) if kind == "mean" else (means, laws.population_sd)
         ends = scale.native(centre - reach * spread), scale.native(centre + reach * spread)
         limits = {cell: (ends[0][:, c], ends[1][:, c]) for c, cell in enumerate(model.cells)}
         bands = [_bands(omega, limits["k", e], limits["b", e]) for e in names]

@@ -11,15 +11,11 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.classical.moments import Moments
-from percept.inference.hierarchy.density import CollapsedDensity, Resolution
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.laws import Laws, Model
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments, Resolution
+from percept.inference.hierarchy.models import IntervalEstimands, Model, Pooled, Product, Unpooled
 from percept.inference.hierarchy.priors import Priors
-from percept.inference.hierarchy.product import Product
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
-from percept.inference.hierarchy.unpooled import Unpooled
 from percept.inference.sampling.records import Progress, Run, Settings
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -130,7 +126,7 @@ def fit(
         return dataclasses.replace(run, points=points, components=components)
 
     run = store.run((prepared.model, estimands, settings), sampled) if store is not None else sampled()
-    laws = Laws.unpack(run.components.reshape(-1, run.components.shape[-1]))
+    laws = ConditionalMoments.unpack(run.components.reshape(-1, run.components.shape[-1]))
     native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
     limits = {str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)}
     return Fit(prepared, run, limits, prepared.scale.native(laws.mean.mean(axis=0)))

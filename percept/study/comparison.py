@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from percept.boundary.gap import curve_gap
 from percept.boundary.records import Boundary
-from percept.inference.hierarchy.laws import Laws
+from percept.inference.hierarchy.density import ConditionalMoments
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.bayesian import Fit
@@ -88,8 +88,8 @@ def _scaled(values: Array, log: bool) -> Array:
 
 def _posterior_sd(fit: Fit, cells: list[tuple[str, str]]) -> Array:
     """Typical SD between users per cell, on the family's scale (N/m and N·s/m under normal)."""
-    laws = Laws.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
-    typical = np.exp(np.log(laws.spread).mean(axis=0))
+    laws = ConditionalMoments.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
+    typical = np.exp(np.log(laws.population_sd).mean(axis=0))
     scale = fit.prepared.scale
     column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
     return np.array([typical[column[cell]] * scale.unit[column[cell]] for cell in cells])

@@ -20,7 +20,7 @@ from percept.study.prediction import NO_PLACE, Prediction, expected_users, predi
 from percept.study.responses import refuse_no_ratio
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.laws import Laws
+    from percept.inference.hierarchy.density import ConditionalMoments
     from percept.study.study import Study
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ def leave_one_environment_out(study: Study) -> LeftOut:
 
 
 def _against(
-    found: Prediction, laws: Laws, observed: dict[tuple[str, str], Moments | None]
+    found: Prediction, laws: ConditionalMoments, observed: dict[tuple[str, str], Moments | None]
 ) -> Iterator[dict[str, Any]]:
     limits = {(row["parameter"], row["kind"]): row for row in found.intervals.to_dict("records")}
     for p, (parameter, beyond) in enumerate(found.beyond.items()):
@@ -111,7 +111,7 @@ def _against(
         centre, sd, n = float(moments.mean), float(moments.sd), int(moments.n)
         reference = float(mean["reference"])
         response = centre - np.log(reference) if log else (centre - reference) / reference
-        spread = np.hypot(laws.sd[:, p], laws.spread[:, p] / np.sqrt(n))
+        spread = np.hypot(laws.sd[:, p], laws.population_sd[:, p] / np.sqrt(n))
         ends = np.array([user["lower"], user["upper"]], dtype=float)
         held = np.diff(special.ndtr(((np.log(ends) if log else ends) - centre) / sd))
         value = float(np.exp(centre)) if log else centre

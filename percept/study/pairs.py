@@ -15,7 +15,7 @@ from scipy import special
 from percept.boundary.gap import curve_gap
 from percept.errors import RefusalError, UsageError, counted
 from percept.inference.classical.quantiles import t_upper
-from percept.inference.hierarchy.laws import Laws
+from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.sampling.mixture import mixture_quantile
 from percept.sessions import Sessions
 from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS
@@ -252,12 +252,12 @@ def _bayesian(first: Study, second: Study, rng: np.random.Generator) -> list[dic
     for fit in fits:
         assert fit is not None
         components = fit.run.components.reshape(-1, fit.run.components.shape[-1])
-        laws = Laws.unpack(components[rng.permutation(len(components))[:_DRAWS]])
+        laws = ConditionalMoments.unpack(components[rng.permutation(len(components))[:_DRAWS]])
         scale = fit.prepared.scale
         origin = np.log(scale.origin) if log else scale.origin
         unit = scale.unit
         column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
-        parts.append((origin + unit * laws.mean, unit * laws.sd, unit * laws.spread, column))
+        parts.append((origin + unit * laws.mean, unit * laws.sd, unit * laws.population_sd, column))
     (*of_a, column_a), (*of_b, column_b) = parts
     count = min(len(of_a[0]), len(of_b[0]))
     turns = rng.integers(count, size=_TURNS)

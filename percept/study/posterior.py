@@ -10,7 +10,7 @@ import numpy as np
 import percept
 from percept.inference.checks.prior import draw_prior, log_prior
 from percept.inference.checks.subjects import SubjectDensity, batches
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.models import Pooled
 from percept.study.streams import Stream, generator
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def full_groups(fit: Fit, *, seed: int) -> Groups:
     means, users = _draws(fit, points, seed)
     groups, dims = _posterior(fit, points, per_chain, means, users)
     grid = (len(density.statistics.parameters), len(density.statistics.environments))
-    spread = fit.prepared.model.laws(points).spread
+    spread = fit.prepared.model.laws(points).population_sd
     groups["posterior"]["population_sd"] = spread.reshape(-1, per_chain, *grid)
     dims["population_sd"] = _CELL
     beta = means.reshape(-1, *grid)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
-from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
 from percept.inference.intervals import Interval
 from percept.scene import Scene

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.laws import Laws
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.density import ConditionalMoments
+from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.wider_priors import reweighted
 from percept.scene import Scene
 from percept.study.bayesian import Fit
@@ -42,7 +41,7 @@ def prior_pull(fit: Fit, scene: Scene) -> PriorPull | None:
     log_weight, packed = reweighted(model.density, points)
     weight = special.softmax(log_weight)
     rng = generator(scene.inference.seed, Stream.PRIOR_PULL)
-    wider = Laws.unpack(packed[_systematic(weight, rng)])
+    wider = ConditionalMoments.unpack(packed[_systematic(weight, rng)])
     asked = scene.inference
     estimands = IntervalEstimands(
         model, kinds=asked.kinds, level=asked.level, share=asked.held_share, confidence=asked.confidence

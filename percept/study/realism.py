@@ -31,7 +31,7 @@ def populations(fit: Fit, scene: Scene) -> dict[str, Populations]:
     points, _ = thinned_points(fit)
     rng = generator(scene.inference.seed, Stream.REALISM)
     means, _ = model.draw(points, rng)
-    reach = -special.ndtri(0.5 * (1.0 - scene.inference.level)) * model.laws(points).spread
+    reach = -special.ndtri(0.5 * (1.0 - scene.inference.level)) * model.laws(points).population_sd
     lower, upper = scale.native(means - reach), scale.native(means + reach)
     column = {cell: c for c, cell in enumerate(model.cells)}
 

@@ -14,7 +14,7 @@ from percept.boundary.draw_ellipse import ellipse_of_draws
 from percept.errors import RefusalError
 from percept.inference.classical.joint import ellipse_region
 from percept.inference.classical.trials import subject_means
-from percept.inference.hierarchy.estimands import IntervalEstimands
+from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.regions import EllipseRegion
 from percept.scene import Scene
 from percept.sessions import Sessions

@@ -20,7 +20,7 @@ from percept.calibration.sbc_plan import FAULTS, SBC_DESIGNS, SbcPlan
 from percept.calibration.sbc_run import calibrate_designs, write_calibrations
 from percept.cli import main
 from percept.errors import UsageError
-from percept.inference.hierarchy.laws import Laws
+from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.sampling.moves import standard_moves
 from percept.inference.sampling.reference import Reference
 from tests.workers.clusters import QUIET
@@ -111,7 +111,7 @@ def test_a_new_user_is_placed_among_users_of_a_mean_that_is_uncertain():
     """A mean of SD 1, users of SD 1 about it, and one at 1: normal with SD sqrt(2)."""
     one, cell = np.ones((1, 1)), np.zeros((1, 1))
     model = types.SimpleNamespace(
-        laws=lambda points: Laws(cell, one, one),
+        laws=lambda points: ConditionalMoments(cell, one, one),
         scales=lambda points: {},
         draw=lambda points, rng: (cell, one),
         cells=(("k", "E"),),

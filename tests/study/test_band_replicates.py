@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from percept import Scene
-from percept.inference.hierarchy.laws import Laws
+from percept.inference.hierarchy.density import ConditionalMoments
 from percept.study.band_replicates import posterior_replicates
 from percept.study.responses import ResponseScale
 
@@ -16,7 +16,7 @@ from percept.study.responses import ResponseScale
 def test_bands_of_the_next_user_lie_about_the_drawn_means() -> None:
     """A spring with next to no damper: the band at omega is that of k/omega, by hand."""
     drawn = np.array([[0.5, -9.0], [-0.5, -9.0]])
-    laws = Laws(np.array([[0.0, -9.0]] * 2), np.ones((2, 2)), np.full((2, 2), 0.1))
+    laws = ConditionalMoments(np.array([[0.0, -9.0]] * 2), np.ones((2, 2)), np.full((2, 2), 0.1))
     model = types.SimpleNamespace(
         cells=(("k", "E"), ("b", "E")), laws=lambda points: laws, draw=lambda points, rng: (drawn, drawn)
     )

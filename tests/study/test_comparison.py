@@ -8,9 +8,8 @@ import pytest
 from arviz_stats.base import array_stats
 
 from percept import RefusalError, Scene, Study, UsageError
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.laws import Laws
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.density import ConditionalMoments
+from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.wider_priors import reweighted, wider, with_priors
 from percept.inference.sampling.run import Settings, sample
 from percept.sessions import Sessions
@@ -199,8 +198,8 @@ def test_what_only_one_study_has_is_named(fitted: Study) -> None:
 
 def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:
     """Logs of a cell's SD between users over all kept draws, in order."""
-    laws = Laws.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
-    return np.sort(np.log(laws.spread[:, fit.prepared.model.cells.index(cell)]))
+    laws = ConditionalMoments.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
+    return np.sort(np.log(laws.population_sd[:, fit.prepared.model.cells.index(cell)]))
 
 
 def test_groups_are_split_by_a_column(fitted: Study) -> None:

@@ -81,7 +81,7 @@ def test_place_is_that_of_a_mean_of_as_many_users(found: LeftOut, others: Study)
     for p, (parameter, reference) in enumerate((("k", 1e4), ("b", 10.0))):
         average = laws.mean[:, p] + laws.sd[:, p] * rng.standard_normal(len(laws.mean))
         noise = rng.standard_normal((len(average), 10)).mean(axis=1)
-        means = reference * np.exp(average + laws.spread[:, p] * noise)
+        means = reference * np.exp(average + laws.population_sd[:, p] * noise)
         row = rows.loc[("VE3", parameter)]
         share = np.mean(means < row["observed"])
         error = np.sqrt(share * (1.0 - share) / len(means))
@@ -99,7 +99,7 @@ def test_place_under_the_normal_family_is_relative_to_the_reference() -> None:
     rng = np.random.default_rng(1)
     average = laws.mean[:, 0] + laws.sd[:, 0] * rng.standard_normal(len(laws.mean))
     noise = rng.standard_normal((len(average), 10)).mean(axis=1)
-    means = 1e4 * (1.0 + average + laws.spread[:, 0] * noise)
+    means = 1e4 * (1.0 + average + laws.population_sd[:, 0] * noise)
     share = np.mean(means < row["observed"])
     assert 0.0 < share < 1.0
     assert abs(row["place"] - share) < 4.0 * np.sqrt(share * (1.0 - share) / len(means))

@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept.inference.hierarchy.models import Pooled, Product
 from percept.inference.hierarchy.new_environment import new_environment
-from percept.inference.hierarchy.pooled import Pooled
-from percept.inference.hierarchy.product import Product
 from percept.inference.sampling.mixture import mixture_quantile
 from percept.sessions import Sessions
 from percept.study.posterior import thinned_points

@@ -18,7 +18,7 @@ def test_the_level_of_all_users_lies_between_the_limits_of_every_draw(fitted: St
     laws = model.laws(thinned_points(fitted.fit)[0])
     for environment, users in populations(fitted.fit, fitted.scene).items():
         for parameter, (low, high) in (("k", users.stiffness), ("b", users.damping)):
-            spread = laws.spread[:, model.cells.index((parameter, environment))]
+            spread = laws.population_sd[:, model.cells.index((parameter, environment))]
             standard = 0.5 * np.log(high / low) / spread
             # Of normals 99 % lie within z of 0.995.
             np.testing.assert_allclose(standard, stats.norm.ppf(0.995), rtol=1e-9)

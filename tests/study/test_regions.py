@@ -24,7 +24,7 @@ def test_two_shares_of_users_together_leave_out_half_as_much_each(fitted: Study)
         for parameter, ends in zip("kb", region.limits, strict=True):
             cell = model.cells.index((parameter, region.environment))
             low, high = np.log(np.array(ends) / fitted.reference[parameter, region.environment])
-            users = stats.norm(centre[:, cell], laws.spread[:, cell])
+            users = stats.norm(centre[:, cell], laws.population_sd[:, cell])
             held = users.cdf(high) - users.cdf(low) >= 0.995
             # The limits come from the same laws; 12 000 draws of the mean scatter by 0.0015.
             assert abs(held.mean() - 0.975) < 0.012

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from percept.bench.peers.endpoints import CONFIDENCE, KINDS, LEVEL, SHARE, Limits, limits_of_draws
 from percept.bench.peers.engines import Fitted, Sampler
 from percept.bench.peers.responses import Responses
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.laws import Laws, Model
+from percept.inference.hierarchy.density import ConditionalMoments
+from percept.inference.hierarchy.models import IntervalEstimands, Model
 from percept.inference.sampling.run import Run, Settings, sample
 
 Array = NDArray[np.float64]
@@ -46,10 +46,10 @@ def limits_of_mixture(estimands: IntervalEstimands, components: Array, effective
 def limits_of_raw(run: Run, seed: int) -> Limits:
     """Quantiles of one conditional draw of the locations per kept draw of the scales."""
     points = run.points.reshape(-1, run.points.shape[-1])
-    laws = Laws.unpack(run.components.reshape(len(points), -1))
+    laws = ConditionalMoments.unpack(run.components.reshape(len(points), -1))
     rng = np.random.default_rng(seed)
     beta = laws.mean + laws.sd * rng.standard_normal(laws.mean.shape)
-    found = limits_of_draws(beta[None], laws.spread[None], rng)
+    found = limits_of_draws(beta[None], laws.population_sd[None], rng)
     return Limits(found.value, found.error, run.gate.effective_draws)
 
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from percept.inference.checks.prior import draw_trend
 from percept.inference.hierarchy.blocks import Block, Pair
-from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
 
 Array = NDArray[np.float64]
@@ -37,7 +36,7 @@ def shrinkage(density: CollapsedDensity, points: Array) -> Shrinkage | None:
     x = density.statistics.x[..., None]
     for start in range(0, len(points), _CHUNK):
         scales = density.layout.scales(np.ascontiguousarray(points[start : start + _CHUNK].T))
-        law = Conditional(density, scales)
+        law = density.locations(scales)
         beta = np.stack(law.mean)
         # Level and slope are linear in the locations: their mean follows from the locations' mean.
         alpha, gamma = draw_trend(density, scales, beta)

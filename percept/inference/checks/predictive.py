@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.inference.checks.subjects import SubjectDensity, batches
-from percept.inference.hierarchy.conditional import Conditional
 
 Array = NDArray[np.float64]
 STATISTICS = ("mean", "sd", "farthest")
@@ -58,7 +57,7 @@ def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator)
     for cut in batches(len(points), subjects):
         density = subjects.density
         scales = density.layout.scales(np.ascontiguousarray(points[cut].T))
-        beta = Conditional(density, scales).draw(rng)
+        beta = density.locations(scales).draw(rng)
         width = beta.shape[-1]
         drawn = np.full((width, subjects.subjects, subjects.parameters, subjects.environments), np.nan)
         for pattern, cell in zip(density.statistics.patterns, density.cell_blocks(scales), strict=True):

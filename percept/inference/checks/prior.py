@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.prior_density import draws_first, log_normal_density, log_scale_priors
+from percept.inference.hierarchy.priors import draws_first, log_normal_density, log_scale_priors
 from percept.inference.hierarchy.scales import Layout, Scales
 
 Array = NDArray[np.float64]

@@ -20,9 +20,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Pair
-from percept.inference.hierarchy.conditional import Conditional
-from percept.inference.hierarchy.covariance import SharedCovariance
+from percept.inference.hierarchy.blocks import Block, Pair, SharedCovariance
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
 
@@ -96,8 +94,8 @@ class SubjectDensity:
     def left_out(self, scales: Scales, members: Indices | None = None) -> LeftOut:
         """Predictive law of each subject's data given scales and the other subjects' data."""
         wanted = np.arange(self.subjects) if members is None else members
-        law = Conditional(self.density, scales)
-        mean, columns = np.stack(law.mean), law.joint_columns()
+        law = self.density.locations(scales)
+        mean, columns = np.stack(law.mean), law.columns()
         width = scales.log_prior.size
         found = LeftOut(
             np.empty((width, wanted.size)),

@@ -8,15 +8,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block
-from percept.inference.hierarchy.covariance import SharedCovariance
-from percept.inference.hierarchy.least_squares import factor
-from percept.inference.hierarchy.locations import LocationProblem
+from percept.inference.hierarchy.blocks import Block, SharedCovariance, spread_over
+from percept.inference.hierarchy.information import Information, InformationProblem
 from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.regression import LocationProblem, Regression
 from percept.inference.hierarchy.scales import Layout, Options, Scales
-from percept.inference.hierarchy.statistics import Pattern, Statistics
+from percept.inference.hierarchy.statistics import Statistics
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 #: Numbers of coordinates per pass: fewer waste calls, and temporaries beyond the processor's cache cost more.
 _PASS = 49152
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -28,6 +28,24 @@ class Resolution:
 
     between: Array | None = None  # (P, J)
     trial: Array | None = None  # (P, J)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ConditionalMoments:
+    """Per draw and cell (a parameter in an environment), on the response scale."""
+
+    mean: Array  # (S, C)
+    sd: Array  # (S, C)
+    population_sd: Array  # (S, C) SD of the population about its mean
+
+    def pack(self) -> Array:
+        """Return all three side by side, shape (S, 3 C)."""
+        return np.concatenate([self.mean, self.sd, self.population_sd], axis=1)
+
+    @classmethod
+    def unpack(cls, packed: Array) -> ConditionalMoments:
+        """Undo `pack`."""
+        return cls(*np.split(packed, 3, axis=1))
 
 
 class CollapsedDensity:
@@ -45,6 +63,9 @@ class CollapsedDensity:
         self.resolution = resolution or Resolution()
         self.layout = Layout(statistics, self.priors, options or Options())
         self.regression = LocationProblem(statistics, self.layout, self.priors)
+        self.information: InformationProblem | None = None
+        if self.layout.subject_effect and len(statistics.patterns) >= max(2, self.layout.environments // 4):
+            self.information = InformationProblem(statistics.patterns, self.regression.trend)
         trials = sum(p.subjects * p.trials.sum() for p in statistics.patterns)
         self._constant = statistics.constant - 0.5 * _LOG_2PI * len(statistics.parameters) * float(trials)
 
@@ -61,6 +82,8 @@ class CollapsedDensity:
     @property
     def draws_per_pass(self) -> int:
         """Draws that are computed at once."""
+        if self.information is not None:
+            return self.information.draws_per_pass
         return min(2048, max(128, _PASS // self.dimension))
 
     def __call__(self, points: Array) -> Array:
@@ -87,17 +110,50 @@ class CollapsedDensity:
             squares = trial.distance(tuple(statistics.trial_rows[..., None])).sum(axis=0)
             determinants = np.einsum("j,jw->w", statistics.trial_df, trial.log_determinant())
             value = value - 0.5 * (squares + determinants)
+        if self.information is None:
+            return value + self._by_regression(scales)
+        found = Information(self.information, scales, self._kinds(scales))
+        if not found.sound.all():
+            lost = np.flatnonzero(~found.sound)
+            found.log_density[lost] = self._by_regression(scales[lost])
+        return value + found.log_density
+
+    def _by_regression(self, scales: Scales) -> Array:
+        """Log density of the cell means, by the orthogonal form."""
         cells = self.cell_blocks(scales)
-        for pattern, cell in zip(statistics.patterns, cells, strict=True):
+        value = np.zeros(scales.log_prior.shape)
+        for pattern, cell in zip(self.statistics.patterns, cells, strict=True):
             if pattern.subjects > 1:
                 covariance = SharedCovariance(cell, scales.shared)
-                value = value - 0.5 * (
+                value -= 0.5 * (
                     (pattern.subjects - 1.0) * covariance.log_determinant()
                     + covariance.scatter_distance(pattern.rows)
                 )
         problem = self.regression.build(scales, cells)
-        solved = factor(problem.design, problem.target)
-        return value - 0.5 * (problem.log_determinant + solved.log_determinant + solved.distance)
+        return value + Regression(problem, scales, self.layout.environments).log_density
+
+    def locations(self, scales: Scales) -> Regression | Information:
+        """Law of beta given W sets of scales and the data: exactly Gaussian."""
+        if self.information is not None:
+            found = Information(self.information, scales, self._kinds(scales))
+            if found.sound.all():
+                return found
+        problem = self.regression.build(scales, self.cell_blocks(scales), merge=False)
+        return Regression(problem, scales, self.layout.environments)
+
+    def population(self, scales: Scales) -> Block:
+        """Covariance of users about beta in each environment, entries (J, W)."""
+        if scales.shared is None:
+            return scales.between
+        return spread_over(scales.shared, (self.layout.environments, scales.log_prior.size)) + scales.between
+
+    def moments(self, scales: Scales) -> ConditionalMoments:
+        """Moments of beta and of the population, cells parameter by parameter."""
+        law = self.locations(scales)
+        sd, population_sd = (
+            np.sqrt(np.concatenate(block.diagonal())).T for block in (law.covariance, self.population(scales))
+        )
+        return ConditionalMoments(np.concatenate(law.mean).T, sd, population_sd)
 
     def trial_block(self, scales: Scales) -> Block | None:
         """Covariance between trials with the resolution's share, entries (J, W)."""
@@ -108,12 +164,18 @@ class CollapsedDensity:
     def cell_blocks(self, scales: Scales) -> list[Block]:
         """Covariance of one cell mean about the subject's effect, per pattern, entries (E, W)."""
         trial = self.trial_block(scales)
-        return [self._cell_block(scales, trial, pattern) for pattern in self.statistics.patterns]
+        return [self._cells(scales, trial, p.environments, p.trials) for p in self.statistics.patterns]
 
-    def _cell_block(self, scales: Scales, trial: Block | None, pattern: Pattern) -> Block:
-        cell = scales.between[pattern.environments]
+    def _kinds(self, scales: Scales) -> Block:
+        """Covariance of a cell mean about the subject's effect for each kind of cell, entries (K, W)."""
+        assert self.information is not None
+        kinds = self.information
+        return self._cells(scales, self.trial_block(scales), kinds.environment, kinds.trials)
+
+    def _cells(self, scales: Scales, trial: Block | None, environments: Indices, trials: Array) -> Block:
+        cell = scales.between[environments]
         if self.resolution.between is not None:
-            cell = cell.plus_diagonal(tuple(self.resolution.between[:, pattern.environments, None]))
+            cell = cell.plus_diagonal(tuple(self.resolution.between[:, environments, None]))
         if trial is not None:
-            cell = cell + trial[pattern.environments].scaled(1.0 / pattern.trials[:, None])
+            cell = cell + trial[environments].scaled(1.0 / trials[:, None])
         return cell

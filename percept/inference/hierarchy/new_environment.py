@@ -14,11 +14,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.laws import Laws, Model
-from percept.inference.hierarchy.least_squares import factor
-from percept.inference.hierarchy.pooled import Pooled
-from percept.inference.hierarchy.product import Product
+from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
+from percept.inference.hierarchy.models import Model, Pooled, Product
 
 Array = NDArray[np.float64]
 _CHUNK = 512
@@ -33,12 +30,12 @@ class NewEnvironment:
     population: Array  # (S, P, P) Σ_u + Σ_w*: covariance of users about β*
 
     @property
-    def laws(self) -> Laws:
+    def laws(self) -> ConditionalMoments:
         """Each parameter by itself, cells being parameters."""
         sd, spread = (
             np.sqrt(np.diagonal(part, axis1=1, axis2=2)) for part in (self.covariance, self.population)
         )
-        return Laws(self.mean, sd, spread)
+        return ConditionalMoments(self.mean, sd, spread)
 
     def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw the average and a next user once per posterior draw, each (S, P)."""
@@ -86,17 +83,14 @@ def _chunk(
     density: CollapsedDensity, points: Array, x: Array, repeats: int, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     scales = density.layout.scales(np.ascontiguousarray(points.T))
-    problem = density.regression.build(scales, density.cell_blocks(scales), merge=False)
-    solved = factor(problem.design, problem.target)
     count, width = x.size, len(points)
-    # The first latents are those of α, then of γ; each standard normal before the data.
-    rows = np.zeros((count, len(problem.columns), width))
-    for p in range(count):
-        rows[p, p] = density.priors.alpha_sd
-        rows[p, count + p] = density.priors.gamma_sd * x[p]
-    mean = np.einsum("pqw,qw->wp", rows, solved.mean)
-    spread = np.stack([solved.solve_transposed(row) for row in rows])
-    covariance = np.einsum("pqw,rqw->wpr", spread, spread)
+    # On alpha and gamma over their prior SDs.
+    rows = np.zeros((count, 2 * count))
+    rows[:, :count] = density.priors.alpha_sd * np.eye(count)
+    rows[:, count:] = density.priors.gamma_sd * np.diag(x)
+    mean, spread = density.locations(scales).trend(rows)
+    mean = mean.T
+    covariance = np.einsum("qpw,qrw->wpr", spread, spread)
     named = scales.named
     covariance[:, range(count), range(count)] += named["tau"].T ** 2
     log_sigma = np.log(named["s"]) + named.get("kappa", 0.0) * x[:, None]

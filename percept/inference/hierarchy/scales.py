@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy import coordinates
 from percept.inference.hierarchy.blocks import Block, Vector, block
+from percept.inference.hierarchy.coordinates import SpreadMap
 from percept.inference.hierarchy.priors import Priors
-from percept.inference.hierarchy.spreads import SpreadMap
 from percept.inference.hierarchy.statistics import Statistics
 
 Array = NDArray[np.float64]
@@ -39,6 +40,16 @@ class Scales:
     tau: Vector | None  # (W,) SD of an environment's own bias
     named: dict[str, Array]  # Every scale and correlation by name, (W,), (P, W) or (P, J, W)
     log_prior: Array  # (W,) Prior density of the coordinates
+
+    def __getitem__(self, draws: Any) -> Scales:
+        return Scales(
+            self.between[..., draws],
+            None if self.shared is None else self.shared[draws],
+            None if self.trial is None else self.trial[..., draws],
+            None if self.tau is None else tuple(tau[draws] for tau in self.tau),
+            {name: value[..., draws] for name, value in self.named.items()},
+            self.log_prior[draws],
+        )
 
 
 @dataclasses.dataclass(frozen=True)

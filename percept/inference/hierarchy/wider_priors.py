@@ -11,10 +11,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.prior_density import log_scale_priors
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.priors import Priors, log_scale_priors
 from percept.inference.hierarchy.scales import Scales
 
 Array = NDArray[np.float64]
@@ -32,7 +30,7 @@ def reweighted(density: CollapsedDensity, points: Array) -> tuple[Array, Array]:
         of_data = wide.log_likelihood(scales) - density.log_likelihood(scales)
         new, old = (_log_prior(scales, one, trend=density.layout.trend) for one in (priors, density.priors))
         log_weight.append(of_data + new - old)
-        packed.append(Conditional(wide, scales).laws.pack())
+        packed.append(wide.moments(scales).pack())
     return np.concatenate(log_weight), np.concatenate(packed)
 
 

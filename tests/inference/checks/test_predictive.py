@@ -6,7 +6,6 @@ from scipy import stats
 
 from percept.inference.checks.predictive import predict_left_out, replicate, statistics_of
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
 from tests.inference.checks import small
 from tests.inference.checks.test_loo import RESPONSE
@@ -21,8 +20,8 @@ def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_other
         mass, _ = small.weights(others)
         keep = mass > 1e-12
         scales = others.layout.scales(small.GRID[keep][None])
-        law = Conditional(others, scales)
-        sd = np.sqrt(law.covariance.diagonal()[0][0] + law.population.diagonal()[0][0])
+        law = others.locations(scales)
+        sd = np.sqrt(law.covariance.diagonal()[0][0] + others.population(scales).diagonal()[0][0])
         standard = (own - law.mean[0][0]) / sd
         below = np.sum(mass[keep] * stats.norm.cdf(standard))
         # Draws of the others' posterior, in the coordinates of all: here by weights on a grid.
@@ -69,9 +68,9 @@ def test_replicated_statistics_follow_their_exact_laws(name):
     point = 0.5 * rng.normal(size=density.dimension)
     drawn = replicate(subjects, np.tile(point, (draws, 1)), rng)
     scales = density.layout.scales(np.repeat(point[:, None], 2, axis=1))
-    law = Conditional(density, scales)
+    law = density.locations(scales)
     mean, error = np.stack(law.mean)[..., 0], np.stack(law.covariance.diagonal())[..., 0]
-    spread = np.stack(law.population.diagonal())[..., 0]
+    spread = np.stack(density.population(scales).diagonal())[..., 0]
     if "sigma_e" in scales.named:
         spread = spread + scales.named["sigma_e"][..., 0] ** 2 / 3.0
     n = np.isfinite(study.statistics.cell_means).sum(axis=0)

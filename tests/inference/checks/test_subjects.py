@@ -8,7 +8,6 @@ from percept.errors import RefusalError
 from percept.inference.checks.loo import leave_one_out
 from percept.inference.checks.refit import Without
 from percept.inference.checks.subjects import SubjectDensity, batches
-from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity, Resolution
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import dense_twin, designs
@@ -35,7 +34,7 @@ def flat(study, who):
 def test_given_locations_equals_a_dense_normal_of_the_trials(name):
     rng = np.random.default_rng(21)
     study, density, scales, subjects = prepared(name, rng)
-    beta = Conditional(density, scales).draw(rng)
+    beta = density.locations(scales).draw(rng)
     found = subjects.given_locations(scales, beta)
     w = 0
     # Without the location prior and without tau only the subject's own effects are left.

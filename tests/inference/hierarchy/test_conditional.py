@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
 from tests.inference.hierarchy import dense_twin, designs
 
@@ -32,7 +31,7 @@ def test_moments_equal_dense_conditioning(name):
     study = designs.study(name, rng)
     density = CollapsedDensity(study.statistics)
     scales = density.layout.scales(rng.normal(size=(density.dimension, 6)))
-    conditional = Conditional(density, scales)
+    conditional = density.locations(scales)
     size = study.x.shape[0]
     for w in range(6):
         mean, covariance = dense_conditional(study, scales, w)
@@ -54,7 +53,7 @@ def test_draws_have_the_conditional_moments(name):
     density = CollapsedDensity(study.statistics)
     draws = 40_000
     coords = np.repeat(0.5 * rng.normal(size=(density.dimension, 1)), draws, axis=1)
-    conditional = Conditional(density, density.layout.scales(coords))
+    conditional = density.locations(density.layout.scales(coords))
     beta = conditional.draw(rng)
     flat = beta.transpose(1, 0, 2).reshape(-1, draws)
     mean, covariance = dense_conditional(study, density.layout.scales(coords[:, :1]), 0)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from tests.inference.hierarchy import designs
 
 

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from percept.inference.hierarchy.blocks import Block, Pair, Scalar, block
-from percept.inference.hierarchy.covariance import SharedCovariance
-from percept.inference.hierarchy.least_squares import factor
-from percept.inference.hierarchy.pooled_means import PooledMeans
+from percept.inference.hierarchy.blocks import Block, Pair, Scalar, SharedCovariance, block
+from percept.inference.hierarchy.regression import PooledMeans, factor
 from percept.inference.hierarchy.statistics import Pattern
 
 WIDTH = 3

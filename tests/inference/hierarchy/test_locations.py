@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.least_squares import factor
+from percept.inference.hierarchy.regression import factor
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import designs
 
@@ -50,7 +49,7 @@ def test_conditional_is_the_same_in_both_forms(density):
     laws = []
     for form in (True, False):
         density.regression.by_environment = form
-        laws.append(Conditional(density, scales))
+        laws.append(density.locations(scales))
     for first, second in zip(laws[0].mean, laws[1].mean, strict=True):
         np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-12)
     for first, second in zip(*(law.covariance.diagonal() for law in laws), strict=True):
@@ -76,7 +75,5 @@ def test_without_subject_effect_u_is_gone_from_the_population():
     density = CollapsedDensity(study.statistics, options=Options(subject_effect=False))
     scales = density.layout.scales(np.random.default_rng(2).normal(size=(density.dimension, 5)))
     assert scales.shared is None
-    for total, within in zip(
-        Conditional(density, scales).population.diagonal(), scales.between.diagonal(), strict=True
-    ):
+    for total, within in zip(density.population(scales).diagonal(), scales.between.diagonal(), strict=True):
         np.testing.assert_array_equal(total, within)

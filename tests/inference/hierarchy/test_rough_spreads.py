@@ -7,8 +7,7 @@ import pytest
 
 from percept.inference.hierarchy import coordinates
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.pooled import Pooled
+from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import from_summary, from_trials
 from percept.inference.sampling.run import Settings, sample

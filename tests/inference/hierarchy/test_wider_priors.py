@@ -7,7 +7,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from percept.inference.hierarchy.conditional import Conditional
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Options
@@ -59,7 +58,7 @@ def test_locations_are_those_under_the_wider_priors() -> None:
     points = np.random.default_rng(12).standard_normal((4, len(density.names)))
     scales = density.layout.scales(np.ascontiguousarray(points.T))
     wide, own = (
-        Conditional(one, scales).laws.pack() for one in (with_priors(density, wider(density.priors)), density)
+        one.locations(scales).laws.pack() for one in (with_priors(density, wider(density.priors)), density)
     )
     np.testing.assert_allclose(reweighted(density, points)[1], wide, rtol=1e-12)
     assert np.abs(wide - own).max() > 0.001

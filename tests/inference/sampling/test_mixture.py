@@ -7,8 +7,7 @@ from scipy import integrate, optimize, special, stats
 
 from percept.errors import UsageError
 from percept.inference import tolerance_factor
-from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.hierarchy.unpooled import Unpooled
+from percept.inference.hierarchy.models import IntervalEstimands, Unpooled
 from percept.inference.sampling import mixture as mixtures
 from percept.inference.sampling.mixture import (
     mixture_quantile,

@@ -1,0 +1,257 @@
+"""Locations by their information: the form for studies where many subjects have a pattern of their own.
+
+Given the scales, subject i adds to the information on beta
+
+    V_i⁻¹ = P_i - P_i 1 T_i 1'P_i,  P_ij = (Sigma_w,j + Sigma_e,j/r_ij)⁻¹,  T_i = (Sigma_u⁻¹ + sum_j P_ij)⁻¹,
+
+a missing cell having no precision. Cost follows subjects times environments, and trials never. The difference
+loses digits where the subject effect dwarfs the rest or a correlation nears one; the pivots of the Cholesky
+factor tell how many, and draws that lose more than `_KEPT` allows are left to the orthogonal form. Distances
+are sums of squares about the weighted means in either case.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.hierarchy.blocks import (
+    Block,
+    Pair,
+    Precision,
+    Scalar,
+    Vector,
+    gram,
+    sum_of,
+    weighted_mean,
+)
+from percept.inference.hierarchy.scales import Scales
+from percept.inference.hierarchy.statistics import Pattern
+
+Array = NDArray[np.float64]
+#: Least part of a pivot that subtraction may leave: log determinants then err by 1e-8 at the most.
+_KEPT = 1e-7
+#: Numbers in one temporary of a pass: what is made on the way stays in the processor's cache.
+_PASS = 1 << 16
+
+
+class InformationProblem:
+    """What the cells of a study say of the locations, pattern by pattern, before any scale is known."""
+
+    def __init__(self, patterns: tuple[Pattern, ...], prior_columns: Array) -> None:
+        size, environments = prior_columns.shape[1:]
+        kinds = sorted(
+            {cell for p in patterns for cell in zip(p.environments.tolist(), p.trials, strict=True)}
+        )
+        index = {kind: k for k, kind in enumerate(kinds)}
+        self.environment = np.array([j for j, _ in kinds])  # (K,) of each kind of cell
+        self.trials = np.array([trials for _, trials in kinds])  # (K,)
+        self.weight = np.array([pattern.subjects for pattern in patterns], dtype=float)  # (G,)
+        self.cell = np.full((environments, len(patterns)), len(kinds))  # (J, G) kind; K where there is none
+        mean = np.zeros((size, environments, len(patterns)))
+        for g, pattern in enumerate(patterns):
+            cells = zip(pattern.environments.tolist(), pattern.trials, strict=True)
+            self.cell[pattern.environments, g] = [index[cell] for cell in cells]
+            mean[:, pattern.environments, g] = pattern.mean
+        # About the environments' means, so that a common offset does not enter the products.
+        share = np.where(self.cell < len(kinds), self.weight, 0.0)
+        self.centre = np.einsum("jg,pjg->pj", share, mean) / share.sum(axis=1)
+        self.mean = np.where(self.cell < len(kinds), mean - self.centre[..., None], 0.0)  # (P, J, G)
+        self.member = (self.cell == np.arange(len(kinds))[:, None, None]).any(axis=1).astype(float)  # (K, G)
+        self.count = self.member @ self.weight  # (K,) subjects
+        self.value = self.mean[:, self.environment] * self.member  # (P, K, G)
+        self.in_environment = (self.environment == np.arange(environments)[:, None]).astype(float)  # (J, K)
+        # As if the patterns' means were what is observed, with covariances V_g over the subjects.
+        self.constant = 0.5 * size * float(np.log(self.weight) @ self.member.sum(axis=0))
+        self.prior_columns = prior_columns  # (Q, P, J) of alpha and gamma, times their prior SDs
+        self.rows, self.row_group = _scatter_rows(patterns, size, environments)
+
+    @property
+    def draws_per_pass(self) -> int:
+        """Draws worked on at once."""
+        environments, groups = self.cell.shape
+        numbers = environments * (groups + self.row_group.size) + (environments * len(self.mean)) ** 2
+        return max(8, _PASS // numbers)
+
+
+def _scatter_rows(
+    patterns: tuple[Pattern, ...], size: int, environments: int
+) -> tuple[Array, NDArray[np.intp]]:
+    """Rows of scatter within patterns, (P, J, R) with zeros where nothing was measured, and their pattern."""
+    several = [(g, pattern) for g, pattern in enumerate(patterns) if pattern.subjects > 1]
+    count = [pattern.rows.shape[1] for _, pattern in several]
+    rows = np.zeros((size, environments, sum(count)))
+    ends = np.cumsum([0, *count])
+    for (_, pattern), start, end in zip(several, ends[:-1], ends[1:], strict=True):
+        rows[:, pattern.environments, start:end] = pattern.rows.transpose(0, 2, 1)
+    return rows, np.repeat(np.array([g for g, _ in several], dtype=np.intp), count)
+
+
+class Information:
+    """Locations at W sets of scales: the density of the cell means, and on demand the law of beta."""
+
+    def __init__(self, problem: InformationProblem, scales: Scales, kinds: Block) -> None:
+        assert scales.shared is not None
+        assert scales.tau is not None
+        self._problem = problem
+        self._size, self._environments = problem.centre.shape
+        self._cells = _padded(kinds)[problem.cell]  # entries (J, G, W)
+        self._precisions = self._cells.inverse()
+        self._known = self._precisions.total()
+        left = sum_of(scales.shared.inverse(), self._known).inverse()
+        self._outer = scales.shared + self._known.inverse()
+        self._tau = np.concatenate([np.broadcast_to(t, (self._environments, t.size)) for t in scales.tau]).T
+        matrix, right, before = self._normal_equations(_dense(kinds.inverse()), left)
+        self._factor = _cholesky(matrix)
+        pivots = np.einsum("wii->wi", self._factor)
+        #: Whether enough digits are left, (W,).
+        self.sound = (pivots * pivots >= _KEPT * before).all(axis=1)
+        self._latents = _solve_upper(self._factor, _solve_lower(self._factor, right))
+        self.mean: Vector = tuple(self._of_latents(self._latents))
+        subjects = scales.shared.log_determinant() - left.log_determinant()
+        determinants = problem.count @ kinds.log_determinant() + problem.weight @ subjects
+        distance = np.einsum("wq,wq->w", self._latents, self._latents) + self._distance()
+        self.log_density = problem.constant - 0.5 * (determinants + distance) - np.log(pivots).sum(axis=1)
+
+    def _normal_equations(self, precision: Array, left: Block) -> tuple[Array, Array, Array]:
+        """Precision of the latents (delta/tau, then alpha and gamma over their prior SDs), its right-hand
+        side, and its diagonal before anything was subtracted.
+        """  # noqa: D205
+        problem, size = self._problem, self._size
+        width = precision.shape[-1]
+        count = size * self._environments
+        padded = np.concatenate([precision, np.zeros((size, size, 1, width))], axis=2)[:, :, problem.cell]
+        root = np.sqrt(problem.weight)[:, None]
+        # P_ij times the factor of T_i: what the subject effects take away is a sum of outer products.
+        taken = np.stack(
+            [
+                sum(padded[:, q] * (root * part) for q, part in enumerate(column))
+                for column in left.factor_columns()
+            ]
+        )  # (P, P, J, G, W)
+        taken = taken.transpose(4, 1, 2, 0, 3).reshape(width, count, -1)
+        own = problem.in_environment * problem.count @ precision  # (P, P, J, W)
+        data = (problem.value.transpose(0, 2, 1) @ precision).sum(axis=1)  # (P, G, W)
+        pulled = np.stack(left.apply(tuple(data)))
+        per_kind = (problem.value @ problem.weight)[..., None] - problem.member @ (
+            problem.weight[:, None] * pulled
+        )
+        target = problem.in_environment @ (precision * per_kind).sum(axis=1)
+        information = -taken @ taken.transpose(0, 2, 1)
+        at = np.arange(self._environments)
+        for p in range(size):
+            for q in range(size):
+                information[:, p * self._environments + at, q * self._environments + at] += own[p, q].T
+        trend = problem.prior_columns.reshape(len(problem.prior_columns), count)
+        target = target.reshape(count, width).T + information @ problem.centre.ravel()
+        along = information @ trend.T
+        matrix = np.empty((width, count + len(trend), count + len(trend)))
+        matrix[:, :count, :count] = self._tau[:, :, None] * information * self._tau[:, None, :]
+        matrix[:, :count, count:] = self._tau[:, :, None] * along
+        matrix[:, count:, :count] = matrix[:, :count, count:].transpose(0, 2, 1)
+        matrix[:, count:, count:] = trend @ along
+        np.einsum("wii->wi", matrix)[...] += 1.0
+        right = np.concatenate([self._tau * target, target @ trend.T], axis=1)
+        full = np.einsum("ppjw->wpj", own).reshape(width, count)
+        before = 1.0 + np.concatenate([self._tau**2 * full, full @ (trend**2).T], axis=1)
+        return matrix, right, before
+
+    def _of_latents(self, latents: Array) -> Array:
+        """Locations (P, J, W) of latents (W, Q)."""
+        count = self._tau.shape[1]
+        trend = self._problem.prior_columns.reshape(-1, count)
+        beta = self._tau * latents[:, :count] + latents[:, count:] @ trend
+        return np.asarray(beta.T.reshape(self._size, self._environments, -1))
+
+    def _distance(self) -> Array:
+        """Sum of squares of means about the locations, and of the scatter within patterns, whitened."""
+        problem = self._problem
+        apart = tuple(
+            mean[..., None] + (centre[:, None] - beta)[:, None]
+            for mean, centre, beta in zip(problem.mean, problem.centre, self.mean, strict=True)
+        )
+        total = problem.weight @ self._squares(apart, slice(None))
+        if problem.row_group.size:
+            total = total + self._squares(tuple(problem.rows[..., None]), problem.row_group).sum(axis=0)
+        return total
+
+    def _squares(self, apart: Vector, groups: NDArray[np.intp] | slice) -> Array:
+        """r'V_g⁻¹r of vectors with entries (J, R, W) or (J, R, 1), each of its group g: shape (R, W)."""
+        cells, precisions = self._cells[:, groups], self._precisions[:, groups]
+        mean = weighted_mean(precisions, self._known[groups], apart, axis=0)
+        inside = tuple(r - m for r, m in zip(apart, mean, strict=True))
+        whitened = (*cells.whiten(inside), *(part[None] for part in self._outer[groups].whiten(mean)))
+        return np.sum([np.einsum("jrw,jrw->rw", part, part) for part in whitened], axis=0)
+
+    @functools.cached_property
+    def _inverse(self) -> Array:
+        """Inverse of the factor, (W, Q, Q): its columns' products are the latents' covariance."""
+        return np.linalg.inv(self._factor)
+
+    @functools.cached_property
+    def covariance(self) -> Block:
+        """Conditional covariance of beta within each environment, entries (J, W)."""
+        return gram(tuple(self.columns().transpose(1, 0, 2, 3)))
+
+    def columns(self) -> Array:
+        """Columns (Q, P, J, W) whose outer products sum to the covariance of beta over all cells."""
+        count = self._tau.shape[1]
+        trend = self._problem.prior_columns.reshape(-1, count)
+        columns = self._inverse[:, :, :count] * self._tau[:, None] + self._inverse[:, :, count:] @ trend
+        return columns.transpose(1, 2, 0).reshape(-1, self._size, self._environments, len(columns))
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """Draw beta of all environments jointly, once per set of scales: (P, J, W)."""
+        normal = rng.standard_normal(self._latents.shape)
+        return self._of_latents(self._latents + _solve_upper(self._factor, normal))
+
+    def trend(self, rows: Array) -> tuple[Array, Array]:
+        """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over their prior SDs."""
+        count = self._tau.shape[1]
+        return rows @ self._latents[:, count:].T, np.moveaxis(self._inverse[:, :, count:] @ rows.T, 0, -1)
+
+
+def _padded(kinds: Block) -> Block:
+    """Covariances of kinds of cells, and last one without end: a cell that is not there says nothing."""
+    end = np.full((1, kinds.v.shape[1]), np.inf)
+    if isinstance(kinds, Scalar):
+        return Scalar(np.concatenate([kinds.v, end]))
+    pairs = (kinds.v, end), (kinds.g, np.zeros_like(end)), (kinds.w, end)
+    return Pair(*(np.concatenate(pair) for pair in pairs))
+
+
+def _dense(precision: Precision) -> Array:
+    """Entries (P, P, K, W) of precisions."""
+    if isinstance(precision, Scalar):
+        return precision.v[None, None]
+    cross = precision.v * precision.g
+    return np.stack([[precision.w + cross * precision.g, cross], [cross, precision.v]])
+
+
+def _cholesky(matrices: Array) -> Array:
+    """Lower factors (W, Q, Q), NaN where rounding left no positive definite matrix."""
+    try:
+        return np.asarray(np.linalg.cholesky(matrices))
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full_like(matrices, np.nan)
+        middle = len(matrices) // 2
+        return np.concatenate([_cholesky(matrices[:middle]), _cholesky(matrices[middle:])])
+
+
+def _solve_lower(factor: Array, right: Array) -> Array:
+    """Solve L x = right for lower factors (W, Q, Q) and vectors (W, Q)."""
+    x = right.copy()
+    for i in range(x.shape[1]):
+        x[:, i] = (x[:, i] - np.einsum("wk,wk->w", factor[:, i, :i], x[:, :i])) / factor[:, i, i]
+    return x
+
+
+def _solve_upper(factor: Array, right: Array) -> Array:
+    """Solve L'x = right."""
+    x = right.copy()
+    for i in reversed(range(x.shape[1])):
+        x[:, i] = (x[:, i] - np.einsum("wk,wk->w", factor[:, i + 1 :, i], x[:, i + 1 :])) / factor[:, i, i]
+    return x

@@ -1,0 +1,271 @@
+"""Models of a study, ready to sample: pooled, side by side, or cell by cell; and what they estimate."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError
+from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
+from percept.inference.hierarchy.priors import draws_first
+from percept.inference.hierarchy.scales import Scales
+from percept.inference.sampling.estimands import Estimates
+from percept.inference.sampling.mixture import mixture_quantile, share_half_width
+
+Array = NDArray[np.float64]
+
+
+class Model(Protocol):
+    """A posterior over scales, with the locations integrated out."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+
+    @property
+    def cells(self) -> tuple[tuple[str, str], ...]:
+        """(parameter, environment) of every cell, parameter-major."""
+
+    @property
+    def priors(self) -> Mapping[str, float]:
+        """Priors in force, by their names in `Priors`; none under the reference prior."""
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, d), shape (W,)."""
+
+    def laws(self, points: Array) -> ConditionalMoments:
+        """ConditionalMoments of the locations at coordinates (W, d)."""
+
+    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw population means and new users, each (W, C), once per coordinates."""
+
+    def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Named scales and correlations at coordinates: dimensions and values, draws first."""
+
+
+class Pooled:
+    """Environments and subjects partially pooled."""
+
+    def __init__(self, density: CollapsedDensity) -> None:
+        self.density = density
+        statistics = density.statistics
+        self.cells = tuple((p, e) for p in statistics.parameters for e in statistics.environments)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+        return self.density.names
+
+    @property
+    def priors(self) -> dict[str, float]:
+        """Priors in force, by name."""
+        return self.density.layout.priors_in_force
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, d), shape (W,)."""
+        return self.density(points)
+
+    def laws(self, points: Array) -> ConditionalMoments:
+        """ConditionalMoments of beta and spread of the population at coordinates (W, d)."""
+        return ConditionalMoments.unpack(np.concatenate([self._laws(part) for part in self._passes(points)]))
+
+    def _passes(self, points: Array) -> list[Array]:
+        most = self.density.draws_per_pass
+        return [points[i : i + most] for i in range(0, len(points), most)]
+
+    def _laws(self, points: Array) -> Array:
+        return self.density.moments(self._scales(points)).pack()
+
+    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
+        means, users = zip(*(self._draw(part, rng) for part in self._passes(points)), strict=True)
+        return np.concatenate(means), np.concatenate(users)
+
+    def _draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        scales = self._scales(points)
+        beta = self.density.locations(scales).draw(rng)
+        user = beta.copy()
+        for column in self.density.population(scales).factor_columns():
+            user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+        return beta.reshape(-1, len(points)).T, user.reshape(-1, len(points)).T
+
+    def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Named scales and correlations at coordinates: dimensions and values, draws first."""
+        return draws_first(self._scales(points).named)
+
+    def _scales(self, points: Array) -> Scales:
+        return self.density.layout.scales(np.ascontiguousarray(points.T))
+
+
+class Product:
+    """Product of models, one per parameter."""
+
+    def __init__(self, models: Sequence[Model]) -> None:
+        self.models = tuple(models)
+        self._ends = np.cumsum([len(model.names) for model in models])[:-1]
+        self.cells = tuple(cell for model in models for cell in model.cells)
+
+    def split(self, points: Array) -> list[Array]:
+        """Coordinates (W, d) of each model, views."""
+        return np.split(points, self._ends, axis=1)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+        return [name for model in self.models for name in model.names]
+
+    @property
+    def priors(self) -> dict[str, float]:
+        """Priors in force in any of the models, by name."""
+        return {name: value for model in self.models for name, value in model.priors.items()}
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, d), shape (W,)."""
+        parts = [model(part) for model, part in zip(self.models, self.split(points), strict=True)]
+        return np.sum(parts, axis=0)
+
+    def laws(self, points: Array) -> ConditionalMoments:
+        """ConditionalMoments of all cells at coordinates (W, d)."""
+        parts = [model.laws(part) for model, part in zip(self.models, self.split(points), strict=True)]
+        return ConditionalMoments(
+            *(np.concatenate([getattr(p, n) for p in parts], axis=1) for n in ("mean", "sd", "population_sd"))
+        )
+
+    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw population means and new users of all cells, each (W, C)."""
+        parts = [model.draw(part, rng) for model, part in zip(self.models, self.split(points), strict=True)]
+        means, users = zip(*parts, strict=True)
+        return np.concatenate(means, axis=1), np.concatenate(users, axis=1)
+
+    def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Named scales of all models, those along parameters put together."""
+        parts = [model.scales(part) for model, part in zip(self.models, self.split(points), strict=True)]
+        return {
+            name: (dimensions, np.concatenate([part[name][1] for part in parts], axis=1))
+            for name, (dimensions, _) in parts[0].items()
+        }
+
+
+class Unpooled:
+    """y ~ N(beta, sigma²) per cell, beta and log sigma flat.
+
+    Responses are standardised by the cell's own mean and SD, so that an offset costs no digits: with
+    t = log(sigma/SD) the posterior is exp(-nu t - nu exp(-2t)/2), nu = n - 1, and
+    beta | sigma ~ N(0, exp(2t)/n). The coordinate is t in units of 1/sqrt(2 nu).
+    """
+
+    def __init__(self, cells: tuple[tuple[str, str], ...], counts: NDArray[np.int64]) -> None:
+        if np.any(counts < 2):
+            parameter, environment = cells[int(np.argmin(counts))]
+            raise RefusalError(
+                f"{parameter} in {environment} has one subject; the reference prior needs two.",
+                hint='Add subjects, or use pooling = "partial".',
+            )
+        self.cells = cells
+        self._n = np.asarray(counts, dtype=float)
+        self._df = self._n - 1.0
+        self._unit = 1.0 / np.sqrt(2.0 * self._df)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+        return [f"log sigma[{p},{e}]" for p, e in self.cells]
+
+    @property
+    def priors(self) -> dict[str, float]:
+        """None that could be set."""
+        return {}
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, C), shape (W,)."""
+        t = points * self._unit
+        with np.errstate(over="ignore"):
+            return -(self._df * (t + 0.5 * np.exp(-2.0 * t))).sum(axis=1)
+
+    def laws(self, points: Array) -> ConditionalMoments:
+        """ConditionalMoments of the standardised beta and spread at coordinates (W, C)."""
+        spread = np.exp(points * self._unit)
+        return ConditionalMoments(np.zeros_like(spread), spread / np.sqrt(self._n), spread)
+
+    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw standardised population means and new users, each (W, C)."""
+        laws = self.laws(points)
+        mean = laws.sd * rng.standard_normal(points.shape)
+        return mean, mean + laws.population_sd * rng.standard_normal(points.shape)
+
+    def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+        """Ratio of sigma to the sample SD per cell."""
+        return {"sigma_ratio": (("cell",), np.exp(points * self._unit))}
+
+
+KINDS = ("mean", "user", "share")
+
+
+class IntervalEstimands:
+    """Endpoints of the intervals asked for, of every cell."""
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        kinds: tuple[str, ...] = KINDS,
+        level: float = 0.99,
+        share: float = 0.99,
+        confidence: float = 0.95,
+    ) -> None:
+        self._model = model
+        self.kinds = kinds
+        self.level, self.share, self.confidence = level, share, confidence
+        self.cells = model.cells
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all limits, in their order."""
+        return tuple(
+            f"{side} {kind} limit of {p} in {e}"
+            for kind in self.kinds
+            for side in ("lower", "upper")
+            for p, e in self.cells
+        )
+
+    def components(self, points: Array) -> Array:
+        """ConditionalMoments per draw, packed: shape (W, 3 C)."""
+        return self._model.laws(points).pack()
+
+    def limits(self, kind: str, laws: ConditionalMoments) -> tuple[Array, Array, Array]:
+        """Limits of one kind on the response scale."""
+        if kind == "share":
+            centre, half, influence = share_half_width(
+                laws.mean, laws.sd, laws.population_sd, share=self.share, confidence=self.confidence
+            )
+            return centre - half, centre + half, influence
+        sd = laws.sd if kind == "mean" else np.hypot(laws.sd, laws.population_sd)
+        tail = 0.5 * (1.0 - self.level)
+        lower, on_lower = mixture_quantile(laws.mean, sd, tail, upper=False)
+        upper, on_upper = mixture_quantile(laws.mean, sd, tail, upper=True)
+        return lower, upper, np.concatenate([on_lower, on_upper], axis=1)
+
+    def parts(self) -> list[IntervalEstimands]:
+        """Limits of one kind each."""
+        return [self._of(kind) for kind in self.kinds]
+
+    def _of(self, kind: str) -> IntervalEstimands:
+        one = copy.copy(self)
+        one.kinds = (kind,)
+        return one
+
+    def estimate(self, components: Array) -> tuple[Estimates, Array]:
+        """All limits of all kinds asked for, their scale being the interval's half-width."""
+        laws = ConditionalMoments.unpack(components)
+        values, scales, influences = [], [], []
+        for kind in self.kinds:
+            lower, upper, influence = self.limits(kind, laws)
+            values += [lower, upper]
+            scales += [0.5 * (upper - lower)] * 2
+            influences.append(influence)
+        found = Estimates(self.names, np.concatenate(values), np.concatenate(scales))
+        return found, np.concatenate(influences, axis=1)
