@@ -14,7 +14,8 @@ from percept.errors import UsageError
 from percept.haptics import Coupling, Device, EffectiveImpedance, Environment, effective_impedance
 from percept.inference import Moments, prediction_interval
 from percept.scene import Scene
-from percept.simulate import PublishedLimits, read_summary
+from percept.sessions import read_sessions
+from percept.simulate.like import PublishedLimits
 
 #: Section 2.3: the coupling the theory gave, k_c in N/m and b_c in N·s/m (Eq. 6).
 THEORETICAL = Coupling(110e3, 100.0)
@@ -197,7 +198,7 @@ def load_published(table: str | Path | None = None, scene: str | Path | None = N
         A file that cannot be read or lacks what the reproduction needs.
     """
     files = (Path(table or dataset("hbfd_table1.csv")), Path(scene or dataset("hbfd.toml")))
-    return Published(read_summary(files[0]), Scene.load(files[1]), files)
+    return Published(PublishedLimits.from_sessions(read_sessions(files[0])), Scene.load(files[1]), files)
 
 
 def dataset(name: str) -> Path:
