@@ -38,6 +38,8 @@ _USERS = 200
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
 _NAMES = ("k", "b")
 _LABELS = ("kind", "method", "family", "joint", "shape")
+_Labels = tuple[str, str, str, str, str]
+_Held = tuple[str, _Labels, float]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -77,7 +79,7 @@ class CoveragePlan:
         """Return `values` as a record, None where they are drawn from the priors."""
         if self.values is None:
             return None
-        hyper = {
+        hyper: dict[str, Any] = {
             name: np.array(value) if isinstance(value, (list, tuple)) else value
             for name, value in self.values["hyper"].items()
         }
@@ -160,14 +162,13 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Judgement]:
         found.append(Judgement("refused", "", "bayesian", plan.family, "", "", 1.0))
         study = Study(study.sessions, study.scene.with_inference(method="classical"))
     users = dict(zip(study.environments, populations, strict=False))
-    held: dict[tuple[str, ...], list[float]] = {}
+    held: dict[tuple[str, _Labels], list[float]] = {}
     for claim, labels, share in _claims(plan, study, users, populations[-1], rng):
-        held.setdefault((claim, *labels), []).append(share)
+        held.setdefault((claim, labels), []).append(share)
     # Environments and parameters of one study are not independent: a study is one observation.
-    return found + [Judgement(*key, held=float(np.mean(shares))) for key, shares in held.items()]
-
-
-_Held = tuple[str, tuple[str, ...], float]
+    return found + [
+        Judgement(claim, *labels, held=float(np.mean(shares))) for (claim, labels), shares in held.items()
+    ]
 
 
 def _claims(
@@ -230,8 +231,12 @@ def _from_prior(design: Design, tested: Array, rng: np.random.Generator) -> True
 
 def _held_intervals(claim: str, table: pd.DataFrame, users: dict[str, Population]) -> Iterator[_Held]:
     for row in table.to_dict("records"):
-        labels = tuple(str(row.get(name, "")) for name in _LABELS)
-        yield claim, labels, interval_held(row, users[row["environment"]])
+        yield claim, _labels(row), interval_held(row, users[row["environment"]])
+
+
+def _labels(of: dict[Any, Any]) -> _Labels:
+    kind, method, family, joint, shape = (str(of.get(name, "")) for name in _LABELS)
+    return kind, method, family, joint, shape
 
 
 def interval_held(row: dict[Any, Any], users: Population) -> float:
@@ -265,6 +270,6 @@ def _held_boundaries(
             boundary.omega[:, None], study.device, points[:, 0], points[:, 1], table.period
         )
         inside = (boundary.lower[:, None] <= curves) & (curves <= boundary.upper[:, None])
-        labels = tuple(str(getattr(boundary, name)) for name in _LABELS)
+        labels = _labels(vars(boundary))
         yield f"{claim} at an omega", labels, float(inside.mean())
         yield f"{claim} throughout", labels, float(inside.all(axis=0).mean())

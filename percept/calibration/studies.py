@@ -75,7 +75,7 @@ class Checkpoint(Generic[Result]):
         results = self.read(studies)
         stop = None if seconds is None else time.monotonic() + seconds
 
-        def jobs() -> Iterator[Job]:
+        def jobs() -> Iterator[Job[int]]:
             for index in sorted(set(range(studies)) - results.keys()):
                 if stop is not None and time.monotonic() >= stop:
                     return

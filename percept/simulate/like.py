@@ -246,8 +246,8 @@ def realised_correlations(table: pd.DataFrame) -> Correlations:
 def _correlations(z: NDArray[np.float64]) -> Correlations:
     """Average correlations of scores (subjects, environments, parameters)."""
     count, environments, parameters = z.shape
-    r = np.corrcoef(z.reshape(count, -1), rowvar=False)
-    r = np.reshape(r, (environments, parameters, environments, parameters))
+    shape = (environments, parameters, environments, parameters)
+    r = np.reshape(np.corrcoef(z.reshape(count, -1), rowvar=False), shape)
     pairs = np.triu_indices(environments, 1)
     across = [r[:, p, :, p][pairs] for p in range(parameters)]
     return Correlations(
