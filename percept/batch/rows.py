@@ -40,7 +40,7 @@ class Outcome:
     status : str
         "done", "withheld", "refused" or "failed"; see `SCHEMA`.
     message : str or None
-        Why, unless it is done.
+        Why it is not done, or the Monte Carlo error of a study that is done and misses its tolerance.
     table : bytes
         Its rows as Parquet.
     seconds : float

@@ -56,6 +56,8 @@ def reduced_intervals(
     DataFrame
         As `Study.intervals`, in the family of the reduction alone and of trials with every parameter. Where
         the gate failed there are no Bayesian rows, and `attrs["skipped"]` says why, as `Study.skipped`.
+        `attrs["error_reached"]` says the Monte Carlo error of Bayesian rows that miss the tolerance; else it
+        is empty.
 
     Raises
     ------
@@ -74,6 +76,7 @@ def reduced_intervals(
     refuse_lone_subject(reduced.cells["subject"][reduced.cells["n"] > 0].unique().tolist())
     rows: list[dict[str, Any]] = []
     skipped: tuple[tuple[str, str], ...] = ()
+    error_reached = ""
     if scene.inference.method != "bayesian":
         cells = _cells(reduced, reference)
         rows += classical_rows({reduced.family: cells}, scene, reference)
@@ -84,12 +87,13 @@ def reduced_intervals(
         why = " ".join(found.run.gate.reasons)
         if found.run.gate.passed:
             rows += bayesian_rows(found, scene, reference)
+            error_reached = found.run.gate.error_reached
         elif rows:
             skipped = (("Bayesian intervals", why),)
         else:
             raise RefusalError(f"the Bayesian intervals are withheld: {why}")
     table = pd.DataFrame(rows, columns=COLUMNS)
-    table.attrs["skipped"] = skipped
+    table.attrs |= {"skipped": skipped, "error_reached": error_reached}
     return table
 
 

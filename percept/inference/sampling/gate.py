@@ -1,4 +1,4 @@
-"""The gate: whether a run's numbers may be reported, and why not."""
+"""The gate: whether a run has mixed, so that its numbers may be reported, and what error they have."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def pass_gate(
     if not times_run >= TIMES_NEEDED:
         reasons.append(
             f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity; "
-            f"{TIMES_NEEDED:g} are needed."
+            f"{TIMES_NEEDED:g} are needed. A larger most_steps (now {settings.most_steps}) adds some."
         )
     if not moved.all():
         reasons.append(f"{int((~moved).sum())} walkers did not move in the second half of the run.")
@@ -65,11 +65,9 @@ def pass_gate(
         reasons.append(f"a walker is stuck: it accepted {acceptance.min():.2%} of its proposals.")
     if judged.rhat is not None and not judged.rhat < _RHAT_LIMIT:
         reasons.append(f"the ensembles disagree: rank R-hat {judged.rhat:.4f}, limit {_RHAT_LIMIT}.")
-    if not relative[worst] <= settings.tolerance:
-        reasons.append(
-            f"{name} has a Monte Carlo error of {relative[worst]:.2%} of its "
-            f"half-width; {settings.tolerance:.2%} was asked. Raise the cap on steps or the tolerance."
-        )
+    if not np.isfinite(relative[worst]):
+        reasons.append(f"{name} has no finite Monte Carlo error.")
+    met = bool(relative[worst] <= settings.tolerance)
     return Gate(
         passed=not reasons,
         reasons=tuple(reasons),
@@ -81,4 +79,15 @@ def pass_gate(
         lowest_acceptance=float(acceptance.min()),
         worst_error=float(relative[worst]),
         worst=name,
+        tolerance_met=met,
+        error_reached="" if met else _error_reached(float(relative[worst]), name, settings),
+    )
+
+
+def _error_reached(error: float, name: str, settings: Settings) -> str:
+    """Say which error a run ended with where it misses the tolerance."""
+    return (
+        f"The Monte Carlo error reached is {100 * error:.3g} % of a half-width ({name}) where "
+        f"{100 * settings.tolerance:.3g} % was asked. "
+        f"A larger most_steps (now {settings.most_steps}) lowers it."
     )

@@ -31,7 +31,8 @@ class Settings:
     walkers : int or None
         Walkers per ensemble; None for as many as coordinates and accuracy need, 64 at least.
     most_steps : int
-        Steps per ensemble at which the run gives up; a long one sooner, where too few are left for a part.
+        Steps per ensemble at which the run ends, whatever its error; a long one sooner, where too few are
+        left for a part.
     """
 
     tolerance: float = 0.01
@@ -46,7 +47,7 @@ class Settings:
         if self.ensembles < 4:
             raise UsageError("must be at least 4.", key="ensembles", value=self.ensembles)
         if self.seed < 0:
-            raise UsageError("is not negative.", key="seed", value=self.seed)
+            raise UsageError("must be zero or positive.", key="seed", value=self.seed)
         if self.most_steps < 1:
             raise UsageError("must be at least 1.", key="most_steps", value=self.most_steps)
         if self.walkers is not None and self.walkers < 64:
@@ -60,9 +61,9 @@ class Gate:
     Attributes
     ----------
     passed : bool
-        Whether the numbers may be reported.
+        Whether the run has mixed, so that its numbers may be reported with their errors.
     reasons : tuple of str
-        What failed, each with what to do.
+        What failed; empty where it passed.
     rhat : float or None
         Largest rank R-hat across ensembles; None where the estimates are not accurate enough for it to
         matter.
@@ -80,6 +81,10 @@ class Gate:
         Largest Monte Carlo error over half-width.
     worst : str
         The estimate it belongs to.
+    tolerance_met : bool
+        Whether that error is within the tolerance; a run that ends at its cap may mix and miss it.
+    error_reached : str
+        A sentence on the error where it misses the tolerance, else empty.
     """
 
     passed: bool
@@ -92,6 +97,8 @@ class Gate:
     lowest_acceptance: float
     worst_error: float
     worst: str
+    tolerance_met: bool
+    error_reached: str
 
 
 @dataclasses.dataclass(frozen=True)
