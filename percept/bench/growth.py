@@ -18,7 +18,8 @@ from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.hierarchy.statistics import Statistics, from_trials
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 
 Array: TypeAlias = NDArray[np.float64]
 Task: TypeAlias = Callable[[], None]

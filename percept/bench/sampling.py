@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from percept.inference.hierarchy.estimands import IntervalEstimands
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.study.bayesian import prepare

@@ -18,7 +18,8 @@ from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import from_trials
-from percept.inference.sampling.run import Run, Settings, sample
+from percept.inference.sampling.records import Run, Settings
+from percept.inference.sampling.run import sample
 from percept.simulate.model import (
     Design,
     TrueValues,

@@ -12,7 +12,8 @@ from percept.inference.hierarchy.estimands import IntervalEstimands
 from percept.inference.hierarchy.laws import Laws
 from percept.inference.hierarchy.pooled import Pooled
 from percept.inference.hierarchy.wider_priors import reweighted, wider, with_priors
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 from percept.sessions import Sessions
 from percept.study.bayesian import Fit
 from percept.study.comparison import compare_curves, compare_intervals, sample_sds
