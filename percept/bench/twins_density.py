@@ -61,7 +61,8 @@ def woodbury(response: Array, x: Array, levels: Levels) -> float:
     """Evaluate the same formula in doubles; NaN where a matrix is singular."""
     values = response.reshape(len(response), -1)
     model = _model(response.shape[1:3], x, levels, float)
-    covariance, design = np.array(model[0]), np.array(model[1])
+    covariance: Array = np.array(model[0])
+    design: Array = np.array(model[1])
     subjects = len(values)
     try:
         with np.errstate(all="ignore"):
