@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from percept.haptics import (
     Coupling,
@@ -238,7 +237,8 @@ def _mark_devices(ax: Axes, published: Published) -> None:
             linewidth=0.9,
             label=f"{float(coupling.stiffness) / 1e3:g} kN/m is stable above {needed:.4g} N·s/m",
         )
-    _cross(ax, published.device.mass, published.device.damping, 5, "the scene’s device")
+    device = published.device
+    _cross(ax, float(device.mass), float(device.damping), 5, "the scene’s device")
     _logarithmic(ax)
     ax.set_xlim(MASSES[0], MASSES[-1])
     ax.set_ylim(DAMPINGS[0], DAMPINGS[-1])
@@ -260,7 +260,7 @@ def _trade(published: Published, trade: TradeOff) -> Drawing:
                 linestyle=styles[row % len(styles)],
                 label=f"softest that feels real, {wall.name}",
             )
-        _cross(ax, trade.static, published.tuned.stiffness / 1e3, 6, "the paper’s tuned coupling")
+        _cross(ax, trade.static, float(published.tuned.stiffness) / 1e3, 6, "the paper’s tuned coupling")
         _logarithmic(ax)
         ax.set_xlim(trade.damping[0], trade.damping[-1])
         ax.set_ylim(bottom=_ANY / 1e3)
@@ -290,7 +290,7 @@ def _from_least(trade: TradeOff, row: int) -> tuple[Array, Array]:
     return np.append(least, damping), np.append(met, softest)
 
 
-def _cross(ax: Axes, x: ArrayLike, y: ArrayLike, size: float, label: str) -> None:
+def _cross(ax: Axes, x: float, y: float, size: float, label: str) -> None:
     ax.plot([x], [y], marker="X", markersize=size, linestyle="none", color=COLOURS["warn"], label=label)
 
 
