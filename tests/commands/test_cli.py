@@ -71,13 +71,6 @@ def test_a_locale_of_ascii_loses_no_line():
     assert r"N\xb7s/m" in ran.stdout
 
 
-def test_what_is_not_installed_is_named_with_its_extra(capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "mpmath", None)
-    code, message = refused(["bench", "tolerance"], capsys)
-    assert code == 2
-    assert "tolerance needs mpmath, which is not installed. Install percept with its extra" in message
-
-
 def test_level_outside_its_range_is_wrong_usage(tmp_path, capsys):
     out = tmp_path / "out"
     code, message = refused(["fit", SESSIONS, "--level", "1.5", "--out", str(out)], capsys)

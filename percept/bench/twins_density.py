@@ -58,9 +58,11 @@ def exact(response: Array, x: Array, levels: Levels) -> Number:
 
 
 def woodbury(response: Array, x: Array, levels: Levels) -> float:
-    """Evaluate the same formula in doubles; arguments as `exact`. NaN where a matrix is singular."""
+    """Evaluate the same formula in doubles; NaN where a matrix is singular."""
     values = response.reshape(len(response), -1)
-    covariance, design = _arrays(response, x, levels)
+    model = _model(response.shape[1:3], x, levels, float)
+    covariance: Array = np.array(model[0])
+    design: Array = np.array(model[1])
     subjects = len(values)
     try:
         with np.errstate(all="ignore"):
@@ -73,31 +75,6 @@ def woodbury(response: Array, x: Array, levels: Levels) -> float:
     except np.linalg.LinAlgError:
         return float("nan")
     return float(-0.5 * (distance + log_determinant + values.size * np.log(2.0 * np.pi)))
-
-
-def dense(response: Array, x: Array, levels: Levels) -> float:
-    """Evaluate one multivariate normal over all values in doubles; arguments as `exact`.
-
-    NaN where the covariance has no Cholesky factor in doubles.
-    """
-    values = response.ravel()
-    covariance, design = _arrays(response, x, levels)
-    subjects = len(response)
-    locations = np.tile(design, (subjects, 1))
-    total = np.kron(np.eye(subjects), covariance) + locations @ locations.T
-    try:
-        lower = np.linalg.cholesky(total)
-    except np.linalg.LinAlgError:
-        return float("nan")
-    white = np.linalg.solve(lower, values)
-    return float(
-        -0.5 * (white @ white + values.size * np.log(2.0 * np.pi)) - np.log(np.diagonal(lower)).sum()
-    )
-
-
-def _arrays(response: Array, x: Array, levels: Levels) -> tuple[Array, Array]:
-    covariance, design = _model(response.shape[1:3], x, levels, float)
-    return np.array(covariance), np.array(design)
 
 
 def _model(
