@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.record import Family, FloatOrArray
+from percept.inference.record import FloatOrArray
 from percept.notebook import NotebookRecord
 
 _HUGE = 960  # binary exponent above which a sum of values may overflow
@@ -145,7 +145,7 @@ class Moments(NotebookRecord):
         half_width = 0.5 * high - 0.5 * low
         return cls(0.5 * low + 0.5 * high, half_width / t * np.sqrt(count), count.astype(np.int64))
 
-    def on_scale(self, family: Family) -> Moments:
+    def on_scale(self, family: str) -> Moments:
         """Return these moments on the scale of a family, published ones by moment matching.
 
         Parameters
