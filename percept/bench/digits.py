@@ -18,7 +18,9 @@ from scipy import integrate, optimize, stats
 
 from percept.bench import twins_density as twin
 from percept.bench.twins_density import Levels
-from percept.inference import Moments, OneMinus, subject_means, tolerance_factor
+from percept.inference import Moments
+from percept.inference.classical.tolerance import factor_of_tails
+from percept.inference.classical.trials import subject_means
 from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
@@ -187,7 +189,7 @@ def tolerance_digits(
     """Compare two-sided tolerance factors with their integral in 30 digits."""
     rows = []
     for along, at, (n, beta, alpha) in factors:
-        factor = float(tolerance_factor(n, OneMinus(beta), OneMinus(alpha)))
+        factor = float(factor_of_tails(n, beta, alpha))
         exact = exact_factor(n, beta, alpha, near=factor)
         errors = [float(abs(value - exact) / exact) for value in (factor, _direct_factor(n, beta, alpha))]
         rows.append(digits_row("tolerance factor", along, at, errors=errors[:1], direct=errors[1:]))

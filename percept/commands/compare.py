@@ -150,7 +150,7 @@ def _stated(study: Study) -> dict[str, Any]:
 
 
 def _claim(study: Study) -> str:
-    from percept.inference.covers import percent
+    from percept.inference.record import percent
 
     asked = study.scene.inference
     return f"{asked.family} family, level {percent(asked.level)}"

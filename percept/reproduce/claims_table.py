@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.haptics import Coupling, Device, Environment, environment_impedance, magnitude_envelope_ellipse
-from percept.inference import Moments, bias, rectangle_region, t_interval, tolerance_factor
+from percept.inference import Moments, bias, t_interval, tolerance_factor
 from percept.reproduce.published import (
     ENOUGH_SUBJECTS,
     LOOKED_AT,
@@ -79,10 +79,10 @@ def reference_inside(published: Published) -> Claim:
     """Judge whether what was shown lies among what feels like it (Fig. 5)."""
     references = np.array(published.limits.reference, dtype=float)
     found = bias(published.moments, references, level=published.limits.level)
-    held = np.asarray(found.holds_reference).ravel()
+    held = ((np.asarray(found.lower) <= 1.0) & (np.asarray(found.upper) >= 1.0)).ravel()
     inside, outside = _cells_by(published, held)
     width = (np.asarray(found.upper) - np.asarray(found.lower)) / 2
-    half_widths = (np.abs(1 - np.asarray(found.ratio)) / width).ravel()
+    half_widths = (np.abs(1 - np.asarray(found.estimate)) / width).ravel()
     farthest = int(half_widths.argmax())
     return Claim.judged(
         "reference-inside",
@@ -171,12 +171,12 @@ def normal_values(published: Published) -> Claim:
 def joint_level(published: Published) -> Claim:
     """Judge limits of k and of b used together as if they held together."""
     level = published.limits.level
-    wall = _moments_of(published, 0)
-    region = rectangle_region(*wall, kind="mean", level=level)
-    wider = rectangle_region(*wall, kind="mean", level=level, joint="bonferroni")
-    least, most = region.joint_level
-    widening = wider.stiffness.upper - wider.stiffness.estimate
-    widening /= region.stiffness.upper - region.stiffness.estimate
+    # Bonferroni's inequality, and limits that hold or fail together.
+    least, most = 1.0 - 2.0 * (1.0 - level), level
+    stiffness, _ = _moments_of(published, 0)
+    alone = t_interval(stiffness, level=level)
+    wider = t_interval(stiffness, level=level, joint="bonferroni")
+    widening = (wider.upper - wider.estimate) / (alone.upper - alone.estimate)
     return Claim.judged(
         "joint-level",
         place="Eqs 16, 17",
@@ -188,7 +188,7 @@ def joint_level(published: Published) -> Claim:
         f"{float(widening):.4g} times as wide.",
         margin=Quantity("joint level, worst case, minus level", least - level, "1"),
         numbers=[Quantity("joint level if independent", level**2, "1")],
-        source="percept.inference.rectangle_region(k, b, kind='mean').joint_level",
+        source="percept.inference.t_interval(k, joint='marginal' or 'bonferroni')",
     )
 
 
@@ -211,7 +211,7 @@ def published_limits_suffice(published: Published) -> Claim:
         f"{LOOKED_AT:g} rad/s moves by {spreads[worst]:.1%}. percept refuses joint regions of published "
         f"limits.",
         margin=Quantity("upper |Z_e|, largest change with the correlation", spreads[worst], "1"),
-        source="percept.haptics.magnitude_envelope_ellipse; percept.inference.ellipse_region",
+        source="percept.haptics.magnitude_envelope_ellipse; percept.inference.regions.ellipse_region",
     )
 
 

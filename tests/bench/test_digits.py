@@ -14,7 +14,8 @@ from mpmath import mp
 from percept.bench import digits as bench
 from percept.bench import twins_density as twin
 from percept.bench.digits import collapsed, density_digits, moment_digits, number_accuracy, small_large
-from percept.inference import Moments, subject_means
+from percept.inference import Moments
+from percept.inference.classical.trials import subject_means
 from tests.inference.hierarchy import exact
 
 NIST = files("scipy.stats").joinpath("tests", "data", "nist_anova")

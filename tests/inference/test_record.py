@@ -1,15 +1,9 @@
 import numpy as np
 import pytest
 
-from percept.inference import (
-    Interval,
-    Moments,
-    coverage_sentence,
-    prediction_interval,
-    t_interval,
-    tolerance_interval,
-)
-from percept.inference.covers import percent
+from percept.errors import UsageError
+from percept.inference import Interval, Moments, prediction_interval, t_interval, tolerance_interval
+from percept.inference.record import percent
 
 X = np.random.default_rng(10).lognormal(2.0, 0.3, 10)
 
@@ -22,7 +16,7 @@ def bayesian(kind, **fields):
 def test_the_average_user_is_not_99_percent_of_users():
     assert t_interval(X, unit="N/m").covers == (
         "The average user's value lies between the limits, with 99 % confidence (from 10 users, in N/m); it "
-        "is not a range of users, of whom it holds an expected 64.7 %."
+        "is not a range of users, and holds an expected 64.7 % of them."
     )
 
 
@@ -49,8 +43,6 @@ def test_a_share_of_users_after_repeated_trials():
 
 def test_families_name_whom_the_mean_stands_for():
     assert t_interval(X, family="lognormal").covers.startswith("The typical user's value (the geometric mean")
-    assert t_interval(X, family="free").covers.startswith("The middle user's value (half of all users")
-    assert "at least 99 % confidence whatever the distribution" in t_interval(X, family="free").covers
 
 
 def test_one_sided_and_joint_and_approximate_are_said():
@@ -80,7 +72,6 @@ def test_many_sizes_are_a_range():
 
 def test_the_sentence_is_one_sentence():
     for interval in (t_interval(X), tolerance_interval(X, joint="bonferroni"), prediction_interval(X)):
-        assert coverage_sentence(interval) == interval.covers
         assert interval.covers.count(".") - interval.covers.count("64.7") == 1
 
 
@@ -101,3 +92,35 @@ def test_percentages(probability, text):
 def test_nearly_all_is_not_all():
     assert percent(np.nextafter(1.0, 0.0)) not in {"100 %", "1e+02 %"}
     assert percent(0.9999, digits=3) == "99.99 %"
+
+
+@pytest.mark.parametrize("said", [{}, {"share": 0.9}, {"confidence": 0.9}], ids=str)
+def test_a_share_needs_its_confidence(said):
+    with pytest.raises(UsageError, match="needs both the share and the confidence"):
+        Interval(
+            kind="share",
+            method="bayesian",
+            family="normal",
+            level=0.99,
+            lower=0.0,
+            upper=1.0,
+            estimate=0.5,
+            n=3,
+            **said,
+        )
+
+
+def test_the_row_of_a_table():
+    row = tolerance_interval(X, unit="N/m").as_dict()
+    assert row["kind"] == "share"
+    assert (row["share"], row["confidence"], row["n"], row["unit"]) == (0.99, 0.95, 10, "N/m")
+    assert row["covers"] == tolerance_interval(X, unit="N/m").covers
+    page = t_interval(X, unit="N/m")._repr_html_()
+    assert "64.7 %" in page
+    assert "<td>10</td>" in page
+
+
+def test_a_unit_is_text_and_never_markup():
+    page = t_interval(X, unit="<b>N/m</b>")._repr_html_()
+    assert "<b>" not in page
+    assert page.count("&lt;b&gt;N/m&lt;/b&gt;") == 2  # in its cell, and in the sentence
