@@ -14,17 +14,12 @@ import numpy as np
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.classical.claims import Claim, Parametric, parametric_family
-from percept.inference.classical.levels import Level, OneMinus
-from percept.inference.classical.quantiles import normal_upper, t_upper
-from percept.inference.classical.tolerance import tolerance_factor
-from percept.inference.covers import percent
-from percept.inference.intervals import Joint, Kind
+from percept.inference.classical.moments import check_option, tail_of
+from percept.inference.classical.tolerance import factor_of_tails
+from percept.inference.record import Family, Joint, Kind, percent
 from percept.notebook import NotebookRecord
 
-__all__ = ["Plan", "plan_mean", "plan_share", "plan_user"]
-
-_MOST = 10_000_000
+_MOST_SUBJECTS = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,10 +30,12 @@ class Plan(NotebookRecord):
     n: int  # Subjects
     assurance: float  # Probability that a study of `n` subjects reaches the width
     expected: float  # Average over studies of the width, in the terms of `wanted`
-    wanted: float  # Kind ``"mean"``: the half-width, in the unit of the SD (``"lognormal"``: as a fraction)
+    #: Kind "mean": half-width, in the unit of the SD ("lognormal": as a fraction); others: width over that of
+    #: a known population.
+    wanted: float
     level: float  # Level of the interval
     share: float | None = None  # Kind ``"share"``: share of users held
-    family: Parametric = "normal"  # Distribution between users
+    family: Family = "normal"  # Distribution between users
 
     @property
     def covers(self) -> str:
@@ -66,82 +63,81 @@ def plan_mean(
     half_width: float,
     *,
     sd: float,
-    level: Level = 0.99,
+    level: float = 0.99,
     assurance: float = 0.8,
-    family: Parametric = "normal",
+    family: Family = "normal",
     joint: Joint = "marginal",
 ) -> Plan:
     """Find the n for which the t-interval of the mean has a wanted half-width."""
     _positive(half_width=half_width, sd=sd)
-    claim = Claim(level, parametric_family(family), joint)
+    check_option("family", family, ("normal", "lognormal"))
+    half_tail = tail_of(level, joint=joint) / 2.0
     if family == "lognormal":
-        wanted, spread = float(np.log1p(half_width)), float(np.sqrt(np.log1p(sd**2)))
+        wanted, sigma = float(np.log1p(half_width)), float(np.sqrt(np.log1p(sd**2)))
     else:
-        wanted, spread = half_width, sd
+        wanted, sigma = half_width, sd
 
     def factor(n: int) -> float:
-        return float(t_upper(claim.tail() / 2.0, n - 1) / np.sqrt(n))
+        return float(-special.stdtrit(n - 1.0, half_tail) / np.sqrt(n))
 
-    n, reached, expected = _smallest(factor, wanted, spread, assurance)
+    n, reached, expected = _smallest(factor, wanted, sigma, assurance)
     return Plan(
         kind="mean",
         n=n,
         assurance=reached,
         expected=float(np.expm1(expected)) if family == "lognormal" else expected,
         wanted=half_width,
-        level=float(level),
+        level=level,
         family=family,
     )
 
 
 def plan_user(
-    ratio: float, *, level: Level = 0.99, assurance: float = 0.8, joint: Joint = "marginal"
+    ratio: float, *, level: float = 0.99, assurance: float = 0.8, joint: Joint = "marginal"
 ) -> Plan:
     """Find the n for which the prediction interval is close to the population's own."""
     _above_one(ratio)
-    half_tail = Claim(level, joint=joint).tail() / 2.0
-    least = float(normal_upper(half_tail))
+    half_tail = tail_of(level, joint=joint) / 2.0
 
     def factor(n: int) -> float:
-        return float(t_upper(half_tail, n - 1) * np.sqrt(1.0 + 1.0 / n))
+        return float(-special.stdtrit(n - 1.0, half_tail) * np.sqrt(1.0 + 1.0 / n))
 
-    n, reached, expected = _smallest(factor, ratio, 1.0 / least, assurance)
+    n, reached, expected = _smallest(factor, ratio, -1.0 / float(special.ndtri(half_tail)), assurance)
     return Plan(
         kind="user",
         n=n,
         assurance=reached,
         expected=expected,
         wanted=ratio,
-        level=float(level),
+        level=level,
     )
 
 
 def plan_share(
     ratio: float,
     *,
-    share: Level = 0.99,
-    confidence: Level = 0.95,
+    share: float = 0.99,
+    confidence: float = 0.95,
     assurance: float = 0.8,
     joint: Joint = "marginal",
 ) -> Plan:
     """Find the n for which the tolerance interval is close to the population's own."""
     _above_one(ratio)
-    claim = Claim(share, joint=joint, share=share, confidence=confidence)
-    outside, doubt = OneMinus(claim.tail("share")), OneMinus(claim.tail("confidence"))
-    least = float(normal_upper(outside.tail / 2.0))
+    beta = tail_of(share, "share", joint=joint)
+    alpha = tail_of(confidence, "confidence", joint=joint)
 
     def factor(n: int) -> float:
-        return float(tolerance_factor(n, outside, doubt))
+        return float(factor_of_tails(n, beta, alpha))
 
-    n, reached, expected = _smallest(factor, ratio, 1.0 / least, assurance)
+    n, reached, expected = _smallest(factor, ratio, -1.0 / float(special.ndtri(beta / 2.0)), assurance)
     return Plan(
         kind="share",
         n=n,
         assurance=reached,
         expected=expected,
         wanted=ratio,
-        level=float(confidence),
-        share=float(share),
+        level=confidence,
+        share=share,
     )
 
 
@@ -160,11 +156,11 @@ def _smallest(
 
     few, enough = 1, 2
     while reached(enough) < assurance:
-        if enough >= _MOST:
+        if enough >= _MOST_SUBJECTS:
             raise RefusalError(
-                f"More than {_MOST} subjects would be needed.", hint="Ask for a wider interval."
+                f"More than {_MOST_SUBJECTS} subjects would be needed.", hint="Ask for a wider interval."
             )
-        few, enough = enough, min(2 * enough, _MOST)
+        few, enough = enough, min(2 * enough, _MOST_SUBJECTS)
     while enough - few > 1:
         middle = (few + enough) // 2
         if reached(middle) < assurance:
@@ -188,7 +184,4 @@ def _positive(**values: float) -> None:
 
 def _above_one(ratio: float) -> None:
     if not (np.isfinite(ratio) and ratio > 1.0):
-        raise UsageError(
-            "ratio must be above 1, to which it tends with ever more subjects.",
-            value=ratio,
-        )
+        raise UsageError("ratio must be above 1, to which it tends with ever more subjects.", value=ratio)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import special, stats
@@ -5,7 +7,6 @@ from scipy import special, stats
 from percept.errors import RefusalError, UsageError
 from percept.inference import (
     Moments,
-    OneMinus,
     prediction_interval,
     t_interval,
     tolerance_factor,
@@ -78,10 +79,11 @@ def test_lognormal_is_a_factor_on_the_log():
 
 
 def test_joint_plans_are_those_of_half_the_tail():
-    assert plan_user(1.3, joint="bonferroni").n == plan_user(1.3, level=OneMinus(0.005)).n
-    assert plan_mean(0.5, sd=1.0, joint="bonferroni").n == plan_mean(0.5, sd=1.0, level=OneMinus(0.005)).n
-    half = plan_share(1.3, share=OneMinus(0.005), confidence=OneMinus(0.025))
-    assert plan_share(1.3, joint="bonferroni").n == half.n
+    assert plan_user(1.3, level=0.75, joint="bonferroni") == replace(plan_user(1.3, level=0.875), level=0.75)
+    joint = plan_mean(0.5, sd=1.0, level=0.75, joint="bonferroni")
+    assert joint.n == plan_mean(0.5, sd=1.0, level=0.875).n
+    half = plan_share(1.3, share=0.875, confidence=0.75)
+    assert plan_share(1.3, share=0.75, confidence=0.5, joint="bonferroni").n == half.n
 
 
 def test_the_planned_width_is_that_of_the_interval():
@@ -122,7 +124,7 @@ def test_sentence(plan, said):
         (lambda: plan_mean(1.0, sd=np.inf), UsageError, "sd must be a positive"),
         (lambda: plan_mean(1.0, sd=1.0, assurance=1.0), UsageError, "assurance must lie strictly"),
         (lambda: plan_mean(1.0, sd=1.0, level=0.0), UsageError, "level must lie strictly"),
-        (lambda: plan_mean(1.0, sd=1.0, family="free"), UsageError, '"normal" or "lognormal"'),
+        (lambda: plan_mean(1.0, sd=1.0, family="free"), UsageError, '"normal", "lognormal"'),
         (lambda: plan_mean(1e-5, sd=1.0), RefusalError, "More than 10000000 subjects"),
         (lambda: plan_user(1.0), UsageError, "ratio must be above 1"),
         (lambda: plan_share(0.9), UsageError, "ratio must be above 1"),

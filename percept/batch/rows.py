@@ -34,7 +34,7 @@ class Outcome:
     """What became of one study."""
 
     status: Status  # "done", "withheld", "refused" or "failed"
-    message: str | None  # Why, unless it is done
+    message: str | None  # Why, or the error of a study that misses its tolerance
     table: bytes  # Its rows as Parquet
     seconds: float  # Time the analysis took
 

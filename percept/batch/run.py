@@ -33,6 +33,8 @@ class Summary:
     failures : tuple of (str, str)
         Name and message of each study that was refused or whose Bayesian numbers the gate withheld, now or in
         an earlier run, or that failed.
+    inaccurate : tuple of (str, str)
+        Name and message of each study that is done with a Monte Carlo error above its tolerance.
     seconds : float
         Sum of the workers' times, now.
     """
@@ -42,6 +44,7 @@ class Summary:
     skipped: int
     counts: dict[str, int]
     failures: tuple[tuple[str, str], ...]
+    inaccurate: tuple[tuple[str, str], ...]
     seconds: float
 
 
@@ -97,6 +100,7 @@ class _Batch:
         self._skipped = 0
         self._counts: Counter[str] = Counter()
         self._failures: list[tuple[str, str]] = []
+        self._inaccurate: list[tuple[str, str]] = []
         self._seconds = 0.0
         self.keys: list[str] = []
 
@@ -112,8 +116,9 @@ class _Batch:
     def summary(self, table: Path) -> Summary:
         """Return what the run came to."""
         return Summary(
-            table, len(self._studies), self._skipped, dict(self._counts), tuple(self._failures), self._seconds
-        )
+            table, len(self._studies), self._skipped, dict(self._counts),
+            tuple(self._failures), tuple(self._inaccurate), self._seconds,
+        )  # fmt: skip
 
     def _unfinished(self) -> Iterator[Job[StudyFiles]]:
         """Read one study after the other, those that cannot be read being done with at once."""
@@ -142,4 +147,6 @@ class _Batch:
         self._counts[status] += 1
         if status != "done":
             self._failures.append((name, message or ""))
+        elif message:
+            self._inaccurate.append((name, message))
         self._tell(sum(self._counts.values()), len(self._studies), len(self._failures))

@@ -23,9 +23,11 @@ def analyse(files: StudyFiles) -> Outcome:
     try:
         study = _study(files)
         intervals, shared = study.intervals, _found(study)
-        withheld = study.fit is not None and not study.fit.run.gate.passed
-        status = "withheld" if withheld else "done"
-        message = " ".join(study.fit.run.gate.reasons) if withheld and study.fit is not None else None
+        status, message = "done", None
+        if study.fit is not None:
+            gate = study.fit.run.gate
+            status = "done" if gate.passed else "withheld"
+            message = " ".join(gate.reasons) or gate.error_reached or None
     except PerceptError as error:
         status, message = "refused", str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is this study's and goes into its row

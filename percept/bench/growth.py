@@ -1,4 +1,4 @@
-"""How run time grows with a study: rows, subjects, patterns, environments, frequencies, draws."""
+"""Run time against the tolerance asked for, and how it grows with a study's size."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from statistics import median
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,14 @@ from percept.haptics import Device
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.statistics import Statistics, from_trials
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
+from percept.study.bayesian import prepare
 
-Array: TypeAlias = NDArray[np.float64]
-Task: TypeAlias = Callable[[], None]
+if TYPE_CHECKING:
+    from percept.study import Study
+
+Task: TypeAlias = Callable[[], object]
 
 ROWS, SUBJECTS, PATTERNS, ENVIRONMENTS = "trial rows", "subjects, equal patterns", "patterns", "environments"
 OMEGA, DRAWS = "frequencies", "draws"
@@ -50,17 +55,65 @@ _OTHER_OMEGA, _OTHER_DRAWS = 10, 1_000
 
 
 @dataclass(frozen=True)
+class SamplingCost:
+    """Medians over seeds of runs to one tolerance."""
+
+    tolerance: Annotated[float, "Monte Carlo error over half-width that was asked for."]
+    seconds: Annotated[float, "Wall time of a run, warm-up included."]
+    steps: Annotated[float, "Steps per ensemble."]
+    worst_error: Annotated[float, "Largest error over half-width that was reached."]
+    autocorrelation_time: Annotated[float, "Of the slowest reported quantity, in steps."]
+    effective_draws_per_second: Annotated[float, "Of that quantity."]
+    passed: Annotated[int, "Runs that passed the gate."]
+    runs: Annotated[int, "Runs."]
+
+
+def sampling_costs(
+    study: Study, *, tolerances: Sequence[float] = (0.1, 0.02, 0.01), seeds: int = 5
+) -> list[SamplingCost]:
+    """Sample a study's model to several tolerances."""
+    model = prepare(study.sessions, study.scene, ("k", "b")).model
+    costs = []
+    for tolerance in tolerances:
+        seconds, runs = [], []
+        for seed in range(1, seeds + 1):
+            started = time.perf_counter()
+            runs.append(sample(model, IntervalEstimands(model), Settings(tolerance=tolerance, seed=seed)))
+            seconds.append(time.perf_counter() - started)
+        rates = (run.gate.effective_draws / spent for run, spent in zip(runs, seconds, strict=True))
+        costs.append(
+            SamplingCost(
+                tolerance=tolerance,
+                seconds=median(seconds),
+                steps=median(run.steps for run in runs),
+                worst_error=median(run.gate.worst_error for run in runs),
+                autocorrelation_time=median(run.gate.autocorrelation_time for run in runs),
+                effective_draws_per_second=median(rates),
+                passed=sum(run.gate.passed for run in runs),
+                runs=len(runs),
+            )
+        )
+    return costs
+
+
+@dataclass(frozen=True)
 class Growth:
     """Run time of one task at one size."""
 
-    task: str  # 256 values of the log density
-    along: str  # What was varied
-    size: int  # Its value
-    seconds: float  # Median processor time over the rounds
-    ratio: float  # Median over the rounds of the time over that of the smallest size in the same round
-    ratio_low: float  # Quartiles of the same
-    ratio_high: float  # Quartiles of the same
-    promised: float | None  # What the ratio is promised to stay below
+    task: Annotated[
+        str,
+        "density call: 256 values of the log density. propagation: quantiles of abs(Z_h) over 1000 draws "
+        "at 10 frequencies, unless those vary. fit: sampling to a tolerance of 5 %.",
+    ]
+    along: Annotated[str, "What varies."]
+    size: Annotated[int, "Its value."]
+    seconds: Annotated[float, "Median processor time over the rounds."]
+    ratio: Annotated[
+        float, "Median over the rounds of the time over that of the smallest size in the same round."
+    ]
+    ratio_low: Annotated[float, "Lower quartile of the same."]
+    ratio_high: Annotated[float, "Upper quartile of the same."]
+    promised: Annotated[float | None, "What the ratio is promised to stay below."]
 
 
 def growth(
@@ -69,22 +122,22 @@ def growth(
     fit_rounds: int = 1,
     sizes: Mapping[str, Sequence[int]] = SIZES,
     fitted: Mapping[str, Sequence[int]] = FITTED,
-    told: Callable[[str], None] = lambda line: None,
+    log: Callable[[str], None] = lambda line: None,
 ) -> list[Growth]:
     """Time density calls, propagation and fits along every axis."""
     rows = []
     for along, values in sizes.items():
-        told(f"growth with {along}")
+        log(f"growth with {along}")
         studied = along not in (OMEGA, DRAWS)
         tasks = {
             size: _density_call(along, size) if studied else _propagation(along, size) for size in values
         }
         name = "density call" if studied else "propagation"
-        rows += _rows(name, along, _turns(tasks, rounds), _PROMISED.get(along))
+        rows += _rows(name, along, tasks, rounds)
     for along, values in fitted.items():
-        told(f"fits with {along}")
+        log(f"fits with {along}")
         tasks = {size: _fit(along, size) for size in values}
-        rows += _rows("fit", along, _turns(tasks, fit_rounds), None)
+        rows += _rows("fit", along, tasks, fit_rounds)
     return rows
 
 
@@ -124,12 +177,12 @@ def _counts(along: str, size: int) -> NDArray[np.intp]:
 def _density_call(along: str, size: int) -> Task:
     density = CollapsedDensity(growth_study(along, size))
     points = 0.5 * np.random.default_rng(1).standard_normal((_POINTS, density.dimension))
-    return lambda: _done(density(points))
+    return lambda: density(points)
 
 
 def _fit(along: str, size: int) -> Task:
     model = Pooled(CollapsedDensity(growth_study(along, size)))
-    return lambda: _done(sample(model, IntervalEstimands(model), Settings(tolerance=0.05)))
+    return lambda: sample(model, IntervalEstimands(model), Settings(tolerance=0.05))
 
 
 def _propagation(along: str, size: int) -> Task:
@@ -137,38 +190,25 @@ def _propagation(along: str, size: int) -> Task:
     rng = np.random.default_rng(1)
     k, b = (np.exp(centre + 0.1 * rng.standard_normal(draws)) for centre in (9.0, 2.0))
     omega = np.geomspace(0.1, 100.0, omegas)
-    return lambda: _done(DrawCurves(Device(1.0, 5.0), k, b, 1e-3, level=0.99).at(omega))
+    return lambda: DrawCurves(Device(1.0, 5.0), k, b, 1e-3, level=0.99).at(omega)
 
 
-def _done(result: object) -> None:
-    """Let go of a result."""
-
-
-def _turns(tasks: Mapping[int, Task], rounds: int) -> dict[int, Array]:
-    """Processor time of each task in every round, after one call that is not counted, s."""
-    often = {size: max(1, round(_SHORTEST / max(_time(task), 1e-9))) for size, task in tasks.items()}
-    found = {size: np.empty(rounds) for size in tasks}
-    for i in range(rounds):
-        for size, task in tasks.items():
-            found[size][i] = _time(task, often[size])
-    return found
-
-
-def _time(task: Task, often: int = 1) -> float:
-    begun = time.process_time()
-    for _ in range(often):
-        task()
-    return (time.process_time() - begun) / often
-
-
-def _rows(task: str, along: str, found: Mapping[int, Array], promised: float | None) -> list[Growth]:
-    first = next(iter(found.values()))
-    rows = []
-    for size, seconds in found.items():
-        low, ratio, high = np.quantile(seconds / first, [0.25, 0.5, 0.75])
-        rows.append(
-            Growth(
-                task, along, size, float(np.median(seconds)), float(ratio), float(low), float(high), promised
-            )
+def _rows(name: str, along: str, tasks: Mapping[int, Task], rounds: int) -> list[Growth]:
+    """Time tasks in turn, round by round, after one call each that is not counted."""
+    calls = {size: max(1, round(_SHORTEST / max(_time(task), 1e-9))) for size, task in tasks.items()}
+    seconds = np.array([[_time(task, calls[size]) for size, task in tasks.items()] for _ in range(rounds)])
+    quartiles = np.quantile(seconds / seconds[:, :1], [0.25, 0.5, 0.75], axis=0)
+    promised = _PROMISED.get(along) if name == "density call" else None
+    return [
+        Growth(name, along, size, float(typical), float(ratio), float(low), float(high), promised)
+        for size, typical, (low, ratio, high) in zip(
+            tasks, np.median(seconds, axis=0), quartiles.T, strict=True
         )
-    return rows
+    ]
+
+
+def _time(task: Task, calls: int = 1) -> float:
+    started = time.process_time()
+    for _ in range(calls):
+        task()
+    return (time.process_time() - started) / calls

@@ -1,39 +1,31 @@
-"""The session reader against pandas' C parser: seconds and memory, each in a process of its own.
-
-Run as `python -m percept.bench.reader --rows 5000000`.
-"""
+"""The session reader against pandas' C parser: seconds and memory, each in a process of its own."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 _REFERENCES = {
-    "VE1": (15.0, 0.7),
-    "VE2": (1e3, 1.5),
-    "VE3": (1e4, 10.0),
-    "VE4": (2.5e4, 25.0),
-    "VE5": (5e4, 100.0),
-}
+    "VE1": (15.0, 0.7), "VE2": (1e3, 1.5), "VE3": (1e4, 10.0), "VE4": (2.5e4, 25.0), "VE5": (5e4, 100.0),
+}  # fmt: skip
 _CHILD = """
 import json, resource, sys, time
-task, path = sys.argv[1:]
-if task == "pandas":
+way, path = sys.argv[1:]
+if way == "pandas":
     import pandas as pd
     kinds = dict.fromkeys(("subject", "session", "environment"), "str") | {"trial": "int64"}
     kinds |= dict.fromkeys(("k_ref", "b_ref", "k_adj", "b_adj"), "float64")
     run = lambda: pd.read_csv(path, dtype=kinds, engine="c")
 else:
     import percept.sessions
-    run = lambda: getattr(percept.sessions, task)(path)
+    run = lambda: percept.sessions.read_sessions(path)
 start, used = time.perf_counter(), time.process_time()
 run()
 print(json.dumps([time.perf_counter() - start, time.process_time() - used,
@@ -42,17 +34,38 @@ print(json.dumps([time.perf_counter() - start, time.process_time() - used,
 
 
 @dataclass(frozen=True)
-class Cost:
-    """What one way of reading cost, the best of several runs."""
+class ReadCost:
+    """What reading one file cost, the best of several runs."""
 
-    task: str
-    seconds: float
-    cpu_seconds: float
-    megabytes: float  # Peak resident memory of the process
+    way: Annotated[str, "percept, or pandas with the columns' types given."]
+    rows: Annotated[int, "Trials in the file."]
+    seconds: Annotated[float, "Wall time."]
+    cpu_seconds: Annotated[float, "Processor time."]
+    megabytes: Annotated[float, "Peak resident memory of the process."]
+    time_ratio: Annotated[float, "seconds over pandas'."]
+    cpu_ratio: Annotated[float, "cpu_seconds over pandas'."]
+    memory_ratio: Annotated[float, "megabytes over pandas'."]
 
 
-def write_study(path: str | Path, rows: int, *, seed: int = 0) -> None:
-    """Write a plain long table of about `rows` trials with full-precision numbers."""
+def read_costs(rows: int = 1_000_000, *, repeats: int = 3) -> list[ReadCost]:
+    """Read a plain long table both ways."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "study.csv"
+        rows = write_study(path, rows)
+        best = {way: _best(way, path, repeats) for way in ("pandas", "percept")}
+    return [ReadCost(way, rows, *cost, *(cost / best["pandas"])) for way, cost in best.items()]
+
+
+def _best(way: str, path: Path, repeats: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    command = [sys.executable, "-W", "ignore", "-c", _CHILD, way, str(path)]
+    runs = [
+        json.loads(subprocess.run(command, capture_output=True, check=True).stdout) for _ in range(repeats)
+    ]
+    return np.min(runs, axis=0)
+
+
+def write_study(path: str | Path, rows: int, *, seed: int = 0) -> int:
+    """Write about `rows` trials with full-precision numbers; how many they became."""
     rng = np.random.default_rng(seed)
     subjects = max(2, min(1000, rows // 50))
     trials = max(1, rows // (subjects * len(_REFERENCES)))
@@ -61,42 +74,6 @@ def write_study(path: str | Path, rows: int, *, seed: int = 0) -> None:
         for subject in range(subjects):
             for environment, (k, b) in _REFERENCES.items():
                 adjusted = np.exp(rng.normal(0, (0.1, 0.2), (trials, 2))) * (k, b)
-                place = f"{subject:04d},1,{environment},{k!r},{b!r}"
-                out.writelines(f"{place},{t},{x!r},{y!r}\n" for t, (x, y) in enumerate(adjusted.tolist(), 1))
-
-
-def measure(path: str | Path, task: str, *, repeats: int = 3) -> Cost:
-    """Cost of one way of reading a file."""
-    runs = []
-    for _ in range(repeats):
-        done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", _CHILD, task, str(path)], capture_output=True, check=True
-        )
-        runs.append(json.loads(done.stdout))
-    seconds, cpu, megabytes = (min(run[i] for run in runs) for i in range(3))
-    return Cost(task, seconds, cpu, megabytes)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Command line: measure, print one JSON line per task with its ratios to pandas."""
-    parser = argparse.ArgumentParser(prog="percept.bench.reader", description=__doc__)
-    parser.add_argument("--rows", type=int, default=5_000_000)
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--tasks", nargs="*", default=["read_sessions"])
-    given = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "study.csv"
-        write_study(path, given.rows)
-        base = measure(path, "pandas", repeats=given.repeats)
-        for cost in (base, *(measure(path, task, repeats=given.repeats) for task in given.tasks)):
-            ratios = {
-                "time_ratio": cost.seconds / base.seconds,
-                "cpu_ratio": cost.cpu_seconds / base.cpu_seconds,
-                "memory_ratio": cost.megabytes / base.megabytes,
-            }
-            sys.stdout.write(json.dumps(asdict(cost) | ratios) + "\n")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+                cell = f"{subject:04d},1,{environment},{k!r},{b!r}"
+                out.writelines(f"{cell},{t},{x!r},{y!r}\n" for t, (x, y) in enumerate(adjusted.tolist(), 1))
+    return subjects * trials * len(_REFERENCES)

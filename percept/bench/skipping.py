@@ -15,9 +15,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from percept.bench.as_installed import as_installed
+from percept.bench.measure import as_installed
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -67,14 +67,14 @@ STAGES = (
 class Saving:
     """The cost of one scene."""
 
-    without: str  # What is left out, one of `SCENES`
-    seconds: float
-    seconds_low: float
-    seconds_high: float
-    share: float  # Of the first scene's time, by default the one that leaves nothing out
-    imports: tuple[str, ...]  # Of `PACKAGES`
-    stages: tuple[str, ...]  # Of `STAGES`, those that gave something
-    coordinates: int  # Of the hierarchical model
+    without: Annotated[str, "What is left out."]
+    seconds: Annotated[float, "Processor time of the whole process, imports included: median of the rounds."]
+    seconds_low: Annotated[float, "The shortest."]
+    seconds_high: Annotated[float, "The longest."]
+    share: Annotated[float, "seconds over those of the first scene, which leaves nothing out."]
+    imports: Annotated[tuple[str, ...], "Packages imported, of those some scene does without."]
+    stages: Annotated[tuple[str, ...], "What the study worked out."]
+    coordinates: Annotated[int, "Of the hierarchical model; 0 without one."]
 
 
 def skipping_cost(
@@ -89,14 +89,14 @@ def skipping_cost(
         {scene: work_of(scene, tolerance=tolerance, method=method) for scene in scenes}
         for _ in range(repeats)
     ]
-    taken = {scene: [one[scene]["seconds"] for one in rounds] for scene in scenes}
+    seconds = {scene: [work[scene]["seconds"] for work in rounds] for scene in scenes}
     return tuple(
         Saving(
             without=scene,
-            seconds=median(taken[scene]),
-            seconds_low=min(taken[scene]),
-            seconds_high=max(taken[scene]),
-            share=median(taken[scene]) / median(taken[scenes[0]]),
+            seconds=median(seconds[scene]),
+            seconds_low=min(seconds[scene]),
+            seconds_high=max(seconds[scene]),
+            share=median(seconds[scene]) / median(seconds[scenes[0]]),
             imports=tuple(rounds[0][scene]["imports"]),
             stages=tuple(rounds[0][scene]["stages"]),
             coordinates=rounds[0][scene]["coordinates"],
@@ -113,8 +113,8 @@ def work_of(
     if points is not None:
         command += ["--points", str(points)]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=as_installed())
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    work: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return work
 
 
 def _main(words: Sequence[str] | None = None) -> None:
@@ -124,10 +124,10 @@ def _main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--tolerance", type=float, required=True)
     parser.add_argument("--method", required=True)
     parser.add_argument("--points", type=int)
-    asked = parser.parse_args(words)
-    study = _study(asked.scene, asked.tolerance, asked.method, asked.points)
+    given = parser.parse_args(words)
+    study = _study(given.scene, given.tolerance, given.method, given.points)
     with tempfile.TemporaryDirectory() as folder:
-        if asked.scene == "page and figures":
+        if given.scene == "page and figures":
             from percept.report.fit import write_fit
 
             write_fit(study, Path(folder) / "out")
@@ -136,14 +136,14 @@ def _main(words: Sequence[str] | None = None) -> None:
 
             write_report(study, Path(folder) / "out")
     diagnostics = study.diagnostics or {"dimension": 0}
-    found = {
+    work = {
         "seconds": time.process_time(),
         "imports": [name for name in PACKAGES if name in sys.modules],
         # Tables are kept under a name of their own, since those asked for are copies.
         "stages": [name for name in STAGES if _worked(vars(study).get(name, vars(study).get(f"_{name}")))],
         "coordinates": diagnostics["dimension"],
     }
-    sys.stdout.write(json.dumps(found) + "\n")
+    sys.stdout.write(json.dumps(work) + "\n")
 
 
 def _study(without: str, tolerance: float, method: str, points: int | None) -> Study:

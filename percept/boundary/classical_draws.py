@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.classical.checks import sample
+from percept.inference.classical.moments import sample
 
 Array = NDArray[np.float64]
 

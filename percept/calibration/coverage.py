@@ -5,31 +5,75 @@ from __future__ import annotations
 import functools
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.calibration.checkpoint import Checkpoint
-from percept.calibration.judge import Judgement, judge_study
-from percept.calibration.plan import CoveragePlan
-from percept.calibration.studies import computed
-from percept.errors import UsageError
-from percept.workers import InProcess, Mapper
+from percept.calibration.judge import CoveragePlan, Judgement, judge_study
+from percept.calibration.studies import Checkpoint
+from percept.errors import RefusalError, UsageError
+from percept.inference.hierarchy.models import Pooled
+from percept.study import Study
+from percept.study.posterior import thinned_points
+from percept.study.responses import refuse_no_ratio
+from percept.workers import Mapper
+
+_Group = tuple[str, str, str, str, str, str]
+
+
+def refuse_unfit(study: Study) -> None:
+    """Refuse a study whose like cannot be simulated, before anything is sampled."""
+    if study.parameters != ("k", "b"):
+        raise RefusalError(
+            "calibration simulates stiffness and damping together; one of them is missing.",
+            hint="Give sessions of both, and leave [inference] parameters out.",
+        )
+    refuse_no_ratio(study.reference, why="and simulated responses are ratios to it")
+
+
+def fitted_values(study: Study) -> dict[str, Any]:
+    """Take the posterior means of a study as the truth to simulate from."""
+    refuse_unfit(study)
+    fit = study.fit
+    if fit is None or not fit.run.gate.passed or not isinstance(fit.prepared.model, Pooled):
+        raise RefusalError(
+            "calibration needs a passed Bayesian fit of the sessions.",
+            hint='Set method = "both" and pooling = "partial", or calibrate from the prior.',
+        )
+    model = fit.prepared.model
+    points, _ = thinned_points(fit)
+    means = {name: values.mean(axis=0) for name, (_, values) in model.scales(points).items()}
+    beta = model.laws(points).mean.mean(axis=0).reshape(2, -1).T
+    zero = [0.0, 0.0]
+    hyper: dict[str, Any] = {"alpha": beta.mean(axis=0).tolist(), "gamma": zero}
+    for name in ("tau", "sigma_u", "s", "kappa", "omega"):
+        hyper[name] = means[name].tolist() if name in means else zero
+    for name in ("rho_u", "rho_w"):
+        hyper[name] = float(means[name].mean()) if name in means else 0.0
+    # One trial a cell: the scatter between trials is part of what a user's value is.
+    hyper |= {"s_e": zero, "kappa_e": zero, "omega_e": zero, "rho_e": 0.0}
+    return {
+        "hyper": hyper,
+        "delta": (beta - beta.mean(axis=0)).tolist(),
+        "beta": beta.tolist(),
+        "sigma": means["sigma"].T.tolist(),
+        "sigma_e": np.zeros_like(beta).tolist(),
+    }
 
 
 @dataclass(frozen=True)
 class Coverage:
     """How often a claim held, over simulated studies."""
 
-    claim: str  # As `Judgement`
-    kind: str  # As `Judgement`
-    method: str  # As `Judgement`
-    family: str  # As `Judgement`
-    joint: str  # As `Judgement`
-    shape: str  # As `Judgement`
+    claim: str  # These six as in `Judgement`
+    kind: str
+    method: str
+    family: str
+    joint: str
+    shape: str
     subjects: int  # Per study
     truth: str  # Distribution of the simulated users
     stated: float | None  # What is claimed: level, or confidence for kind share
@@ -49,16 +93,53 @@ def coverage(
     """Simulate and judge studies, and average."""
     if studies < 2:
         raise UsageError("a standard error needs at least two studies.", key="studies", value=studies)
-    kept = Checkpoint(checkpoint, plan.key, what="judged", pack=_pack, unpack=_unpack)
-    judged = kept.read(studies)
-    wanted = [index for index in range(studies) if index not in judged]
+    kept: Checkpoint[list[Judgement]] = Checkpoint(
+        checkpoint,
+        plan.key,
+        what="judged",
+        pack=lambda judged: {"judged": [asdict(one) for one in judged]},
+        unpack=lambda line: [Judgement(**one) for one in line["judged"]],
+    )
     judge = functools.partial(judge_study, plan)
-    for index, found in computed(judge, wanted, mapper or InProcess(), name=f"coverage-{plan.key}"):
-        judged[index] = found
-        kept.append(index, found)
-        if progress:
-            progress(len(judged), studies)
-    return _averaged(plan, [judged[index] for index in sorted(judged)])
+    return averaged(plan, kept.complete(judge, studies, mapper=mapper, progress=progress))
+
+
+def averaged(plan: CoveragePlan, judged: list[list[Judgement]]) -> list[Coverage]:
+    """Average what became of each claim over studies; one withheld or refused counts among all of them."""
+    groups: dict[_Group, list[float]] = {}
+    for study in judged:
+        for one in study:
+            key = (one.claim, one.kind, one.method, one.family, one.joint, one.shape)
+            groups.setdefault(key, []).append(one.held)
+    rows = []
+    for key, values in groups.items():
+        failed = key[0] in ("withheld", "refused")
+        held = np.array(values + [0.0] * (len(judged) - len(values)) if failed else values)
+        rows.append(
+            Coverage(
+                *key,
+                subjects=plan.subjects,
+                truth=plan.truth,
+                stated=None if failed else plan.confidence if key[1] == "share" else plan.level,
+                held=float(held.mean()),
+                error=standard_error(held),
+                studies=held.size,
+            )
+        )
+    return rows
+
+
+def standard_error(held: NDArray[np.float64]) -> float:
+    """Return the standard error of a mean; of studies that all agree, as of one half more and one half less.
+
+    Six studies of six that hold do not make a coverage certain.
+    """
+    if held.size < 2:
+        return float("nan")
+    if np.ptp(held) > 0:
+        return float(held.std(ddof=1) / np.sqrt(held.size))
+    rate = (held.sum() + 0.5) / (held.size + 1.0)
+    return float(np.sqrt(rate * (1.0 - rate) / (held.size + 1.0)))
 
 
 def coverage_markdown(rows: list[Coverage]) -> str:
@@ -76,49 +157,3 @@ def coverage_markdown(rows: list[Coverage]) -> str:
         ]  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
-
-
-def _averaged(plan: CoveragePlan, judged: list[list[Judgement]]) -> list[Coverage]:
-    groups: dict[tuple[str, str, str, str, str, str], list[float]] = {}
-    for study in judged:
-        for one in study:
-            key = (one.claim, one.kind, one.method, one.family, one.joint, one.shape)
-            groups.setdefault(key, []).append(one.held)
-    rows = []
-    for key, values in groups.items():
-        failed = key[0] in ("withheld", "refused")
-        held = np.array(values + [0.0] * (len(judged) - len(values)) if failed else values)
-        stated = plan.confidence if key[1] == "share" else plan.level
-        rows.append(
-            Coverage(
-                *key,
-                subjects=plan.subjects,
-                truth=plan.truth,
-                stated=None if failed else stated,
-                held=float(held.mean()),
-                error=_standard_error(held),
-                studies=held.size,
-            )
-        )
-    return rows
-
-
-def _standard_error(held: NDArray[np.float64]) -> float:
-    """Return the standard error of a mean; of studies that all agree, as of one half more and one half less.
-
-    Six studies of six that hold do not make a coverage certain.
-    """
-    if held.size < 2:
-        return float("nan")
-    if np.ptp(held) > 0:
-        return float(held.std(ddof=1) / np.sqrt(held.size))
-    rate = (held.sum() + 0.5) / (held.size + 1.0)
-    return float(np.sqrt(rate * (1.0 - rate) / (held.size + 1.0)))
-
-
-def _pack(found: list[Judgement]) -> dict[str, Any]:
-    return {"judged": [asdict(one) for one in found]}
-
-
-def _unpack(line: Mapping[str, Any]) -> list[Judgement]:
-    return [Judgement(**one) for one in line["judged"]]

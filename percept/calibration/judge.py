@@ -3,32 +3,88 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import special
 
 from percept.boundary.records import Boundary
-from percept.calibration.plan import CoveragePlan
-from percept.calibration.truth import Population, populations_of
-from percept.errors import RefusalError
+from percept.errors import RefusalError, UsageError
 from percept.haptics import Device, perceived_magnitude
 from percept.inference.hierarchy.priors import Priors
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.simulate.design import Design
-from percept.simulate.model import TrueValues, draw_environments, draw_hyperparameters
-from percept.simulate.study import simulate
+from percept.simulate.model import (
+    Design,
+    Hyperparameters,
+    TrueValues,
+    draw_environments,
+    draw_hyperparameters,
+    simulate,
+)
 from percept.study import Study
 from percept.study.prediction import predict
 from percept.study.regions import displayable
 
 Array = NDArray[np.float64]
+Family = Literal["lognormal", "normal"]
+# Users drawn per environment, whose curves a boundary of the next user is held against.
 _USERS = 200
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
 _NAMES = ("k", "b")
-_Key = tuple[str, str, str, str, str, str]
+_LABELS = ("kind", "method", "family", "joint", "shape")
+_Labels = tuple[str, str, str, str, str]
+_Held = tuple[str, _Labels, float]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CoveragePlan:
+    """Studies to simulate, and how to analyse each."""
+
+    references: tuple[tuple[float, float], ...]  # k, N/m, and b, N·s/m, of the environments tested
+    held_out: tuple[float, float] | None = None  # An environment to predict, from priors only
+    subjects: int = 10  # Per study
+    truth: Family = "lognormal"  # Distribution of the simulated users
+    family: Family = "lognormal"  # Of the hierarchical model
+    method: Literal["both", "classical"] = "both"  # Which methods are judged
+    level: float = 0.99  # As `InferenceTable`
+    share: float | None = None  # As `InferenceTable`
+    confidence: float = 0.95  # As `InferenceTable`
+    tolerance: float = 0.05  # Of the sampler
+    values: dict[str, Any] | None = None  # What the studies are drawn from, as `fitted_values` gives it
+    device: tuple[float, float] = (1.0, 5.0)  # kg and N·s/m
+    period: float = 0.001  # Sampling period, s
+    frequencies: tuple[float, float, int] = (0.1, 100.0, 31)  # From, to, rad/s, and how many
+    seed: int = 1  # Of the whole
+
+    def __post_init__(self) -> None:
+        if len(self.references) < 2:
+            raise UsageError("a coverage study needs at least two environments.", value=len(self.references))
+        if self.subjects < 2:
+            raise UsageError("a coverage study needs at least two subjects.", value=self.subjects)
+        if self.values is not None and self.held_out is not None:
+            raise UsageError("an environment held out can be drawn from the prior only.")
+
+    @property
+    def key(self) -> str:
+        """A digest that tells results of different plans apart."""
+        return hashlib.sha256(json.dumps(dataclasses.asdict(self), sort_keys=True).encode()).hexdigest()[:16]
+
+    def true_values(self) -> TrueValues | None:
+        """Return `values` as a record, None where they are drawn from the priors."""
+        if self.values is None:
+            return None
+        hyper: dict[str, Any] = {
+            name: np.array(value) if isinstance(value, (list, tuple)) else value
+            for name, value in self.values["hyper"].items()
+        }
+        cells = {name: np.array(value) for name, value in self.values.items() if name != "hyper"}
+        return TrueValues(hyper=Hyperparameters(**hyper), **cells)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,12 +92,62 @@ class Judgement:
     """What became of one claim in one study."""
 
     claim: str
-    kind: str  # Of the interval or boundary
-    method: str  # Of the interval or boundary
-    family: str  # Of the interval or boundary
-    joint: str  # Of the interval or boundary
-    shape: str  # Of the interval or boundary
+    kind: str  # Of the interval or boundary, as the next four
+    method: str
+    family: str
+    joint: str
+    shape: str
     held: float  # Share of the environments and parameters (and users, frequencies) for which it was true
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Population:
+    """Users of one environment: points of equality, without trial noise."""
+
+    family: Family  # Distribution of the users
+    reference: Array  # (P,) N/m and N·s/m
+    mean: Array  # (P,) on the response scale
+    covariance: Array  # (P, P) on the response scale
+
+    @property
+    def sd(self) -> Array:
+        """SD per parameter on the response scale."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    def native(self, response: Array) -> Array:
+        """Responses (..., P) in N/m and N·s/m."""
+        with np.errstate(over="ignore", under="ignore"):
+            ratio = np.exp(response) if self.family == "lognormal" else 1.0 + response
+            return self.reference * ratio
+
+    def below(self, p: int, value: float) -> float:
+        """Return the share of users whose parameter p lies below a value, N/m or N·s/m."""
+        if self.family == "normal":
+            response = value / self.reference[p] - 1.0
+        elif value > 0:
+            response = float(np.log(value / self.reference[p]))
+        else:
+            return 0.0
+        return float(special.ndtr((response - self.mean[p]) / self.sd[p]))
+
+    def content(self, p: int, lower: float, upper: float) -> float:
+        """Return the share of users whose parameter p lies between limits."""
+        return self.below(p, upper) - self.below(p, lower)
+
+    def average(self, family: str) -> Array:
+        """Return what intervals of kind mean are about, N/m and N·s/m, by the family of the interval."""
+        if self.family == "lognormal":
+            return self.native(self.mean + (0.5 * self.sd**2 if family == "normal" else 0.0))
+        if family == "normal":
+            return self.native(self.mean)
+        values = self.native(self.mean + self.sd * _NODES[:, None])
+        kept = np.where(values > 0, _WEIGHTS[:, None], 0.0)
+        logs = np.log(np.where(values > 0, values, 1.0))
+        return np.exp((kept * logs).sum(axis=0) / kept.sum(axis=0))
+
+    def users(self, count: int, rng: np.random.Generator) -> Array:
+        """Draw users, (count, P), N/m and N·s/m."""
+        return self.native(rng.multivariate_normal(self.mean, self.covariance, count, method="eigh"))
 
 
 def judge_study(plan: CoveragePlan, index: int) -> list[Judgement]:
@@ -55,41 +161,41 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Judgement]:
     except RefusalError:
         found.append(Judgement("refused", "", "bayesian", plan.family, "", "", 1.0))
         study = Study(study.sessions, study.scene.with_inference(method="classical"))
-    known = dict(zip(study.environments, populations, strict=False))
-    claims = [
-        _Claim("interval", row, _interval_held(row, known[row["environment"]]))
-        for row in _records(study.intervals)
+    users = dict(zip(study.environments, populations, strict=False))
+    held: dict[tuple[str, _Labels], list[float]] = {}
+    for claim, labels, share in _claims(plan, study, users, populations[-1], rng):
+        held.setdefault((claim, labels), []).append(share)
+    # Environments and parameters of one study are not independent: a study is one observation.
+    return found + [
+        Judgement(claim, *labels, held=float(np.mean(shares))) for (claim, labels), shares in held.items()
     ]
-    claims += _judged_boundaries("boundary", study.boundaries, known, study, rng)
+
+
+def _claims(
+    plan: CoveragePlan,
+    study: Study,
+    users: dict[str, Population],
+    last: Population,
+    rng: np.random.Generator,
+) -> Iterator[_Held]:
+    """Yield each claim of a study, its labels, and the share for which it was true."""
+    yield from _held_intervals("interval", study.intervals, users)
+    yield from _held_boundaries("boundary", study.boundaries, users, study, rng)
     if plan.held_out is not None and study.fit is not None and study.fit.run.gate.passed:
-        claims += _judged_prediction(plan, study, populations[-1], rng)
-    return found + _averaged(claims)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Claim:
-    claim: str
-    what: dict[str, Any]
-    held: float
-
-
-def _averaged(claims: list[_Claim]) -> list[Judgement]:
-    """Mean over environments and parameters: within one study they are not independent."""
-    groups: dict[_Key, list[float]] = {}
-    for one in claims:
-        kind, method, family, joint = (str(one.what[n]) for n in ("kind", "method", "family", "joint"))
-        key = (one.claim, kind, method, family, joint, str(one.what.get("shape", "")))
-        groups.setdefault(key, []).append(one.held)
-    return [Judgement(*key, float(np.mean(held))) for key, held in groups.items()]
+        k, b = plan.held_out
+        predicted = predict(study, stiffness=k, damping=b)
+        users = {predicted.environment: last}
+        yield from _held_intervals("prediction", predicted.intervals, users)
+        yield from _held_boundaries("predicted boundary", predicted.boundaries, users, study, rng)
 
 
 def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, list[Population]]:
     tested = np.array(plan.references)
     every = tested if plan.held_out is None else np.vstack([tested, plan.held_out])
     design = Design.balanced(every, subjects=plan.subjects)
-    values = plan.true_values() or _from_prior(design, tested, rng)
-    simulated = simulate(design, seed=rng, values=values, family=plan.truth)
-    kept = simulated.table[simulated.table["environment"].isin(design.environments[: len(tested)])]
+    truth = plan.true_values() or _from_prior(design, tested, rng)
+    table = simulate(truth, design, rng, family=plan.truth)
+    kept = table[table["environment"].isin(design.environments[: len(tested)])]
     lower, upper, points = plan.frequencies
     scene = Scene.from_tables(
         {
@@ -106,14 +212,16 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
             },
         }
     )
-    study = Study(Sessions.from_frame(kept.drop(columns="source")), scene)
-    return study, populations_of(simulated.truth, every, plan.truth)
+    populations = [
+        Population(plan.truth, reference, beta, truth.cov_u + cov_w)
+        for reference, beta, cov_w in zip(every, truth.beta, truth.cov_w, strict=True)
+    ]
+    return Study(Sessions.from_frame(kept.drop(columns="source")), scene), populations
 
 
 def _from_prior(design: Design, tested: Array, rng: np.random.Generator) -> TrueValues:
     """Draw from the priors as the analysis knows them: decades about the tested references only."""
-    priors = Priors()
-    hyper = draw_hyperparameters(design, priors, rng)
+    hyper = draw_hyperparameters(design, Priors(), rng)
     shift = np.log10(design.references).mean(axis=0) - np.log10(tested).mean(axis=0)
     about_all = dataclasses.replace(
         hyper, alpha=hyper.alpha + hyper.gamma * shift, s=hyper.s * np.exp(hyper.kappa * shift)
@@ -121,11 +229,18 @@ def _from_prior(design: Design, tested: Array, rng: np.random.Generator) -> True
     return draw_environments(about_all, design, rng)
 
 
-def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
+def _held_intervals(claim: str, table: pd.DataFrame, users: dict[str, Population]) -> Iterator[_Held]:
+    for row in table.to_dict("records"):
+        yield claim, _labels(row), interval_held(row, users[row["environment"]])
 
 
-def _interval_held(row: dict[str, Any], users: Population) -> float:
+def _labels(of: dict[Any, Any]) -> _Labels:
+    kind, method, family, joint, shape = (str(of.get(name, "")) for name in _LABELS)
+    return kind, method, family, joint, shape
+
+
+def interval_held(row: dict[Any, Any], users: Population) -> float:
+    """Return what share of users an interval of the next user holds; of other kinds whether it is right."""
     p, lower, upper = _NAMES.index(row["parameter"]), row["lower"], row["upper"]
     if row["kind"] == "mean":
         return float(lower <= users.average(row["family"])[p] <= upper)
@@ -133,42 +248,28 @@ def _interval_held(row: dict[str, Any], users: Population) -> float:
     return content if row["kind"] == "user" else float(content >= row["share"])
 
 
-def _judged_boundaries(
+def _held_boundaries(
     claim: str,
     boundaries: tuple[Boundary, ...],
-    known: dict[str, Population],
+    populations: dict[str, Population],
     study: Study,
     rng: np.random.Generator,
-) -> Iterator[_Claim]:
+) -> Iterator[_Held]:
     table = study.scene.device
     assert table is not None
     assert isinstance(study.device, Device)
-    users = {environment: population.users(_USERS, rng) for environment, population in known.items()}
+    users = {environment: population.users(_USERS, rng) for environment, population in populations.items()}
     for boundary in boundaries:
         if boundary.kind == "share" or boundary.shape == "corner":
             continue
-        population = known[boundary.environment]
+        points = users[boundary.environment]
         if boundary.kind == "mean":
-            points = population.average(boundary.family)[None]  # type: ignore[arg-type]
-        else:
-            points = users[boundary.environment]
+            points = populations[boundary.environment].average(boundary.family)[None]
         points = displayable(points)
         curves = perceived_magnitude(
             boundary.omega[:, None], study.device, points[:, 0], points[:, 1], table.period
         )
         inside = (boundary.lower[:, None] <= curves) & (curves <= boundary.upper[:, None])
-        what = {name: getattr(boundary, name) for name in ("kind", "method", "family", "joint", "shape")}
-        yield _Claim(f"{claim} at an omega", what, float(inside.mean()))
-        yield _Claim(f"{claim} throughout", what, float(inside.all(axis=0).mean()))
-
-
-def _judged_prediction(
-    plan: CoveragePlan, study: Study, users: Population, rng: np.random.Generator
-) -> Iterator[_Claim]:
-    assert plan.held_out is not None
-    k, b = plan.held_out
-    predicted = predict(study, stiffness=k, damping=b)
-    for row in _records(predicted.intervals):
-        yield _Claim("prediction", row, _interval_held(row, users))
-    known = {predicted.environment: users}
-    yield from _judged_boundaries("predicted boundary", predicted.boundaries, known, study, rng)
+        labels = _labels(vars(boundary))
+        yield f"{claim} at an omega", labels, float(inside.mean())
+        yield f"{claim} throughout", labels, float(inside.all(axis=0).mean())

@@ -9,24 +9,79 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
+import json
 import os
 import time
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
-from percept.calibration.bands import ecdf_band
-from percept.calibration.checkpoint import Checkpoint
-from percept.calibration.sbc_fit import Placed, place_study
-from percept.calibration.sbc_plan import FAULTS, SbcPlan
-from percept.calibration.studies import computed
+from percept.calibration.placing import FAULTS, SBC_DESIGNS, Placed, SbcPlan, place_study
+from percept.calibration.studies import Checkpoint
 from percept.errors import UsageError
-from percept.workers import InProcess, Mapper
+from percept.workers import Mapper
 
+Counts = NDArray[np.int64]
 #: Probability that a right density is called wrong, per design.
 ERROR = 0.01
+_HALVINGS = 40
+
+
+class EcdfBand:
+    """Bounds of the number of values below each inner edge of equal bins, for values that are uniform."""
+
+    def __init__(self, count: int, bins: int, tail: float) -> None:
+        self.count, self.tail = count, tail
+        self.edges = np.arange(1, bins) / bins
+        self.lower: Counts = np.asarray(stats.binom.ppf(0.5 * tail, count, self.edges), dtype=np.int64)
+        self.upper: Counts = np.asarray(stats.binom.isf(0.5 * tail, count, self.edges), dtype=np.int64)
+
+    def probability(self) -> float:
+        """Probability that uniform values stay within the bounds at all edges at once.
+
+        Counts below successive edges are a Markov chain with binomial steps, so the probability is a
+        product of small matrices (Säilynoja, Bürkner & Vehtari 2022).
+        """
+        at = np.arange(self.lower[0], self.upper[0] + 1)
+        mass = stats.binom.pmf(at, self.count, self.edges[0])
+        for k in range(1, self.edges.size):
+            step = (self.edges[k] - self.edges[k - 1]) / (1.0 - self.edges[k - 1])
+            to = np.arange(self.lower[k], self.upper[k] + 1)
+            mass = mass @ stats.binom.pmf(to[None, :] - at[:, None], (self.count - at)[:, None], step)
+            at = to
+        return float(mass.sum())
+
+    def below(self, values: NDArray[np.float64]) -> Counts:
+        """Count values below each edge, shape (bins - 1,)."""
+        return np.searchsorted(np.sort(values), self.edges, side="left")
+
+    def holds(self, values: NDArray[np.float64]) -> bool:
+        """Whether the counts of values stay within the bounds."""
+        below = self.below(values)
+        return bool(np.all((below >= self.lower) & (below <= self.upper)))
+
+    def least_tail(self, values: NDArray[np.float64]) -> float:
+        """Smallest two-sided tail probability of a count, over the edges."""
+        below = self.below(values)
+        low = stats.binom.cdf(below, self.count, self.edges)
+        high = stats.binom.sf(below - 1, self.count, self.edges)
+        return float(min(1.0, 2.0 * np.minimum(low, high).min()))
+
+
+@functools.cache
+def ecdf_band(count: int, bins: int, error: float) -> EcdfBand:
+    """Find the narrowest band that uniform values leave with at most the probability given."""
+    low, high = 0.0, float(np.log(bins))  # logarithms of error/tail: between one edge and a union of all
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if EcdfBand(count, bins, error * float(np.exp(-middle))).probability() >= 1.0 - error:
+            high = middle
+        else:
+            low = middle
+    return EcdfBand(count, bins, error * float(np.exp(-high)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,8 +105,8 @@ class Calibration:
     reasons: tuple[str, ...]  # Why, each reason once
     error: float  # Probability of any quantity leaving its band if all is right, at most
     tail: float  # The band's tail probability at one edge
-    lower: tuple[int, ...]  # The band
-    upper: tuple[int, ...]  # The band
+    lower: tuple[int, ...]  # Of the band, at each edge
+    upper: tuple[int, ...]
     quantities: tuple[Uniformity, ...]  # Every scale, correlation, location and distribution function
 
     @property
@@ -72,29 +127,25 @@ def calibrate(
     """Simulate, fit and judge studies of one design."""
     if fits < 1:
         raise UsageError("a calibration needs at least one study.", key="fits", value=fits)
-    kept = Checkpoint(checkpoint, plan.key, what="placed", pack=dataclasses.asdict, unpack=_unpack)
-    placed = kept.read(fits)
-    wanted = [index for index in range(fits) if index not in placed]
-    stop = None if seconds is None else time.monotonic() + seconds
-    started = itertools.takewhile(lambda _: stop is None or time.monotonic() < stop, wanted)
+    kept: Checkpoint[Placed] = Checkpoint(
+        checkpoint,
+        plan.key,
+        what="placed",
+        pack=dataclasses.asdict,
+        unpack=lambda line: Placed(line["reason"], dict(line["values"])),
+    )
     place = functools.partial(place_study, plan)
-    for index, one in computed(place, started, mapper or InProcess(), name=f"sbc-{plan.key}"):
-        placed[index] = one
-        kept.append(index, one)
-        if progress:
-            progress(len(placed), fits)
-    return judge_places(plan, [placed[index] for index in sorted(placed)])
+    return judge_places(plan, kept.complete(place, fits, mapper=mapper, seconds=seconds, progress=progress))
 
 
 def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
     """Judge all quantities of a design together."""
     passed = [one.values for one in placed if not one.reason]
-    reasons = tuple(dict.fromkeys(one.reason for one in placed if one.reason))
     names = list(passed[0]) if passed else []
     band = ecdf_band(len(passed), plan.bins, ERROR / max(len(names), 1))
     quantities = []
     for name in names:
-        values = np.array([found[name] for found in passed])
+        values = np.array([one[name] for one in passed])
         below = tuple(band.below(values).tolist())
         quantities.append(Uniformity(name, band.holds(values), band.least_tail(values), below))
     return Calibration(
@@ -102,7 +153,7 @@ def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
         fault=plan.fault,
         fits=len(placed),
         failed=len(placed) - len(passed),
-        reasons=reasons,
+        reasons=tuple(dict.fromkeys(one.reason for one in placed if one.reason)),
         error=ERROR,
         tail=band.tail,
         lower=tuple(band.lower.tolist()),
@@ -111,7 +162,48 @@ def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
     )
 
 
-def sbc_markdown(found: list[Calibration]) -> str:
+def calibrate_designs(
+    fits: int,
+    *,
+    designs: Sequence[str] = tuple(SBC_DESIGNS),
+    fault: str = "none",
+    seed: int = 1,
+    mapper: Mapper | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    seconds: float | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Calibration]:
+    """Calibrate designs with equal shares of the time that is left."""
+    stop = None if seconds is None else time.monotonic() + seconds
+    found = []
+    for done, design in enumerate(designs):
+        plan = SbcPlan(design=design, seed=seed, fault=fault)
+        left = None if stop is None else (stop - time.monotonic()) / (len(designs) - done)
+        tell = functools.partial(progress, design) if progress else None
+        found.append(calibrate(plan, fits, mapper=mapper, checkpoint=checkpoint, seconds=left, progress=tell))
+    return found
+
+
+def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLike[str]) -> None:
+    """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it)."""
+    to = Path(directory)
+    to.mkdir(parents=True, exist_ok=True)
+    rows = [{**dataclasses.asdict(one), "outside": list(one.outside)} for one in found]
+    (to / "sbc.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    total = sum(one.fits for one in found)
+    head = (
+        "# Simulation-based calibration\n\n"
+        f"{total} studies were drawn from the prior and fitted. True scales, correlations and "
+        "locations are ranked among independent posterior draws; `mean` and `user` are the posterior "
+        "distribution functions at the true mean and at a new user. Each design's quantities are judged "
+        "together by simultaneous bands that a right density leaves with a probability of at most "
+        f"{100 * max((one.error for one in found), default=0.0):g} %. Fits the gate withheld are counted as "
+        "failed and give no ranks. With few fits only large errors show.\n\n"
+    )
+    (to / "sbc.md").write_text(head + sbc_markdown(found), encoding="utf-8")
+
+
+def sbc_markdown(found: Sequence[Calibration]) -> str:
     """Write verdicts as a table in Markdown."""
     lines = [
         "| design | deliberate error | fits | failed | quantities | outside | farthest | tail | band |",
@@ -126,7 +218,3 @@ def sbc_markdown(found: list[Calibration]) -> str:
         ]  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
-
-
-def _unpack(line: Mapping[str, Any]) -> Placed:
-    return Placed(line["reason"], dict(line["values"]))

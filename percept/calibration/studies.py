@@ -1,31 +1,120 @@
-"""Studies of a plan by their numbers, on whatever workers there are."""
+"""Studies of a plan by their numbers: each worked on once, its result kept line by line in a file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import TypeVar
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
-from percept.errors import RefusalError
-from percept.workers import Job, Mapper
+from percept.durable import exclusive
+from percept.errors import RefusalError, UsageError
+from percept.workers import InProcess, Job, Mapper
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
+# How every line starts: what is left of one cut short is told from a file of something else.
+_START = '{"plan": "'
 
 
-def computed(
-    function: Callable[[int], Found], wanted: Iterable[int], mapper: Mapper, *, name: str
-) -> Iterator[tuple[int, Found]]:
-    """Call a function for the numbers of studies and give what it finds as it comes."""
-    errors: dict[int, Exception] = {}
-    for answer in mapper.map(function, (Job(f"{name}-{index}", index) for index in wanted)):
-        index, found = answer.job.argument, answer.result
-        if isinstance(found, Exception):
-            errors[index] = found
-        else:
-            yield index, found
-    if errors:
-        first = min(errors)
-        raise RefusalError(
-            f"{len(errors)} studies ended in an error; study {first}: "
-            f"{type(errors[first]).__name__}: {errors[first]}",
-            hint="The others are kept where there is a checkpoint: the same run again tries these only.",
-        ) from errors[first]
+class Checkpoint(Generic[Result]):
+    """A file of JSON lines, one per study of a plan; lines of other plans stand beside them."""
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str] | None,
+        plan: str,
+        *,
+        what: str,
+        pack: Callable[[Result], Mapping[str, Any]],
+        unpack: Callable[[Mapping[str, Any]], Result],
+    ) -> None:
+        self._path = None if path is None else Path(path)
+        self._plan, self._what, self._pack, self._unpack = plan, what, pack, unpack
+
+    def read(self, studies: int) -> dict[int, Result]:
+        """Read the results of the plan's first studies by index; cut off a last line that is not whole."""
+        if self._path is None or not self._path.exists():
+            return {}
+        with exclusive(self._path.parent):
+            lines = self._whole_lines(self._path)
+        results = {}
+        for row, line in enumerate(lines, start=1):
+            try:
+                values = json.loads(line)
+                if values["plan"] == self._plan and int(values["index"]) < studies:
+                    results[int(values["index"])] = self._unpack(values)
+            except (ValueError, KeyError, TypeError) as error:
+                raise self._strange(row) from error
+        return results
+
+    def append(self, index: int, result: Result) -> None:
+        """Write the result of study `index` behind the others."""
+        if self._path is None:
+            return
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        line = {"plan": self._plan, "index": index, **self._pack(result)}
+        with exclusive(self._path.parent), self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+
+    def complete(
+        self,
+        study: Callable[[int], Result],
+        studies: int,
+        *,
+        mapper: Mapper | None = None,
+        seconds: float | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> list[Result]:
+        """Return the results of all studies, those not kept yet by calling `study` on the workers.
+
+        After `seconds` no further study is started. Studies that end in an error are told together, when
+        all others are kept.
+        """
+        results = self.read(studies)
+        stop = None if seconds is None else time.monotonic() + seconds
+
+        def jobs() -> Iterator[Job[int]]:
+            for index in sorted(set(range(studies)) - results.keys()):
+                if stop is not None and time.monotonic() >= stop:
+                    return
+                yield Job(f"{self._what}-{self._plan}-{index}", index)
+
+        errors: dict[int, Exception] = {}
+        for answer in (mapper or InProcess()).map(study, jobs()):
+            index = answer.job.argument
+            if isinstance(answer.result, Exception):
+                errors[index] = answer.result
+                continue
+            results[index] = answer.result
+            self.append(index, answer.result)
+            if progress:
+                progress(len(results), studies)
+        if errors:
+            first = min(errors)
+            raise RefusalError(
+                f"{len(errors)} studies ended in an error; study {first}: "
+                f"{type(errors[first]).__name__}: {errors[first]}",
+                hint="The others are kept where there is a checkpoint: the same run again tries these only.",
+            ) from errors[first]
+        return [results[index] for index in sorted(results)]
+
+    def _whole_lines(self, path: Path) -> list[str]:
+        """Read the lines, and cut off a last one that is not whole: the next would be written behind it."""
+        try:
+            data = path.read_bytes()
+            whole, newline, rest = data.decode().rpartition("\n")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(
+                f"no file of {self._what} studies.", file=str(path), hint="Choose another folder."
+            ) from error
+        if rest:
+            if not (rest.startswith(_START) or _START.startswith(rest)):
+                raise self._strange(1 + whole.count("\n") + len(newline))
+            # Truncating needs no room, which a full disk would not have for writing.
+            os.truncate(path, data.rfind(b"\n") + 1)
+        return whole.splitlines()
+
+    def _strange(self, row: int) -> UsageError:
+        return UsageError(f"not a line of {self._what} studies.", file=str(self._path), row=row)

@@ -79,15 +79,26 @@ def _tell(notices: Sequence[Notice]) -> None:
 
 
 def verdict(study: Study) -> int:
-    """Say on standard error where the gate withholds the Bayesian numbers; return the exit code."""
+    """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
     from percept.errors import RefusalError, printable
 
     fit = study.fit
     if fit is None or fit.run.gate.passed:
+        tell_error(study)
         return 0
     reasons = printable(" ".join(fit.run.gate.reasons))
     print(f"percept: Bayesian intervals are withheld: {reasons}", file=sys.stderr)
     return RefusalError.exit_code
+
+
+def tell_error(*studies: Study) -> None:
+    """Say on standard error that Bayesian numbers are less accurate than asked."""
+    from percept.errors import printable
+
+    for study in studies:
+        gate = study.fit.run.gate if study.fit is not None else None
+        if gate is not None and gate.passed and not gate.tolerance_met:
+            print(f"percept: {printable(gate.error_reached)}", file=sys.stderr)
 
 
 def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:

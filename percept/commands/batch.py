@@ -81,7 +81,7 @@ def _print(summary: Summary) -> None:
     from percept.errors import counted, printable
 
     analysed = summary.studies - summary.skipped
-    for name, message in summary.failures:
+    for name, message in (*summary.failures, *summary.inaccurate):
         print(printable(message if message.startswith(name) else f"{name}: {message}"), file=sys.stderr)
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
     studies = counted(summary.studies, "study", "studies")

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib
 import json
 import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 EXAMPLE = "percept bench sampling --json"
 _OUT = "benchmark"
 #: Parts that measure simulated studies.
-_SIMULATED = {
-    "sampling", "propagation", "envelope", "density", "skipping", "coverage", "workers",
-    "growth",
-}  # fmt: skip
+_SIMULATED = {"sampling", "propagation", "envelope", "skipping", "workers", "growth", "reader"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,15 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))} (sampling, magnitude)",
     )
-    parser.add_argument(
-        "--stability",
-        action="store_true",
-        help="digits kept: moments, tolerance factors, density and haptics",
-    )
-    parser.add_argument(
-        "--cases", type=int, default=2000, metavar="N", help="cases of the haptics digits (2000)"
-    )
+    parser.add_argument("--stability", action="store_true", help="the same as the part digits")
+    parser.add_argument("--cases", type=int, default=2000, metavar="N", help="haptics cases of digits (2000)")
     parser.add_argument("--studies", type=int, default=200, metavar="N", help="studies of workers (200)")
+    parser.add_argument("--rows", type=int, default=1_000_000, metavar="N", help="rows of reader (1 000 000)")
     parser.add_argument("--json", action="store_true", help="print as JSON")
     parser.add_argument(
         "--out",
@@ -64,188 +56,98 @@ def run(arguments: argparse.Namespace) -> int:
         print(_WRITERS[arguments.parts[0]](arguments))
         return 0
     parts = list(arguments.parts) or ([] if arguments.stability else ["sampling", "magnitude"])
-    if arguments.stability:
-        parts += ["moments", "tolerance", "density", "haptics"]
+    if arguments.stability and "digits" not in parts:
+        parts.append("digits")
     unknown = [part for part in parts if part not in _PARTS]
     if unknown:
         raise UsageError(
             f"not a part that goes with others; those are {', '.join(_PARTS)}.", value=unknown[0]
         )
-    found: dict[str, list[dict[str, Any]]] = {}
+    rows: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
-        print(f"measuring {part}", file=sys.stderr)
-        begun, before = time.perf_counter(), os.getloadavg()[0]
-        records = _measured(part, arguments)
-        if arguments.out:
-            loads, seconds = (before, os.getloadavg()[0]), time.perf_counter() - begun
-            path = _write(part, records, arguments, loads, seconds)
-            print(path, file=sys.stderr if arguments.json else sys.stdout)
-        found[part] = [dataclasses.asdict(record) for record in records]
+        _log(f"measuring {part}")
+        rows[part] = [dataclasses.asdict(record) for record in _measured(part, arguments)]
     if arguments.json:
-        print(json.dumps(found, indent=1))
-    if arguments.json or arguments.out:
-        return 0
-    import pandas as pd
+        print(json.dumps(rows, indent=1))
+    elif not arguments.out:
+        import pandas as pd
 
-    for part, rows in found.items():
-        print(f"\n{part}\n{pd.DataFrame(rows).to_string(index=False, float_format='{:.4g}'.format)}")
+        for part, records in rows.items():
+            table = pd.DataFrame(records).to_string(index=False, float_format="{:.4g}".format)
+            print(f"\n{part}\n{table}")
     return 0
 
 
 def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
+    """Measure one part and, where asked, write it."""
     from percept.errors import UsageError
 
+    started, before = time.perf_counter(), os.getloadavg()[0]
     try:
-        return _PARTS[part](arguments)
+        records = _PARTS[part](arguments)
     except ModuleNotFoundError as error:
         raise UsageError(
             f"{part} needs {error.name}, which is not installed.",
             hint="Install percept with its extra: percept[bench].",
         ) from error
+    if arguments.out:
+        option = {"digits": "cases", "workers": "studies", "reader": "rows"}.get(part)
+        size = f" --{option} {getattr(arguments, option)}" if option else ""
+        document = _bench("measure", "measurement")(
+            part,
+            records,
+            command=f"percept bench {part}{size} --out DIR",
+            simulated=part in _SIMULATED,
+            loads=(before, os.getloadavg()[0]),
+            seconds=time.perf_counter() - started,
+        )
+        path = _bench("measure", "write_measurement")(document, arguments.out)
+        print(path, file=sys.stderr if arguments.json else sys.stdout)
+    return records
 
 
-def _write(
-    part: str,
-    records: Sequence[Any],
-    arguments: argparse.Namespace,
-    loads: tuple[float, float],
-    seconds: float,
-) -> Path:
-    from percept.bench.measurement import measurement, write_measurement
+def _log(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
-    sizes = {"haptics": f" --cases {arguments.cases}", "workers": f" --studies {arguments.studies}"}
-    command = f"percept bench {part}{sizes.get(part, '')} --out DIR"
-    document = measurement(
-        part, records, command=command, simulated=part in _SIMULATED, loads=loads, seconds=seconds
-    )
-    return write_measurement(document, arguments.out)
+
+def _bench(module: str, name: str) -> Any:
+    """Import a function of `percept.bench` when it is called for."""
+    return getattr(importlib.import_module(f"percept.bench.{module}"), name)
 
 
 def _published() -> Any:
-    """Return the published study's sessions under its scene."""
+    """Study of the simulated sessions like the published ones."""
+    from percept import Scene, Study, read_sessions
     from percept.reproduce.published import dataset
-    from percept.scene import Scene
-    from percept.sessions import read_sessions
-    from percept.study import Study
 
     return Study(read_sessions(dataset("hbfd_sessions.csv")), Scene.load(dataset("hbfd.toml")))
 
 
-def _sampling(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.sampling import sampling_cost
-    from percept.reproduce.published import dataset
-    from percept.scene import Scene
+def _digits(arguments: argparse.Namespace) -> list[Any]:
+    import mpmath  # noqa: F401 - missing, it is named before anything is worked out
 
-    return sampling_cost(dataset("hbfd_sessions.csv"), Scene.load(dataset("hbfd.toml")))
-
-
-def _magnitude(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.haptics import magnitude_cost
-
-    return [magnitude_cost()]
-
-
-def _propagation(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.propagation import study_propagation
-
-    return study_propagation(_published())
-
-
-def _envelope(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.envelope import envelope_costs
-
-    return envelope_costs(_published())
-
-
-def _memory(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.propagation import propagation_memory
-    from percept.haptics import Device
-
-    return [propagation_memory(Device(1.0, 5.0))]
-
-
-def _moments(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.classical import digits_kept
-
-    return digits_kept()
-
-
-def _coverage(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.classical import coverage
-
-    return coverage()
-
-
-def _tolerance(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.tolerance_digits import tolerance_digits
-
-    return tolerance_digits()
-
-
-def _density(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.density_digits import density_digits
-
-    return density_digits()
-
-
-def _haptics(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.haptics_digits import digits_kept
-
-    return digits_kept(arguments.cases)
-
-
-def _skipping(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.skipping import skipping_cost
-
-    return skipping_cost()
-
-
-def _growth(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.growth import growth
-
-    return growth(told=_told)
-
-
-def _workers(arguments: argparse.Namespace) -> Sequence[Any]:
-    from percept.bench.workers import batch_costs
-
-    return batch_costs(arguments.studies)
+    parts = ("moment_digits", "tolerance_digits", "density_digits")
+    rows = [row for name in parts for row in _bench("digits", name)()]
+    return rows + _bench("digits_haptics", "haptics_digits")(arguments.cases)
 
 
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
-    "sampling": _sampling,
-    "magnitude": _magnitude,
-    "propagation": _propagation,
-    "envelope": _envelope,
-    "memory": _memory,
-    "moments": _moments,
-    "tolerance": _tolerance,
-    "density": _density,
-    "coverage": _coverage,
-    "haptics": _haptics,
-    "skipping": _skipping,
-    "workers": _workers,
-    "growth": _growth,
+    "sampling": lambda _: _bench("growth", "sampling_costs")(_published()),
+    "magnitude": lambda _: [_bench("propagation", "magnitude_cost")()],
+    "propagation": lambda _: _bench("propagation", "study_propagation")(_published()),
+    "envelope": lambda _: _bench("propagation", "envelope_costs")(_published()),
+    "memory": lambda _: [_bench("propagation", "propagation_memory")()],
+    "digits": _digits,
+    "skipping": lambda _: _bench("skipping", "skipping_cost")(),
+    "workers": lambda given: _bench("workers", "batch_costs")(given.studies),
+    "growth": lambda _: _bench("growth", "growth")(log=_log),
+    "reader": lambda given: _bench("reader", "read_costs")(given.rows),
 }
-
-
-def _told(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
-
-
-def _peers(arguments: argparse.Namespace) -> Path:
-    from percept.bench.peers.run import run_benchmark
-
-    return run_benchmark(
-        arguments.out or _OUT, engines=arguments.engines, seconds=arguments.seconds,
-        starts=arguments.starts, repeats=arguments.repeats, quick=arguments.quick, told=_told,
-    )  # fmt: skip
-
-
-def _reference(arguments: argparse.Namespace) -> Path:
-    from percept.bench.peers.run import run_reference
-
-    return run_reference(arguments.out or _OUT, told=_told)
-
-
-_WRITERS: dict[str, Callable[[argparse.Namespace], Path]] = {"peers": _peers, "reference": _reference}
+#: Parts run alone, which write their own files.
+_WRITERS: dict[str, Callable[[argparse.Namespace], Any]] = {
+    "peers": lambda given: _bench("peers.run", "run_benchmark")(
+        given.out or _OUT, engines=given.engines, seconds=given.seconds,
+        starts=given.starts, repeats=given.repeats, quick=given.quick, told=_log,
+    ),
+    "reference": lambda given: _bench("peers.run", "run_reference")(given.out or _OUT, told=_log),
+}  # fmt: skip

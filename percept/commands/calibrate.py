@@ -12,7 +12,7 @@ from percept.commands.progress import Working
 from percept.commands.workers import add_worker_arguments
 
 if TYPE_CHECKING:
-    from percept.calibration.plan import CoveragePlan
+    from percept.calibration.judge import CoveragePlan
 
 # What curves are drawn for where the scene has no rigid device: kg, N·s/m and s.
 _DEVICE, _PERIOD = (1.0, 5.0), 0.001
@@ -94,7 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
-    from percept.calibration.plan import CoveragePlan, fitted_values, refuse_unfit
+    from percept.calibration.coverage import fitted_values, refuse_unfit
+    from percept.calibration.judge import CoveragePlan
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.analysis import add_analysis_arguments, open_study, tell_error
 from percept.commands.progress import Working
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
             return _methods(study, as_json=arguments.json)
         studies, names = pair
         found = compare_studies(*studies)
+    tell_error(*studies)
     if arguments.json:
         parts = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
         _print_json({"studies": names, **_stated(studies[0]), "notes": found.notes, **parts})
@@ -126,6 +127,7 @@ def _methods(study: Study, *, as_json: bool) -> int:
             "no interval of one method has a counterpart in the other.",
             hint="percept fit prints the intervals there are, and why others are left out.",
         )
+    tell_error(study)
     curves = study.curve_comparison
     if as_json:
         _print_json({**_stated(study), "comparison": table, "curves": curves})
@@ -148,7 +150,7 @@ def _stated(study: Study) -> dict[str, Any]:
 
 
 def _claim(study: Study) -> str:
-    from percept.inference.covers import percent
+    from percept.inference.record import percent
 
     asked = study.scene.inference
     return f"{asked.family} family, level {percent(asked.level)}"

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from percept.commands.analysis import add_analysis_arguments, open_study
+from percept.commands.analysis import add_analysis_arguments, open_study, tell_error
 from percept.commands.progress import Working
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.leave_one_out:
             return _left_out(study, arguments)
         found = predict(study, stiffness=arguments.k, damping=arguments.b)
+    tell_error(study)
     if arguments.json:
         said = {"sentence": found.sentence, "extrapolates": found.extrapolates}
         print(dumps({**said, **plain(found)}), end="")

@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
-    from percept.calibration.sbc_plan import SBC_DESIGNS
-    from percept.calibration.sbc_run import calibrate_designs, write_calibrations
+    from percept.calibration.placing import SBC_DESIGNS
+    from percept.calibration.sbc import calibrate_designs, write_calibrations
     from percept.errors import UsageError
     from percept.workers import open_mapper
 

@@ -21,15 +21,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and write; prints the path."""
     from percept.scene import Scene
-    from percept.sessions import ReadOptions
-    from percept.simulate import simulate_like_csv, write_sessions
+    from percept.sessions import ReadOptions, read_sessions
+    from percept.simulate import simulate_like, write_sessions
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)
     with Working("simulating", shown=True):
-        table = simulate_like_csv(
-            arguments.like, seed=arguments.seed, subjects=arguments.subjects, options=options
-        )
+        published = read_sessions(arguments.like, options=options)
+        table = simulate_like(published, seed=arguments.seed, subjects=arguments.subjects)
         path = write_sessions(table, arguments.out)
     print(path)
     return 0

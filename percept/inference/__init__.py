@@ -1,4 +1,4 @@
-"""Inference on users: classical intervals, regions of stiffness and damping, and the hierarchical model.
+"""Inference on users: classical intervals, and the hierarchical model.
 
 Names are resolved on first use, so that asking for a classical interval imports no sampler.
 """
@@ -9,20 +9,14 @@ import importlib
 from typing import Any
 
 _HOMES = {
-    "covers": ("coverage_sentence",),
-    "intervals": ("Interval",),
-    "regions": ("EllipseRegion", "RectangleRegion"),
-    "classical.bias": ("Bias", "Equivalence", "bias", "equivalence_test"),
-    "classical.diagnostics": ("Influence", "Normality", "check_normality", "influence"),
-    "classical.exact": ("MomentsAccumulator",),
-    "classical.joint": ("ellipse_region", "rectangle_region"),
-    "classical.levels": ("OneMinus",),
+    "record": ("Interval",),
+    "classical.intervals": (
+        "Ratio", "bias", "prediction_interval", "t_interval", "tolerance_interval", "weber_fraction"
+    ),
     "classical.moments": ("Moments",),
-    "classical.sample_intervals": ("prediction_interval", "t_interval", "tolerance_interval"),
-    "classical.spread": ("RelativeSpread", "coefficient_of_variation", "weber_fraction"),
-    "classical.tolerance": ("howe_factor", "tolerance_factor"),
-    "classical.trials": ("SubjectMeans", "subject_means"),
-}
+    "classical.tolerance": ("tolerance_factor",),
+    "classical.trials": ("Normality", "check_normality"),
+}  # fmt: skip
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = sorted(_HOME)

@@ -20,12 +20,19 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
         "references": _references(intervals),
         "widths": _widths(intervals),
         "cautions": [
+            *_inaccurate(document.get("diagnostics")),
             *_few(intervals),
             *_below_zero(intervals),
             *_active(document["passivity"]),
             *_doubtful(document["data"]["doubts"]),
         ],
     }
+
+
+def _inaccurate(diagnostics: Mapping[str, Any] | None) -> Iterator[str]:
+    gate = diagnostics["gate"] if diagnostics else None
+    if gate and gate["passed"] and not gate["tolerance_met"]:
+        yield gate["error_reached"]
 
 
 def _few(intervals: list[dict[str, Any]]) -> Iterator[str]:

@@ -5,17 +5,7 @@
 
 from __future__ import annotations
 
-from percept.reproduce.claims import Claim, Quantity, judge_all
-from percept.reproduce.published import Published, Wall, load_published
-from percept.reproduce.write import Written, write_reproduction
+from percept.reproduce.published import load_published
+from percept.reproduce.write import judge_all, write_reproduction
 
-__all__ = [
-    "Claim",
-    "Published",
-    "Quantity",
-    "Wall",
-    "Written",
-    "judge_all",
-    "load_published",
-    "write_reproduction",
-]
+__all__ = ["judge_all", "load_published", "write_reproduction"]

@@ -1,48 +1,63 @@
-"""What the paper's figures say of a device: each panel's statement over mass and damping."""
+"""What depends on the device: the statements of the paper's figures, and couplings that suit environments.
+
+The second part is the paper's future work: a coupling that follows the environment, stable and inside the
+next user's boundary.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.haptics import Coupling, Device, corner_curves, magnitude_envelope, perceived_impedance
-from percept.reproduce.published import Published, Wall
+from percept.haptics import (
+    CouplingDesign,
+    Device,
+    EnvironmentBoundary,
+    best_coupling_damping,
+    corner_curves,
+    design_couplings,
+    magnitude_envelope,
+    max_coupling_stiffness,
+    qualifying_region,
+)
+from percept.reproduce.published import Array, Published, Wall
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 #: Devices a hand can move, kg and N·s/m; nobody published the mass or the damping of the one used.
 MASSES = np.geomspace(0.01, 30.0, 71)
 DAMPINGS = np.geomspace(0.05, 50.0, 61)
-_POINTS = 9
-_RANGE = 31
+_POINTS = 9  # Over a window of at most 13 % of its frequency
+_RANGE = 31  # Over the perceivable range
+# Dampings of the trade-off, N·s/m, and the least one looked at, found to a thousandth.
+_DAMPINGS = np.geomspace(0.5, 60.0, 11)
+_LEAST, _DIGITS = 1e-4, 1e-3
+_LINES = 17  # Values of b_c along which couplings are searched
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
     """The four curves of a panel of Fig. 7, N·s/m, over ω on the last axis."""
 
-    omega: FloatArray  # (n,) rad/s
-    lower: FloatArray  # (..., n)
-    upper: FloatArray  # (..., n)
-    direct: FloatArray  # (..., n)
-    coupled: FloatArray  # (..., n)
+    lower: Array  # (..., n), as the others
+    upper: Array
+    direct: Array
+    coupled: Array
 
 
-def curves(omega: FloatArray, device: Device, wall: Wall, coupling: Coupling, period: float) -> Curves:
-    """Return the curves of a panel for one device, or an array of them."""
+def curves(published: Published, wall: Wall, omega: Array, device: Device | None = None) -> Curves:
+    """Return the curves of a panel, for the scene's device, another, or an array of them."""
+    device = published.device if device is None else device
     each = Device(np.asarray(device.mass)[..., None], np.asarray(device.damping)[..., None])
-    at_low, at_high = corner_curves(omega, each, wall.stiffness, wall.damping, period)
+    ends = corner_curves(omega, each, wall.stiffness, wall.damping, published.period)
     return Curves(
-        omega=omega,
-        lower=np.minimum(at_low, at_high),
-        upper=np.maximum(at_low, at_high),
-        direct=np.abs(perceived_impedance(omega, each, wall.environment, period)),
-        coupled=np.abs(perceived_impedance(omega, each, wall.environment, period, coupling=coupling)),
+        lower=np.minimum(*ends),
+        upper=np.maximum(*ends),
+        direct=published.felt(omega, wall.environment, device=each),
+        coupled=published.felt(omega, wall.environment, device=each, coupling=published.tuned),
     )
 
 
@@ -86,35 +101,32 @@ def panels(published: Published) -> tuple[Panel, ...]:
 def over_devices(
     published: Published,
     panel: Panel,
-    mass: FloatArray,
-    damping: FloatArray,
+    mass: Array,
+    damping: Array,
     *,
-    omega: FloatArray | None = None,
+    omega: Array | None = None,
 ) -> BoolArray:
     """Say for which devices a panel's statement is true over its window."""
     mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
     if omega is None:
         omega = np.linspace(*panel.window, _POINTS)
-    device = Device(mass, damping)
-    return panel.true_of(curves(omega, device, panel.wall, published.tuned, published.period))
+    return panel.true_of(curves(published, panel.wall, omega, Device(mass, damping)))
 
 
-def environments_inside(published: Published, mass: FloatArray, damping: FloatArray) -> IntArray:
+def environments_inside(published: Published, mass: Array, damping: Array) -> NDArray[np.int64]:
     """Count the environments that feel real through the tuned coupling, by device."""
     mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
     device, omega = Device(mass[..., None], damping[..., None]), published.omega(_RANGE)
     count = np.zeros(mass.shape, dtype=np.int64)
     for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
         lower, upper = magnitude_envelope(omega, device, k, b, published.period)
-        felt = np.abs(
-            perceived_impedance(omega, device, wall.environment, published.period, coupling=published.tuned)
-        )
+        felt = published.felt(omega, wall.environment, device=device, coupling=published.tuned)
         count += ((lower <= felt) & (felt <= upper)).all(axis=-1)
     return count
 
 
-def largest(true_at: Callable[[FloatArray], BoolArray], candidates: FloatArray) -> float | None:
-    """Return where a statement stops being true, on a rising scale."""
+def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float | None:
+    """Return where a statement stops being true on a rising scale: None if it never is, inf if always."""
     true = true_at(candidates)
     if not true.any():
         return None
@@ -129,3 +141,105 @@ def largest(true_at: Callable[[FloatArray], BoolArray], candidates: FloatArray) 
         else:
             high = middle
     return float(low)
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """The couplings that suit each environment on one device, and the one for all, if there is one."""
+
+    device: Device
+    design: CouplingDesign  # In the order of Table 1
+    static: tuple[bool, ...]  # By environment, whether the paper's tuned coupling is among them
+
+
+@dataclass(frozen=True, eq=False)
+class TradeOff:
+    """Stability against realism: what k_c a device carries, and what k_c feels real."""
+
+    damping: Array  # (n,) b_d, N·s/m
+    stiffest: Array  # (n,) Largest stable k_c at the best b_c, N/m
+    softest: Array  # Smallest stable k_c that keeps each environment inside its boundary, N/m
+    least: tuple[float, ...]  # Smallest b_d with which each environment has a coupling, N·s/m
+    least_common: float  # Smallest b_d with which one coupling suits all
+    static: float  # The b_d that the paper's tuned coupling needs, N·s/m
+
+
+def next_user_boundaries(
+    published: Published, device: Device, omega: Array
+) -> tuple[EnvironmentBoundary, ...]:
+    """Return the next user's boundary of each environment: prediction interval, exact envelope."""
+    return tuple(
+        EnvironmentBoundary(wall.environment, *magnitude_envelope(omega, device, k, b, published.period))
+        for wall, (k, b) in zip(published.walls, published.next_user, strict=True)
+    )
+
+
+def adapted_couplings(published: Published, *, points: int = 61) -> Adapted:
+    """Return the couplings that qualify on the device Fig. 4 implies."""
+    device = Device(published.device.mass, published.needed())
+    omega = published.omega(points)
+    boundaries = next_user_boundaries(published, device, omega)
+    design = design_couplings(omega, device, boundaries, published.period)
+    line = np.array([float(published.tuned.damping)])
+    static = []
+    for boundary in boundaries:
+        region = qualifying_region(omega, device, [boundary], published.period, damping=line)
+        tuned = published.tuned.stiffness
+        static.append(any(low <= tuned <= high for low, high in region.intervals[0].tolist()))
+    return Adapted(device, design, tuple(static))
+
+
+def trade_off(published: Published) -> TradeOff:
+    """Return what stability allows and what realism asks for, over the damping of the device."""
+    best = best_coupling_damping(1.0, published.period)
+    per_stiffness, per_damping = float(best.device_damping), float(best.coupling_damping)
+    stiffest = _DAMPINGS / per_stiffness
+    rows = range(len(published.walls))
+    softest = np.array([[_softest(published, float(b), [row]) for b in _DAMPINGS] for row in rows])
+    least = tuple(_least(published, [row], _bracket(softest[row])) for row in rows)
+    common = max(least)
+    if np.isfinite(common) and np.isnan(_softest(published, common, rows)):
+        common = _least(published, rows, (common, float(_DAMPINGS[-1])))
+    return TradeOff(
+        damping=_DAMPINGS,
+        stiffest=np.asarray(
+            max_coupling_stiffness(_DAMPINGS, stiffest * per_damping * (1 - 1e-9), published.period)
+        ),
+        softest=softest,
+        least=least,
+        least_common=common,
+        static=published.needed(published.tuned),
+    )
+
+
+def _bracket(softest: Array) -> tuple[float, float]:
+    """Return a damping that is too small and one that will do; inf where none will."""
+    found = np.flatnonzero(np.isfinite(softest))
+    if not found.size:
+        return float(_DAMPINGS[-1]), float("inf")
+    first = int(found[0])
+    return (float(_DAMPINGS[first - 1]) if first else _LEAST), float(_DAMPINGS[first])
+
+
+def _softest(published: Published, damping: float, rows: Sequence[int]) -> float:
+    """Return the smallest k_c that suits some environments on a device of b_d, N/m; NaN without any."""
+    device = Device(published.device.mass, damping)
+    omega = published.omega(_RANGE)
+    boundaries = next_user_boundaries(published, device, omega)
+    lines = 8 * damping * np.sin(np.linspace(0.0, np.pi / 2, _LINES)) ** 2
+    region = qualifying_region(
+        omega, device, [boundaries[row] for row in rows], published.period, damping=lines
+    )
+    return float("nan") if region.softest is None else float(region.softest.stiffness)
+
+
+def _least(published: Published, rows: Sequence[int], bracket: tuple[float, float]) -> float:
+    """Return the smallest b_d with a coupling for some environments, by bisection."""
+    low, high = bracket
+    while np.isfinite(high) and high > low * (1 + _DIGITS):
+        middle = float(np.sqrt(low * high))
+        if np.isnan(_softest(published, middle, rows)):
+            low = middle
+        else:
+            high = middle
+    return high

@@ -12,7 +12,6 @@ from percept.haptics import (
     corner_curves,
     coupling_admittance,
     coupling_bound,
-    perceived_impedance,
     required_damping,
     stable_region,
 )
@@ -30,9 +29,8 @@ from percept.report.figures.canvas import (
 from percept.report.figures.design import draw_design
 from percept.report.figures.stability import draw_stability
 from percept.reproduce import devices
-from percept.reproduce.adaptive import Adapted, TradeOff
-from percept.reproduce.devices import DAMPINGS, MASSES, over_devices
-from percept.reproduce.published import THEORETICAL, Published, Wall
+from percept.reproduce.devices import DAMPINGS, MASSES, Adapted, TradeOff, over_devices
+from percept.reproduce.published import THEORETICAL, Array, Published, Wall
 
 _PAIR = (86.0, 72.0)
 _WIDE = (0.1, 1000.0)  # rad/s; the paper's axes reach past the device's resonances at 300
@@ -45,8 +43,8 @@ _ANY = 5.0  # N/m; what is drawn where every positive stiffness will do
 def drawings(published: Published, adapted: Adapted, trade: TradeOff) -> list[Drawing]:
     """Return every figure of the page; nothing is drawn yet."""
     found = [_fig4(published), _fig5(published)]
-    for panel, wide in zip(devices.panels(published), ("a", "c", "e"), strict=True):
-        found.append(_fig7_wide(published, panel.wall, wide))
+    for panel, letter in zip(devices.panels(published), "ace", strict=True):
+        found.append(_fig7_wide(published, panel.wall, letter))
         found.append(_fig7_close(published, panel, published.device, f"fig-{panel.name}"))
     return [
         *found,
@@ -58,7 +56,7 @@ def drawings(published: Published, adapted: Adapted, trade: TradeOff) -> list[Dr
 
 
 def _fig4(published: Published) -> Drawing:
-    needed = float(required_damping(THEORETICAL, published.period).damping)
+    needed = published.needed()
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, top=3)
@@ -89,7 +87,7 @@ def _fig5(published: Published) -> Drawing:
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, bottom=23, right=5)
-        _draw_four(ax, published, Device(0.0, 0.0), wall, published.omega(_POINTS), coupling=None, log=True)
+        _draw_four(ax, published, Device(0.0, 0.0), wall, published.omega(), coupling=None, log=True)
         legend_below(ax, columns=1)
 
     return Drawing(
@@ -126,7 +124,7 @@ def _fig7_close(
 
 
 def _fig7b_light(published: Published) -> Drawing:
-    """Draw Fig. 7b for a device with which the paper's reading is true, if one of those tried is one."""
+    """Draw Fig. 7b for a device with which the paper's reading is true, if there is one."""
     panel = devices.panels(published)[0]
     true = over_devices(published, panel, MASSES, DAMPINGS[:, None])
     row, column = np.argwhere(true)[-1] // 2 if true.any() else (0, 0)
@@ -144,7 +142,7 @@ def _device(device: Device) -> str:
 
 
 def _draw_panel(
-    published: Published, device: Device, wall: Wall, omega: devices.FloatArray, figure: Figure, *, log: bool
+    published: Published, device: Device, wall: Wall, omega: Array, figure: Figure, *, log: bool
 ) -> None:
     (ax,) = panels(figure, left=18, bottom=24, right=5)
     _draw_four(ax, published, device, wall, omega, coupling=published.tuned, log=log)
@@ -157,16 +155,14 @@ def _draw_four(
     published: Published,
     device: Device,
     wall: Wall,
-    omega: devices.FloatArray,
+    omega: Array,
     *,
     coupling: Coupling | None,
     log: bool,
 ) -> None:
-    period = published.period
-    at_low, at_high = corner_curves(omega, device, wall.stiffness, wall.damping, period)
+    at_low, at_high = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
     direct, coupled = (
-        np.abs(perceived_impedance(omega, device, wall.environment, period, coupling=each))
-        for each in (None, coupling)
+        published.felt(omega, wall.environment, device=device, coupling=each) for each in (None, coupling)
     )
     limits = Limits(
         label=f"boundaries, {published.limits.level:.0%} limits of k and b",
@@ -191,8 +187,7 @@ def _maps(published: Published) -> Drawing:
         count = devices.environments_inside(published, _MAP_MASSES, _MAP_DAMPINGS[:, None])
         for least in range(1, len(published.walls) + 1):
             _shade(axes[-1], count >= least, alpha=0.18)
-        few, most = int(count.min()), int(count.max())
-        told = f"{few} to {most}" if few < most else f"{few}"
+        told = " to ".join(map(str, sorted({int(count.min()), int(count.max())})))
         title = f"real through the tuned coupling: {told} of {len(published.walls)}"
         axes[-1].set_title(title, loc="left", fontsize=7)
         for ax in axes:
@@ -227,14 +222,14 @@ def _shade(ax: Axes, true: devices.BoolArray, *, alpha: float) -> None:
         shade_boxes(ax, np.column_stack(sides), color=COLOURS["coupled"], alpha=alpha)
 
 
-def _edges(places: devices.FloatArray) -> devices.FloatArray:
+def _edges(places: Array) -> Array:
     """Return the middles between places on a log axis, and the outer places themselves."""
     return np.concatenate([places[:1], np.sqrt(places[1:] * places[:-1]), places[-1:]])
 
 
 def _mark_devices(ax: Axes, published: Published) -> None:
     for coupling, dashes in ((THEORETICAL, (0, (6, 2))), (published.tuned, (0, (2, 1.5)))):
-        needed = float(required_damping(coupling, published.period).damping)
+        needed = published.needed(coupling)
         ax.axhline(
             needed,
             color=COLOURS["classical"],
@@ -242,15 +237,8 @@ def _mark_devices(ax: Axes, published: Published) -> None:
             linewidth=0.9,
             label=f"{float(coupling.stiffness) / 1e3:g} kN/m is stable above {needed:.4g} N·s/m",
         )
-    ax.plot(
-        [float(published.device.mass)],
-        [float(published.device.damping)],
-        marker="X",
-        markersize=5,
-        linestyle="none",
-        color=COLOURS["warn"],
-        label="the scene’s device",
-    )
+    device = published.device
+    _cross(ax, float(device.mass), float(device.damping), 5, "the scene’s device")
     _logarithmic(ax)
     ax.set_xlim(MASSES[0], MASSES[-1])
     ax.set_ylim(DAMPINGS[0], DAMPINGS[-1])
@@ -272,15 +260,7 @@ def _trade(published: Published, trade: TradeOff) -> Drawing:
                 linestyle=styles[row % len(styles)],
                 label=f"softest that feels real, {wall.name}",
             )
-        ax.plot(
-            [trade.static],
-            [float(published.tuned.stiffness) / 1e3],
-            marker="X",
-            markersize=6,
-            linestyle="none",
-            color=COLOURS["warn"],
-            label="the paper’s tuned coupling",
-        )
+        _cross(ax, trade.static, float(published.tuned.stiffness) / 1e3, 6, "the paper’s tuned coupling")
         _logarithmic(ax)
         ax.set_xlim(trade.damping[0], trade.damping[-1])
         ax.set_ylim(bottom=_ANY / 1e3)
@@ -299,7 +279,7 @@ def _trade(published: Published, trade: TradeOff) -> Drawing:
     )
 
 
-def _from_least(trade: TradeOff, row: int) -> tuple[devices.FloatArray, devices.FloatArray]:
+def _from_least(trade: TradeOff, row: int) -> tuple[Array, Array]:
     """Return an environment's line from the first damping that will do; there both limits meet."""
     kept = np.isfinite(trade.softest[row])
     damping, softest = trade.damping[kept], np.maximum(trade.softest[row][kept], _ANY)
@@ -308,6 +288,10 @@ def _from_least(trade: TradeOff, row: int) -> tuple[devices.FloatArray, devices.
         return damping, softest
     met = float(np.exp(np.interp(np.log(least), np.log(trade.damping), np.log(trade.stiffest))))
     return np.append(least, damping), np.append(met, softest)
+
+
+def _cross(ax: Axes, x: float, y: float, size: float, label: str) -> None:
+    ax.plot([x], [y], marker="X", markersize=size, linestyle="none", color=COLOURS["warn"], label=label)
 
 
 def _logarithmic(ax: Axes) -> None:

@@ -1,20 +1,34 @@
-"""What the paper prints: Table 1, the couplings, the windows of its figures, and the numbers in its text."""
+"""What the paper prints, the scene it is looked at in, and a claim of the paper with its verdict."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
-from percept.haptics import Coupling, Device, EffectiveImpedance, Environment, effective_impedance
+from percept.haptics import (
+    Coupling,
+    Device,
+    EffectiveImpedance,
+    Environment,
+    effective_impedance,
+    perceived_impedance,
+    required_damping,
+)
 from percept.inference import Moments, prediction_interval
+from percept.report.numbers import rounded
 from percept.scene import Scene
-from percept.simulate import PublishedLimits, read_summary
+from percept.sessions import read_sessions
+from percept.simulate.like import PublishedLimits
+
+Array = NDArray[np.float64]
 
 #: Section 2.3: the coupling the theory gave, k_c in N/m and b_c in N·s/m (Eq. 6).
 THEORETICAL = Coupling(110e3, 100.0)
@@ -28,21 +42,12 @@ LOOKED_AT = 10.0
 
 @dataclass(frozen=True)
 class Wall:
-    """One row pair of Table 1.
-
-    Attributes
-    ----------
-    name : str
-    environment : Environment
-        The reference, k in N/m and b in N·s/m.
-    stiffness, damping : tuple of float
-        Printed limits of the mean, N/m and N·s/m.
-    """
+    """One row pair of Table 1."""
 
     name: str
-    environment: Environment
-    stiffness: tuple[float, float]
-    damping: tuple[float, float]
+    environment: Environment  # The reference
+    stiffness: tuple[float, float]  # Printed limits of the mean, N/m
+    damping: tuple[float, float]  # Printed limits of the mean, N·s/m
 
     @property
     def k(self) -> float:
@@ -57,28 +62,11 @@ class Wall:
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """The paper's numbers and the scene they are looked at in.
+    """The paper's numbers and the scene they are looked at in."""
 
-    Attributes
-    ----------
-    limits : PublishedLimits
-        Table 1, digits kept; k and b of every environment.
-    scene : Scene
-        Device, tuned coupling, perceivable range, and under `report.zoom` the windows of Figs 7b, d and f,
-        in this order.
-    files : tuple of Path
-        Where the table and the scene were read; empty where they were made.
-
-    Raises
-    ------
-    UsageError
-        A table without k or b, a scene without a rigid device, without a coupling, or without three windows
-        on environments of the table.
-    """
-
-    limits: PublishedLimits
-    scene: Scene
-    files: tuple[Path, ...] = ()
+    limits: PublishedLimits  # Table 1, digits kept
+    scene: Scene  # Rigid device, tuned coupling, range, and in `report.zoom` the windows of Figs 7b, d and f
+    files: tuple[Path, ...] = ()  # Table and scene
 
     def __post_init__(self) -> None:
         table, scene = map(str, self.files) if self.files else (None, None)
@@ -148,31 +136,34 @@ class Published:
         return Coupling(self.scene.coupling.stiffness, self.scene.coupling.damping)
 
     @cached_property
-    def next_user(self) -> NDArray[np.float64]:
-        """Limits of the next user, prediction intervals of the scene's family.
-
-        Shape (environments, 2, 2): by environment, of stiffness (N/m) and damping (N·s/m), lower and upper.
-        """
+    def next_user(self) -> Array:
+        """Prediction limits of the scene's family, (environments, 2, 2): of k and b, lower and upper."""
         limits = prediction_interval(
             self.moments, level=self.limits.level, family=self.scene.inference.family
         )
         return np.stack([np.asarray(limits.lower), np.asarray(limits.upper)], axis=-1)
 
+    def needed(self, coupling: Coupling = THEORETICAL) -> float:
+        """Return the damping a rigid device needs to carry a coupling (Eq. 10), N·s/m."""
+        return float(required_damping(coupling, self.period).damping)
+
+    def felt(
+        self,
+        omega: Array | float,
+        environment: Environment,
+        *,
+        coupling: Coupling | None = None,
+        device: Device | None = None,
+    ) -> Array:
+        """Return |Z_h|, N·s/m, with the scene's device where no other is given."""
+        device = self.device if device is None else device
+        return np.abs(perceived_impedance(omega, device, environment, self.period, coupling=coupling))
+
     def through_coupling(self, wall: Wall) -> EffectiveImpedance:
-        """Return what a reference is through the tuned coupling, at the ω where Fig. 7 looks closely.
-
-        Parameters
-        ----------
-        wall : Wall
-
-        Returns
-        -------
-        EffectiveImpedance
-            Effective stiffness, N/m, and damping, N·s/m, at `LOOKED_AT`.
-        """
+        """Return what a reference is through the tuned coupling, at the ω where Fig. 7 looks closely."""
         return effective_impedance(LOOKED_AT, wall.environment, self.tuned, self.period)
 
-    def omega(self, points: int = 241) -> NDArray[np.float64]:
+    def omega(self, points: int = 241) -> Array:
         """Return ω over the perceivable range, rad/s, shape (points,), evenly on a logarithmic scale."""
         return np.geomspace(self.scene.frequency.lower, self.scene.frequency.upper, points)
 
@@ -183,13 +174,14 @@ def load_published(table: str | Path | None = None, scene: str | Path | None = N
     Parameters
     ----------
     table : str or Path, optional
-        Limits as `percept.simulate.read_summary` reads them; the paper's Table 1 by default.
+        Limits as `percept.read_sessions` reads them; the paper's Table 1 by default.
     scene : str or Path, optional
         A scene file; by default the one that comes with the table.
 
     Returns
     -------
     Published
+        The limits, the scene, and what follows from them.
 
     Raises
     ------
@@ -197,10 +189,73 @@ def load_published(table: str | Path | None = None, scene: str | Path | None = N
         A file that cannot be read or lacks what the reproduction needs.
     """
     files = (Path(table or dataset("hbfd_table1.csv")), Path(scene or dataset("hbfd.toml")))
-    return Published(read_summary(files[0]), Scene.load(files[1]), files)
+    return Published(PublishedLimits.from_sessions(read_sessions(files[0])), Scene.load(files[1]), files)
 
 
 def dataset(name: str) -> Path:
     """Return a data set: inside an installed package, or beside it in a checkout."""
     inside = Path(str(resources.files("percept").joinpath("datasets", name)))
     return inside if inside.is_file() else Path(__file__).resolve().parents[2] / "datasets" / name
+
+
+Verdict = Literal["holds", "holds only if", "does not hold"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number a verdict rests on."""
+
+    name: str
+    value: float  # With all its digits
+    unit: str = ""  # "1" where the value is a fraction, which is read as a percentage
+
+    @property
+    def text(self) -> str:
+        """The value as it is read, with its unit."""
+        if self.unit == "1":
+            return f"{rounded(100 * self.value, 4)} %"
+        text = f"{self.value:.0f}" if float(self.value).is_integer() else rounded(self.value)
+        return f"{text} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper and its verdict."""
+
+    name: str  # Short, unique
+    place: str  # Where in the paper
+    paper: str  # What it says, in our words
+    verdict: Verdict  # Follows from the cases it speaks of
+    condition: str  # What "only if" asks for; empty otherwise
+    finding: str
+    margin: Quantity  # By how much the verdict is decided
+    numbers: tuple[Quantity, ...]  # What else it rests on
+    source: str  # The function or command that gives the numbers
+
+    @classmethod
+    def judged(
+        cls,
+        name: str,
+        *,
+        place: str,
+        paper: str,
+        cases: Iterable[bool],
+        condition: str = "",
+        finding: str,
+        margin: Quantity,
+        numbers: Iterable[Quantity] = (),
+        source: str,
+    ) -> Claim:
+        """Make a claim that holds if it is true in all cases, does not if in none, else on a condition."""
+        true = [bool(case) for case in cases]
+        verdict: Verdict = "holds" if all(true) else "holds only if" if any(true) else "does not hold"
+        if verdict != "holds only if":
+            condition = ""
+        return cls(name, place, paper, verdict, condition, finding, margin, tuple(numbers), source)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a sentence lists them; "none" without any."""
+    if not names:
+        return "none"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,35 +1,118 @@
-"""Write the reproduction: page, claims, Table 1 and figures."""
+"""Judge every claim, and write the reproduction: page, claims, Table 1 and figures."""
 
 from __future__ import annotations
 
+import csv
 import datetime
+import hashlib
+import io
+import platform
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from markupsafe import Markup, escape
+
+import percept
+from percept.inference import prediction_interval, tolerance_interval
 from percept.report.folder import filled_folder
-from percept.report.plain import dumps
-from percept.reproduce.claims import Claim, judge_all
-from percept.reproduce.published import Published
+from percept.report.plain import dumps, plain
+from percept.reproduce import claims_coupling as coupling
+from percept.reproduce import claims_figures as figures
+from percept.reproduce import claims_table as table
+from percept.reproduce.devices import Adapted, TradeOff, adapted_couplings, trade_off
+from percept.reproduce.published import Claim, Published
+from percept.sessions.units import UNITS
 
 PAGE = "reproduction.html"
+SCHEMA = "percept-reproduction/1"
+
+_ORDER = (
+    coupling.theoretical_coupling,
+    coupling.tuned_coupling,
+    coupling.worst_case,
+    coupling.one_coupling,
+    table.substitution,
+    table.reprinted,
+    table.reference_inside,
+    table.users_covered,
+    table.thirty_subjects,
+    table.normal_values,
+    table.joint_level,
+    table.published_limits_suffice,
+    coupling.direct_rendering,
+    table.environments_in_text,
+    table.mass_left_out,
+    figures.upper_above,
+    figures.like_shapes,
+    figures.free_motion,
+    figures.one_device,
+    figures.coupling_unnoticed,
+    figures.middle_impedance,
+    figures.high_impedance,
+    coupling.other_environments,
+    coupling.suits_high,
+    coupling.always_smaller,
+    figures.discrimination,
+    figures.magnitude_suffices,
+    figures.window_suffices,
+    table.perceivable_range,
+    coupling.affects_realism,
+    table.felt_and_rendered,
+)
+
+#: Statements of the paper that its published numbers cannot decide, and why.
+_UNJUDGED = {
+    "Peaks above 300 rad/s come from the device’s flexible modes (Figs 4 and 7).": (
+        "No mass, damping or mode of the device was published."
+    ),
+    "Nonlinear friction and the model of the operator’s hand are ignored (section 2.3).": (
+        "Neither was measured; absolute stability is judged with every passive hand."
+    ),
+    "Users recognise an environment outside its boundary as unreal (section 5).": (
+        "Subjects adjusted k and b; nobody was asked whether something felt real."
+    ),
+}
+_PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
+_SECTIONS = (
+    ("verdicts", "Verdicts"),
+    ("table", "Table 1"),
+    ("claims", "Claim by claim"),
+    ("figures", "The figures"),
+    ("devices", "The device behind them"),
+    ("future", "A coupling that follows the environment"),
+    ("unjudged", "What cannot be judged"),
+    ("provenance", "Provenance"),
+)
+
+
+def judge_all(published: Published) -> list[Claim]:
+    """Judge every claim.
+
+    Parameters
+    ----------
+    published : Published
+        As `load_published` reads it.
+
+    Returns
+    -------
+    list of Claim
+        In the order of the paper, each with its verdict and the numbers it rests on.
+    """
+    return [judge(published) for judge in _ORDER]
 
 
 @dataclass(frozen=True)
 class Written:
-    """What was written.
-
-    Attributes
-    ----------
-    folder : Path
-    page : Path
-        The HTML file in it.
-    claims : tuple of Claim
-        Every claim with its verdict.
-    """
+    """What was written."""
 
     folder: Path
-    page: Path
-    claims: tuple[Claim, ...]
+    page: Path  # The HTML file in it
+    claims: tuple[Claim, ...]  # Every claim with its verdict
 
 
 def write_reproduction(published: Published, out_dir: str | Path, *, date: str | None = None) -> Written:
@@ -38,6 +121,7 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
     Parameters
     ----------
     published : Published
+        As `load_published` reads it.
     out_dir : str or Path
         Folder, made where it does not exist; files of other names in it stay.
     date : str, optional
@@ -46,30 +130,169 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
     Returns
     -------
     Written
+        Folder, page and claims.
 
     Raises
     ------
     UsageError
         Where the folder is a file or cannot be written.
     """
+    # The drawing library waits for whoever draws.
     from percept.report.plates import draw_plates
-    from percept.reproduce.adaptive import adapted_couplings, trade_off
-    from percept.reproduce.document import build_document, claims_csv, table_csv
+    from percept.report.standalone import render_standalone
     from percept.reproduce.figures import drawings
-    from percept.reproduce.page import render
 
     claims = judge_all(published)
     adapted, trade = adapted_couplings(published), trade_off(published)
-    document = build_document(published, claims, adapted, trade)
+    document = _document(published, claims, adapted, trade)
     with filled_folder(out_dir, last=PAGE) as folder:
         texts = {
             "claims.json": dumps(document),
-            "claims.csv": claims_csv(claims),
-            "table1.csv": table_csv(document),
+            "claims.csv": _claims_csv(claims),
+            "table1.csv": _table_csv(document["table"]),
         }
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="utf-8")
-        plates = draw_plates(drawings(published, adapted, trade), folder / "figures")
-        page = render(document, claims, plates, date=date or datetime.date.today().isoformat())
+        page = render_standalone(
+            "percept.reproduce",
+            "reproduction.html.j2",
+            draw_plates(drawings(published, adapted, trade), folder / "figures"),
+            digits=5,
+            symbols=symbols,
+            styles=("reproduction.css",),
+            document=document,
+            claims=claims,
+            by_name={claim.name: claim for claim in claims},
+            sections=_SECTIONS,
+            date=date or datetime.date.today().isoformat(),
+        )
         (folder / PAGE).write_text(page, encoding="utf-8")
     return Written(Path(out_dir), Path(out_dir) / PAGE, tuple(claims))
+
+
+def symbols(text: str) -> Markup:
+    """Set indices as indices: Z_h, Z_h_vc, b_d and their like; the rest is escaped."""
+    found = re.sub(
+        r"\b([Zkbm])_(h_vc|eff|[hecd])(?![a-z])",
+        lambda match: f"{match[1]}<sub>{match[2].replace('_', ',')}</sub>",
+        str(escape(text)),
+    )
+    return Markup(found.replace("k_cT", "k<sub>c</sub>T"))
+
+
+def _document(
+    published: Published, claims: Sequence[Claim], adapted: Adapted, trade: TradeOff
+) -> dict[str, Any]:
+    """Put everything together as plain values, as claims.json holds it."""
+    verdicts = [claim.verdict for claim in claims]
+    document = {
+        "schema": SCHEMA,
+        "provenance": {
+            "versions": {
+                "percept": percept.__version__,
+                "python": platform.python_version(),
+                **{name: metadata.version(name) for name in _PACKAGES},
+            },
+            "files": [
+                {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+                for path in published.files
+            ],
+            "device": {"mass": published.device.mass, "damping": published.device.damping},
+            "coupling": {"stiffness": published.tuned.stiffness, "damping": published.tuned.damping},
+            "period": published.period,
+        },
+        "counts": {
+            verdict: verdicts.count(verdict) for verdict in ("holds", "holds only if", "does not hold")
+        },
+        "claims": [{"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)],
+        "table": _table(published),
+        "future": _future(published, adapted, trade),
+        "unjudged": [{"says": says, "why": why} for says, why in _UNJUDGED.items()],
+    }
+    return dict(plain(document))
+
+
+def _table(published: Published) -> list[dict[str, Any]]:
+    limits, moments = published.limits, published.moments
+    user = prediction_interval(moments, level=limits.level)
+    share = tolerance_interval(moments, level=limits.level)
+
+    def cell(values: Any, at: tuple[int, ...]) -> float:
+        return float(np.asarray(values)[at])
+
+    rows = []
+    cells = np.ndindex(len(limits.environments), len(limits.parameters))
+    for at, (name, parameter, lower, upper) in zip(cells, table.limits_printed(published), strict=True):
+        i, p = at
+        rows.append(
+            {
+                "environment": name,
+                "parameter": parameter,
+                "unit": UNITS[parameter],
+                "reference": str(limits.reference[i][p]),
+                "lower_printed": str(limits.lower[i][p]),
+                "upper_printed": str(limits.upper[i][p]),
+                "lower": lower,
+                "upper": upper,
+                "mean": cell(moments.mean, at),
+                "sd": cell(moments.sd, at),
+                "user": [cell(user.lower, at), cell(user.upper, at)],
+                "share": [cell(share.lower, at), cell(share.upper, at)],
+            }
+        )
+    return rows
+
+
+def _future(published: Published, adapted: Adapted, trade: TradeOff) -> dict[str, Any]:
+    regions = zip(published.walls, adapted.design.each, adapted.static, trade.least, strict=True)
+    return {
+        "device": {"mass": adapted.device.mass, "damping": adapted.device.damping},
+        "family": published.scene.inference.family,
+        "environments": [
+            {
+                "environment": wall.name,
+                "softest": region.softest,
+                "stiffest": region.largest,
+                "tuned_qualifies": static,
+                "least_damping": least,
+            }
+            for wall, region, static, least in regions
+        ],
+        "common": {
+            "softest": adapted.design.common.softest,
+            "stiffest": adapted.design.common.largest,
+            "tuned_qualifies": all(adapted.static),
+            "least_damping": trade.least_common,
+        },
+        "tuned_damping": trade.static,
+        "trade_off": {"damping": trade.damping, "stiffest": trade.stiffest, "softest": trade.softest},
+    }
+
+
+def _claims_csv(claims: Sequence[Claim]) -> str:
+    """Return the claims as CSV: one row each, its numbers with all their digits."""
+    columns = ("name", "place", "paper", "verdict", "condition", "finding")
+    rows: list[Iterable[object]] = [
+        ("number", *columns, "margin_name", "margin", "margin_unit", "numbers", "source")
+    ]
+    for number, claim in enumerate(claims, start=1):
+        margin = claim.margin
+        others = "; ".join(f"{one.name} = {one.value!r} {one.unit}".rstrip() for one in claim.numbers)
+        told = (getattr(claim, name) for name in columns)
+        rows.append(
+            (number, *told, margin.name, repr(float(margin.value)), margin.unit, others, claim.source)
+        )
+    return _csv(rows)
+
+
+def _table_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """Return Table 1 as CSV: printed limits, percept's, and those for the next user and a share of all."""
+    columns = [name for name in rows[0] if name not in ("user", "share")]
+    head = (*columns, "user_lower", "user_upper", "share_lower", "share_upper")
+    return _csv([head, *((*(row[name] for name in columns), *row["user"], *row["share"]) for row in rows)])
+
+
+def _csv(rows: Iterable[Iterable[object]]) -> str:
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerows(rows)
+    return buffer.getvalue()

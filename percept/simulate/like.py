@@ -6,44 +6,120 @@ import math
 import os
 from dataclasses import dataclass
 from decimal import Decimal
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+from scipy.special import stdtrit
 
+from percept.durable import write_whole
 from percept.errors import RefusalError, UsageError
-from percept.sessions import ReadOptions
-from percept.simulate.model import Seed, correlated_normal, generator
-from percept.simulate.published import PublishedLimits, read_summary
-from percept.simulate.tables import session_table
+from percept.sessions import Sessions
+from percept.simulate.model import PARAMETERS, SOURCE, Design, Parameter, correlated_normal, session_table
 
 BETWEEN = 0.4
 CORRELATION = 0.3
+# Ten subjects scatter widely about stated correlations; the nearest of so many draws misses them by little.
 _CANDIDATES = 200
+# Limits with more digits were not printed: they come from means and SDs.
+_PRINTED_DIGITS = 12
+_Rows = tuple[tuple[Decimal, ...], ...]
 
 
 @dataclass(frozen=True)
-class Correlations:
-    """Correlations of the logarithms of the adjusted values, each an average over equals.
+class PublishedLimits:
+    """Limits of t-intervals as printed, for J environments and P parameters; numbers are (J, P)."""
 
-    Parameters
-    ----------
-    within : float or None
-        Between k and b of one environment, averaged over environments; None with one parameter.
-    across : float or None
-        Of one parameter between two environments, averaged over pairs and parameters; None with one
-        environment.
-    """
+    environments: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    reference: _Rows  # N/m and N·s/m
+    lower: _Rows
+    upper: _Rows
+    n: int  # Subjects
+    level: float
 
-    within: float | None
-    across: float | None
+    @classmethod
+    def from_sessions(cls, sessions: Sessions) -> PublishedLimits:
+        """Take a summary that `read_sessions` checked, and require what can be reproduced of it."""
+        table, file = sessions.table, sessions.sources[0].name if sessions.sources else None
+        if sessions.form != "summary":
+            raise UsageError(
+                "no table of published limits.",
+                file=file,
+                hint="It needs environment, parameter, reference, lower, upper, n and level.",
+            )
+        for column in ("n", "level"):
+            if other := [value for value in table[column] if value != table[column].iloc[0]]:
+                raise UsageError(
+                    f"all rows must have the same {column}; the first has {table[column].iloc[0]}.",
+                    file=file,
+                    column=column,
+                    value=str(other[0]),
+                )
+        cells = {(row.environment, row.parameter): row for row in table.itertuples()}
+        environments = sessions.environments
+        parameters = tuple(p for p in PARAMETERS if p in sessions.parameters)
+
+        def grid(column: str) -> _Rows:
+            return tuple(
+                tuple(Decimal(f"{getattr(cells[e, p], column):.15g}") for p in parameters)
+                for e in environments
+            )
+
+        for e in environments:
+            for p in parameters:
+                _require_limits(cells.get((e, p)), f"{e}, {p}", file)
+        return cls(
+            environments=environments,
+            parameters=parameters,
+            reference=grid("reference"),
+            lower=grid("lower"),
+            upper=grid("upper"),
+            n=int(table["n"].iloc[0]),
+            level=float(table["level"].iloc[0]),
+        )
+
+    @property
+    def factor(self) -> float:
+        """Half-width of the interval in standard deviations, t/√n (Eq. 15)."""
+        return float(-stdtrit(self.n - 1, (1 - self.level) / 2) / np.sqrt(self.n))
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """Mean of the subjects, (J, P): the middle of the limits."""
+        return (np.array(self.lower, dtype=float) + np.array(self.upper, dtype=float)) / 2
+
+    @property
+    def sd(self) -> NDArray[np.float64]:
+        """Standard deviation of the subjects, (J, P), backed out of the limits' distance."""
+        return (np.array(self.upper, dtype=float) - np.array(self.lower, dtype=float)) / (2 * self.factor)
+
+
+def _require_limits(row: object, cell: str, file: str | None) -> None:
+    if row is None:
+        raise UsageError(f"there is no row for {cell}, though others have one.", file=file)
+    lower, upper = (Decimal(f"{getattr(row, name):.15g}") for name in ("lower", "upper"))
+    if max(len(lower.as_tuple().digits), len(upper.as_tuple().digits)) > _PRINTED_DIGITS:
+        raise UsageError(
+            f"{cell}: printed limits are needed, and {lower} to {upper} was worked out.",
+            file=file,
+            hint="percept fit takes means and standard deviations.",
+        )
+    if lower >= upper:
+        raise UsageError(
+            f"{cell}: the upper limit must be above the lower one, {lower}.",
+            file=file,
+            column="upper",
+            value=str(upper),
+        )
 
 
 def simulate_like(
-    summary: pd.DataFrame | PublishedLimits,
+    published: Sessions,
     *,
-    seed: Seed,
+    seed: int,
     subjects: int | None = None,
     between: float = BETWEEN,
     correlation: float = CORRELATION,
@@ -61,9 +137,9 @@ def simulate_like(
 
     Parameters
     ----------
-    summary : pandas.DataFrame or PublishedLimits
-        The published table: environment, parameter, reference, lower, upper, n, level.
-    seed : int, SeedSequence or Generator
+    published : Sessions
+        The table as `percept.read_sessions` reads it, with limits.
+    seed : int
         Where the randomness comes from.
     subjects : int, optional
         Number of subjects. Left out, the table's n, and the t-intervals of the result print as the
@@ -75,84 +151,67 @@ def simulate_like(
     correlation : float, optional
         Correlation of k and b within an environment, in [-1, 1].
     digits : int, optional
-        Significant digits of the adjusted values.
+        Significant digits of the adjusted values, 1 to 15.
 
     Returns
     -------
     pandas.DataFrame
-        One row per subject and environment, as `session_table` describes.
+        One row per subject and environment: subject, session, environment, k_ref, b_ref, trial, k_adj,
+        b_adj, source.
 
     Raises
     ------
     UsageError
-        Options out of range, or a table `PublishedLimits` does not accept.
+        Options out of range, or a table without printed limits of one n and level in every cell.
     RefusalError
         A mean that is not positive, a scatter no positive values can have (SD ≥ √n·mean), or too few
         digits to reproduce the limits.
     """
-    published = summary if isinstance(summary, PublishedLimits) else PublishedLimits.from_table(summary)
-    count = published.n if subjects is None else subjects
-    if count < 2:
-        raise UsageError("at least two subjects are needed.", key="subjects", value=count)
-    if not 0 <= between <= 1:
-        raise UsageError("between must lie in [0, 1].", key="between", value=between)
-    if not -1 <= correlation <= 1:
-        raise UsageError("a correlation lies in [-1, 1].", key="correlation", value=correlation)
-    if not 1 <= digits <= 15:
-        raise UsageError("a double holds 1 to 15 significant digits.", key="digits", value=digits)
-    design = published.design(count)
+    limits = PublishedLimits.from_sessions(published)
+    count = limits.n if subjects is None else subjects
+    for wrong, message, key, value in (
+        (seed < 0, "a seed is a whole number, not negative.", "seed", seed),
+        (count < 2, "at least two subjects are needed.", "subjects", count),
+        (not 0 <= between <= 1, "between must lie in [0, 1].", "between", between),
+        (not -1 <= correlation <= 1, "a correlation lies in [-1, 1].", "correlation", correlation),
+        (not 1 <= digits <= 15, "a double holds 1 to 15 significant digits.", "digits", digits),
+    ):
+        if wrong:
+            raise UsageError(message, key=key, value=value)
+    design = Design.balanced(
+        np.array(limits.reference, dtype=float),
+        subjects=count,
+        parameters=limits.parameters,
+        environments=limits.environments,
+    )
     environments, parameters = design.references.shape
-    rng = generator(seed)
+    rng = np.random.default_rng(seed)
     z = _scores(rng, (count, environments, parameters), between, correlation)
     adjusted = np.empty_like(z)
     for j, p in np.ndindex(environments, parameters):
-        where = f"{published.environments[j]}, {published.parameters[p]}"
-        exact = _match(z[:, j, p], float(published.mean[j, p]), float(published.sd[j, p]), where)
+        where = f"{limits.environments[j]}, {limits.parameters[p]}"
+        exact = _match(z[:, j, p], float(limits.mean[j, p]), float(limits.sd[j, p]), where)
         adjusted[:, j, p] = [float(f"{value:.{digits - 1}e}") for value in exact]
-        _check(adjusted[:, j, p], published, (j, p), where)
+        _require_print(adjusted[:, j, p], limits.factor, (limits.lower[j][p], limits.upper[j][p]), where)
     i, j = np.indices((count, environments)).reshape(2, -1)
     return session_table(design, i, j, np.ones_like(i), adjusted.reshape(-1, parameters))
 
 
-def simulate_like_csv(
-    path: str | os.PathLike[str],
-    *,
-    seed: Seed,
-    subjects: int | None = None,
-    between: float = BETWEEN,
-    correlation: float = CORRELATION,
-    digits: int = 6,
-    options: ReadOptions | None = None,
-) -> pd.DataFrame:
-    """Make a study like the published table in a file; `write_sessions` then writes it.
+@dataclass(frozen=True)
+class Correlations:
+    """Correlations of the logarithms of the adjusted values, each an average over equals.
 
-    Parameters
+    Attributes
     ----------
-    path : str or path-like
-        File of the published table.
-    seed, subjects, between, correlation, digits
-        As in `simulate_like`.
-    options : ReadOptions, optional
-        How to read the file.
-
-    Returns
-    -------
-    pandas.DataFrame
-        As `simulate_like` gives it.
-
-    Raises
-    ------
-    UsageError, RefusalError
-        As `read_summary` and `simulate_like` raise them.
+    within : float or None
+        Between k and b of one environment, averaged over environments; None with one parameter.
+    across : float or None
+        Of one parameter between two environments, averaged over pairs and parameters; None with one
+        environment.
     """
-    return simulate_like(
-        read_summary(path, options=options),
-        seed=seed,
-        subjects=subjects,
-        between=between,
-        correlation=correlation,
-        digits=digits,
-    )
+
+    within: float | None
+    across: float | None
 
 
 def realised_correlations(table: pd.DataFrame) -> Correlations:
@@ -186,23 +245,21 @@ def realised_correlations(table: pd.DataFrame) -> Correlations:
 
 def _correlations(z: NDArray[np.float64]) -> Correlations:
     """Average correlations of scores (subjects, environments, parameters)."""
-    _, environments, parameters = z.shape
-    r = np.reshape(
-        np.corrcoef(z.reshape(len(z), -1), rowvar=False), (environments, parameters, environments, parameters)
-    )
+    count, environments, parameters = z.shape
+    shape = (environments, parameters, environments, parameters)
+    r = np.reshape(np.corrcoef(z.reshape(count, -1), rowvar=False), shape)
     pairs = np.triu_indices(environments, 1)
+    across = [r[:, p, :, p][pairs] for p in range(parameters)]
     return Correlations(
         within=float(np.diagonal(r[:, 0, :, 1]).mean()) if parameters == 2 else None,
-        across=float(np.mean([r[:, p, :, p][pairs] for p in range(parameters)]))
-        if environments > 1
-        else None,
+        across=float(np.mean(across)) if environments > 1 else None,
     )
 
 
 def _scores(
     rng: np.random.Generator, shape: tuple[int, int, int], between: float, correlation: float
 ) -> NDArray[np.float64]:
-    """Of many draws of scores (subjects, environments, parameters), the one nearest the correlations."""
+    """Draw scores (subjects, environments, parameters): of many draws the one nearest the correlations."""
     subjects, _, parameters = shape
 
     def draw() -> NDArray[np.float64]:
@@ -244,20 +301,77 @@ def _match(z: NDArray[np.float64], mean: float, sd: float, where: str) -> NDArra
     return mean / values.mean() * values
 
 
-def _check(
-    values: NDArray[np.float64], published: PublishedLimits, cell: tuple[int, int], where: str
+def _require_print(
+    values: NDArray[np.float64], factor: float, printed: tuple[Decimal, Decimal], where: str
 ) -> None:
     """Refuse values whose interval does not print as the table's limits."""
     mean = math.fsum(values) / len(values)
     sd = math.sqrt(math.fsum((values - mean) ** 2) / (len(values) - 1))
-    j, p = cell
-    for limit, printed in (
-        (mean - published.factor * sd, published.lower[j][p]),
-        (mean + published.factor * sd, published.upper[j][p]),
-    ):
-        if Decimal(limit).quantize(printed) != printed:
+    for limit, wanted in zip((mean - factor * sd, mean + factor * sd), printed, strict=True):
+        if Decimal(limit).quantize(wanted) != wanted:
             raise RefusalError(
-                f"{where}: values of so few digits give the limit {limit:.10g}, not the {printed} published.",
+                f"{where}: values of so few digits give the limit {limit:.10g}, not the {wanted} published.",
                 key="digits",
                 hint="Ask for more digits.",
             )
+
+
+def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
+    """Write simulated sessions as a CSV; equal tables give equal bytes.
+
+    Numbers are written with the fewest digits that read back as the same double. The file appears
+    whole or not at all.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        As `simulate_like` makes it.
+    path : str or path-like
+        The file to write; its folder must exist.
+
+    Returns
+    -------
+    pathlib.Path
+        The file written.
+
+    Raises
+    ------
+    UsageError
+        If a row does not say that it is simulated, the file is there and was not simulated, or it cannot be
+        written.
+    RefusalError
+        If a value is not a finite number.
+    """
+    target = Path(path)
+    if "source" not in table or not (table["source"] == SOURCE).all():
+        raise UsageError(
+            f"every row of a simulated table must say {SOURCE!r} in its column 'source'.",
+            column="source",
+            hint="Write measured sessions with pandas instead.",
+        )
+    if not target.parent.is_dir():
+        raise UsageError("the folder to write to does not exist.", file=str(target), hint="Make it first.")
+    if target.is_file() and not _simulated(target):
+        raise UsageError(
+            "is there already, and was not simulated.", file=str(target), hint="Choose another name."
+        )
+    text = table.copy()
+    for name in table.select_dtypes("float").columns:
+        values = table[name].to_numpy()
+        if not np.isfinite(values).all():
+            raise RefusalError("a simulated value is not finite.", file=str(target), column=name)
+        text[name] = [np.format_float_positional(value, trim="-") for value in values]
+    try:
+        write_whole(target, text.to_csv(index=False, lineterminator="\n").encode())
+    except OSError as error:
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(target)) from error
+    return target
+
+
+def _simulated(file: Path) -> bool:
+    """Whether a file says in its first row that it was simulated."""
+    try:
+        first = pd.read_csv(file, usecols=["source"], nrows=1)
+    except (OSError, ValueError):
+        return False
+    return first["source"].tolist() == [SOURCE]

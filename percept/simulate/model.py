@@ -1,62 +1,98 @@
-"""The hierarchical model run forwards: from priors to the true values of one study to its responses.
+"""The hierarchical model run forwards: a design, the true values of one study, its responses, its table.
 
     y_ijr = β_j + u_i + w_ij + e_ijr
     β_jp = α_p + γ_p x_jp + δ_jp          δ_jp ~ N(0, τ_p²)
     log σ_jp ~ N(log s_p + κ_p x_jp, ω_p²)
 
-Three steps, each with its own record, so that a calibration can hold any of them fixed.
+Each of three steps has its own record, so that a calibration can hold any of them fixed.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.priors import Priors
-from percept.simulate.design import Design
 
+SOURCE = "simulated"
+Parameter = Literal["k", "b"]
+PARAMETERS: tuple[Parameter, ...] = ("k", "b")
 Array = NDArray[np.float64]
-Seed = int | np.random.SeedSequence | np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Who adjusts what, and how often."""
+
+    references: NDArray[np.float64]  # (J, P) positive, N/m and N·s/m in the order of `parameters`
+    trials: NDArray[np.int64]  # (I, J) trials of each subject in each environment, 0 for an empty cell
+    parameters: tuple[Parameter, ...] = PARAMETERS
+    environments: tuple[str, ...] = ()  # (J,) names; VE1, VE2, … when empty
+
+    def __post_init__(self) -> None:
+        references = np.array(self.references, dtype=float)
+        if not np.all(np.isfinite(references) & (references > 0)):
+            bad = references[~(np.isfinite(references) & (references > 0))][0]
+            raise UsageError(
+                "every reference must be positive: responses are ratios to it.",
+                key="references",
+                value=float(bad),
+            )
+        names = self.environments or tuple(f"VE{j}" for j in range(1, len(references) + 1))
+        object.__setattr__(self, "references", references)
+        object.__setattr__(self, "environments", names)
+
+    @classmethod
+    def balanced(
+        cls,
+        references: ArrayLike,
+        *,
+        subjects: int,
+        trials: int = 1,
+        parameters: tuple[Parameter, ...] = PARAMETERS,
+        environments: tuple[str, ...] = (),
+    ) -> Design:
+        """Let every subject meet every environment equally often."""
+        table = np.asarray(references, dtype=float)
+        return cls(table, np.full((subjects, len(table)), trials), parameters, environments)
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """Names of the subjects: S01, S02 …, zero-padded so that they sort."""
+        width = max(2, len(str(len(self.trials))))
+        return tuple(f"S{i:0{width}d}" for i in range(1, len(self.trials) + 1))
+
+    @property
+    def decades(self) -> NDArray[np.float64]:
+        """x_jp = log10(reference / geometric mean of the references), (J, P), in decades."""
+        logs = np.log10(self.references)
+        return logs - logs.mean(axis=0)
+
+    @property
+    def repeated(self) -> bool:
+        """Whether any cell holds more than one trial, so that trial scatter can be told apart."""
+        return bool(self.trials.max() > 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Hyperparameters:
-    """What all environments share; arrays are (P,), on the model's unit-free scale.
+    """What all environments share, on the model's unit-free scale; arrays are (P,)."""
 
-    Parameters
-    ----------
-    alpha, gamma : (P,) array
-        Level and slope per decade of the points of equality.
-    tau : (P,) array
-        SD of an environment's own shift δ.
-    sigma_u : (P,) array
-        SD of the subject effect u.
-    rho_u : float
-        Correlation of k and b in u.
-    s, kappa, omega : (P,) array
-        Typical between-subject SD within an environment, its log-slope per decade (0 is Weber's law)
-        and the SD of log σ about that line.
-    rho_w : float
-        Correlation of k and b in w.
-    s_e, kappa_e, omega_e : (P,) array
-        The same three for the scatter between trials; all zero where there is none.
-    rho_e : float
-        Correlation of k and b in e.
-    """
-
-    alpha: Array
-    gamma: Array
-    tau: Array
-    sigma_u: Array
-    rho_u: float
-    s: Array
-    kappa: Array
-    omega: Array
-    rho_w: float
-    s_e: Array
+    alpha: Array  # Level of the points of equality
+    gamma: Array  # Their slope per decade
+    tau: Array  # SD of an environment's own shift δ
+    sigma_u: Array  # SD of the subject effect u
+    rho_u: float  # Correlation of k and b in u
+    s: Array  # Typical SD between subjects within an environment
+    kappa: Array  # Slope of log σ per decade; 0 is Weber's law
+    omega: Array  # SD of log σ about that line
+    rho_w: float  # Correlation of k and b in w
+    s_e: Array  # The same four for the scatter between trials; zero where there is none
     kappa_e: Array
     omega_e: Array
     rho_e: float
@@ -64,23 +100,13 @@ class Hyperparameters:
 
 @dataclass(frozen=True, eq=False)
 class TrueValues:
-    """The state of the world one study is drawn from, on the model's unit-free scale.
-
-    Parameters
-    ----------
-    hyper : Hyperparameters
-        What the environments share.
-    delta, beta : (J, P) array
-        An environment's own shift, and its point of equality β = α + γx + δ.
-    sigma, sigma_e : (J, P) array
-        SD between subjects within an environment, and between trials.
-    """
+    """The state of the world one study is drawn from, on the model's unit-free scale."""
 
     hyper: Hyperparameters
-    delta: Array
-    beta: Array
-    sigma: Array
-    sigma_e: Array
+    delta: Array  # (J, P) an environment's own shift
+    beta: Array  # (J, P) its point of equality α + γx + δ
+    sigma: Array  # (J, P) SD between subjects within an environment
+    sigma_e: Array  # (J, P) SD between trials
 
     @property
     def cov_u(self) -> Array:
@@ -100,34 +126,14 @@ class TrueValues:
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """The N trials of one study on the model's scale, ordered by subject, environment, trial.
+    """The N trials of one study on the model's scale, ordered by subject, environment, trial."""
 
-    Parameters
-    ----------
-    subject, environment, trial : (N,) array of int
-        Index of the subject and of the environment, from 0; number of the trial, from 1.
-    y : (N, P) array
-        The responses.
-    u : (I, P) array
-        Subject effects.
-    w : (I, J, P) array
-        Effects of a subject in an environment, drawn for empty cells too.
-    """
-
-    subject: NDArray[np.int64]
-    environment: NDArray[np.int64]
-    trial: NDArray[np.int64]
-    y: Array
-    u: Array
-    w: Array
-
-
-def generator(seed: Seed) -> np.random.Generator:
-    """Open the source of randomness that a seed stands for."""
-    try:
-        return np.random.default_rng(seed)
-    except (TypeError, ValueError) as error:
-        raise UsageError("a seed is a whole number, not negative.", key="seed", value=seed) from error
+    subject: NDArray[np.int64]  # (N,) index
+    environment: NDArray[np.int64]  # (N,) index
+    trial: NDArray[np.int64]  # (N,) number within its cell, from 1
+    y: Array  # (N, P)
+    u: Array  # (I, P) subject effects
+    w: Array  # (I, J, P) effects of a subject in an environment, drawn for empty cells too
 
 
 def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> Array:
@@ -140,24 +146,10 @@ def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: flo
 
 
 def draw_hyperparameters(design: Design, priors: Priors, rng: np.random.Generator) -> Hyperparameters:
-    """Draw what the environments share from its prior.
+    """Draw what the environments share from its prior; levels the design cannot show are zero.
 
-    With one environment γ, δ, τ, κ, ω and u leave the model, so their values are zero; without repeated
-    trials the trial level does; with one parameter there is no correlation.
-
-    Parameters
-    ----------
-    design : Design
-        Says how many parameters there are and which levels the model has.
-    priors : Priors
-        Scales and centres of the priors.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    Hyperparameters
-        One draw.
+    With one environment γ, δ, τ, κ, ω and u leave the model. Without repeated trials the trial level
+    does; with one parameter there is no correlation.
     """
     count = len(design.parameters)
     several = float(len(design.environments) > 1)
@@ -191,22 +183,7 @@ def draw_hyperparameters(design: Design, priors: Priors, rng: np.random.Generato
 
 
 def draw_environments(hyper: Hyperparameters, design: Design, rng: np.random.Generator) -> TrueValues:
-    """Draw each environment's shift δ and its SDs σ and σ_e, given what the environments share.
-
-    Parameters
-    ----------
-    hyper : Hyperparameters
-        What the environments share.
-    design : Design
-        Gives x, the references in decades about their geometric mean.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    TrueValues
-        One draw.
-    """
+    """Draw each environment's shift δ and its SDs σ and σ_e, given what the environments share."""
     x = design.decades
     delta = hyper.tau * rng.standard_normal(x.shape)
 
@@ -223,40 +200,61 @@ def draw_environments(hyper: Hyperparameters, design: Design, rng: np.random.Gen
 
 
 def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator) -> Responses:
-    """Draw the subjects and their trials, given the true values.
-
-    Parameters
-    ----------
-    values : TrueValues
-        What is true of the environments.
-    design : Design
-        Trials per cell.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    Responses
-        y = β_j + u_i + w_ij + e_ijr for every trial of the design.
-    """
-    counts = design.trials
-    subjects, environments = counts.shape
+    """Draw the subjects and their trials, y = β_j + u_i + w_ij + e_ijr, given the true values."""
+    subjects, environments = design.trials.shape
     parameters = len(design.parameters)
     hyper = values.hyper
     u = hyper.sigma_u * correlated_normal(rng, (subjects, parameters), hyper.rho_u)
     w = values.sigma * correlated_normal(rng, (subjects, environments, parameters), hyper.rho_w)
-    cell = np.repeat(np.arange(counts.size), counts.ravel())
+    counts = design.trials.ravel()
+    cell = np.repeat(np.arange(counts.size), counts)
     i, j = np.divmod(cell, environments)
-    first = np.repeat(np.cumsum(counts.ravel()) - counts.ravel(), counts.ravel())
+    first = np.repeat(np.cumsum(counts) - counts, counts)
     e = values.sigma_e[j] * correlated_normal(rng, (cell.size, parameters), hyper.rho_e)
-    return Responses(
-        subject=i,
-        environment=j,
-        trial=np.arange(cell.size) - first + 1,
-        y=values.beta[j] + u[i] + w[i, j] + e,
-        u=u,
-        w=w,
-    )
+    y = values.beta[j] + u[i] + w[i, j] + e
+    return Responses(subject=i, environment=j, trial=np.arange(cell.size) - first + 1, y=y, u=u, w=w)
+
+
+def simulate(
+    values: TrueValues,
+    design: Design,
+    rng: np.random.Generator,
+    *,
+    family: Literal["lognormal", "normal"] = "lognormal",
+) -> pd.DataFrame:
+    """Draw the sessions of a study: the adjusted value is reference·exp(y), or reference·(1 + y)."""
+    found = draw_responses(values, design, rng)
+    reference = design.references[found.environment]
+    with np.errstate(over="ignore", under="ignore"):
+        adjusted = reference * (np.exp(found.y) if family == "lognormal" else 1 + found.y)
+    lost = ~np.isfinite(adjusted) | ((adjusted <= 0) & (family == "lognormal"))
+    if lost.any():
+        raise RefusalError(
+            "a drawn response leaves the range of doubles.",
+            value=float(found.y[lost][0]),
+            hint="Use another seed.",
+        )
+    return session_table(design, found.subject, found.environment, found.trial, adjusted)
+
+
+def session_table(
+    design: Design,
+    subject: NDArray[np.int64],
+    environment: NDArray[np.int64],
+    trial: NDArray[np.int64],
+    adjusted: NDArray[np.float64],
+) -> pd.DataFrame:
+    """Put N trials into a tidy table; `adjusted` is (N, P), N/m and N·s/m."""
+    columns: dict[str, object] = {
+        "subject": np.array(design.subjects, dtype=object)[subject],
+        "session": "1",
+        "environment": np.array(design.environments, dtype=object)[environment],
+    }
+    columns |= {f"{name}_ref": design.references[environment, p] for p, name in enumerate(design.parameters)}
+    columns["trial"] = trial
+    columns |= {f"{name}_adj": adjusted[:, p] for p, name in enumerate(design.parameters)}
+    columns["source"] = SOURCE
+    return pd.DataFrame(columns)
 
 
 def _covariance(sd: Array, rho: float) -> Array:

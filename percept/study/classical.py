@@ -9,10 +9,10 @@ from typing import Self
 import numpy as np
 import pandas as pd
 
+from percept.inference.classical.intervals import interval_of
 from percept.inference.classical.moments import Moments
-from percept.inference.classical.sample_intervals import interval_of
 from percept.inference.classical.trials import subject_means
-from percept.inference.intervals import Interval
+from percept.inference.record import Interval
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.units import UNITS

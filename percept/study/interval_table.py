@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import pandas as pd
 
 from percept.errors import RefusalError
-from percept.inference.intervals import Interval
+from percept.inference.record import Interval
 from percept.scene import Scene
 from percept.sessions.units import UNITS
 from percept.study.classical import FAMILIES, Cell, cell_interval, cell_moments

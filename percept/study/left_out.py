@@ -14,7 +14,7 @@ from scipy import special
 
 from percept.errors import RefusalError
 from percept.inference.classical.moments import Moments
-from percept.inference.covers import percent
+from percept.inference.record import percent
 from percept.study.classical import cell_moments
 from percept.study.prediction import NO_PLACE, Prediction, expected_users, predict
 from percept.study.responses import refuse_no_ratio

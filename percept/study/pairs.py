@@ -14,7 +14,6 @@ from scipy import special
 
 from percept.boundary.gap import curve_gap
 from percept.errors import RefusalError, UsageError, counted
-from percept.inference.classical.quantiles import t_upper
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.sampling.mixture import mixture_quantile
 from percept.sessions import Sessions
@@ -220,7 +219,7 @@ def _classical(first: Study, second: Study) -> list[dict[str, object]]:
         share = sd**2 / n
         freedom = share.sum() ** 2 / (share**2 / (n - 1)).sum()
         centre = mean[1] - mean[0]
-        reach = float(t_upper(tail, freedom)) * np.sqrt(share.sum())
+        reach = -float(special.stdtrit(freedom, tail)) * np.sqrt(share.sum())
         ends = np.array([centre - reach, centre, centre + reach])
         spread = sd[1] / sd[0]
         # The upper one as the reciprocal of a lower one, which keeps the digits of a small tail.

@@ -15,7 +15,7 @@ from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
-from percept.inference.intervals import Interval
+from percept.inference.record import Interval
 from percept.scene import Scene
 from percept.sessions.units import UNITS
 from percept.study.apparatus import Apparatus

@@ -43,6 +43,7 @@ def reduced_intervals(
     refuse_lone_subject(reduced.cells["subject"][reduced.cells["n"] > 0].unique().tolist())
     rows: list[dict[str, Any]] = []
     skipped: tuple[tuple[str, str], ...] = ()
+    error_reached = ""
     if scene.inference.method != "bayesian":
         cells = _cells(reduced, reference)
         rows += classical_rows({reduced.family: cells}, scene, reference)
@@ -53,12 +54,13 @@ def reduced_intervals(
         why = " ".join(found.run.gate.reasons)
         if found.run.gate.passed:
             rows += bayesian_rows(found, scene, reference)
+            error_reached = found.run.gate.error_reached
         elif rows:
             skipped = (("Bayesian intervals", why),)
         else:
             raise RefusalError(f"the Bayesian intervals are withheld: {why}")
     table = pd.DataFrame(rows, columns=COLUMNS)
-    table.attrs["skipped"] = skipped
+    table.attrs |= {"skipped": skipped, "error_reached": error_reached}
     return table
 
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from percept.boundary.draw_ellipse import ellipse_of_draws
 from percept.errors import RefusalError
-from percept.inference.classical.joint import ellipse_region
 from percept.inference.classical.trials import subject_means
 from percept.inference.hierarchy.models import IntervalEstimands
-from percept.inference.regions import EllipseRegion
+from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.cells import Limits, paired_limits
@@ -170,7 +169,7 @@ def _representable(ellipse: EllipseRegion) -> bool:
     """Say whether an ellipse of logarithms stays in the range of doubles: no curve is drawn where not."""
     if ellipse.family == "normal":
         return True
-    reach = np.abs(ellipse.centre) + ellipse.radius * ellipse.spread
+    reach = np.abs(ellipse.centre) + ellipse.radius * ellipse.sd
     return bool(reach.max() < np.log(_LARGEST))
 
 

@@ -9,6 +9,7 @@ from percept.batch.inputs import StudySource
 from percept.batch.rows import SCHEMA, to_parquet
 from percept.batch.work import analyse
 from tests.batch.conftest import study_text
+from tests.unmixed import UNMIXED, unmixed_sessions
 
 
 def read(data):
@@ -59,13 +60,22 @@ def test_a_refusal_is_a_row_that_names_the_file_as_the_user_did(tmp_path):
 
 def test_a_gate_that_fails_leaves_the_classical_rows_and_says_why(tmp_path):
     path = tmp_path / "s.csv"
-    path.write_text(study_text(1))
-    scene = Scene.from_tables({"inference": {"tolerance": 1e-4, "most_steps": 200}})
-    outcome = analyse(StudySource(str(path), scene, {}).read())
+    unmixed_sessions().to_csv(path, index=False)
+    outcome = analyse(StudySource(str(path), Scene.from_tables({"inference": UNMIXED}), {}).read())
     found = read(outcome.table).to_pandas()
     assert set(found["status"]) == {"withheld"}
     assert set(found["method"]) == {"classical"}
-    assert "Monte Carlo error" in found["message"][0]
+    assert "autocorrelation times" in found["message"][0]
+
+
+def test_a_study_that_misses_its_tolerance_is_done_and_says_its_error(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(study_text(1))
+    scene = Scene.from_tables({"inference": {"tolerance": 1e-4, "most_steps": 200}})
+    found = read(analyse(StudySource(str(path), scene, {}).read()).table).to_pandas()
+    assert set(found["status"]) == {"done"}
+    assert set(found["method"]) == {"classical", "bayesian"}
+    assert f"{100 * found['worst_error'][0]:.3g} % of a half-width" in found["message"][0]
 
 
 def test_infinite_limits_survive_and_missing_numbers_are_null():

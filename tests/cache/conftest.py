@@ -17,7 +17,9 @@ def run():
         estimates=Estimates(("lower", "größer"), np.array([0.1, -0.0]), np.array([1.0, np.inf])),
         errors=np.array([1e-3, 2e-3]),
         times=np.array([12.5, 1.0 / 3.0]),
-        gate=Gate(False, ("too short.", "stuck."), None, 12.5, 9.9, 61.4, 0.3, 0.1, float("inf"), "lower"),
+        gate=Gate(
+            False, ("late.", "stuck."), None, 12.5, 9.9, 61.4, 0.3, 0.1, float("inf"), "lower", False, "inf."
+        ),
         steps=280,
         stride=6,
         settings=Settings(tolerance=0.05, seed=7),

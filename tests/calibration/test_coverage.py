@@ -14,15 +14,14 @@ from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.calibration import judge
 from percept.calibration.coverage import (
     Coverage,
-    _averaged,
-    _standard_error,
+    averaged,
     coverage,
     coverage_markdown,
+    fitted_values,
+    standard_error,
 )
-from percept.calibration.judge import Judgement, judge_study
-from percept.calibration.plan import CoveragePlan, fitted_values
-from percept.calibration.truth import Population
-from percept.simulate import Design, Hyperparameters
+from percept.calibration.judge import CoveragePlan, Judgement, Population, interval_held, judge_study
+from percept.simulate.model import Design, Hyperparameters
 from percept.study.posterior import thinned_points
 from percept.workers import OnCluster
 from tests import DATASETS
@@ -143,7 +142,7 @@ def test_limits_of_a_share_hold_where_they_contain_the_share(upper: float, held:
         "parameter": "k", "kind": "share", "lower": 0.0, "upper": upper, "level": 0.9, "share": 0.9,
         "confidence": 0.95, "family": "normal",
     }  # fmt: skip
-    assert judge._interval_held(row, NORMAL) == held
+    assert interval_held(row, NORMAL) == held
 
 
 def test_truth_from_the_prior_counts_decades_from_the_tested_references(monkeypatch) -> None:
@@ -167,7 +166,7 @@ def test_withheld_studies_count_among_all_and_claims_among_those_that_make_them(
         return Judgement("interval", "mean", "bayesian", "lognormal", "marginal", "", held)
 
     withheld = Judgement("withheld", "", "bayesian", "lognormal", "", "", 1.0)
-    rows = _averaged(PLAN, [[withheld], [interval(1.0)], [interval(0.0)], [interval(1.0)]])
+    rows = averaged(PLAN, [[withheld], [interval(1.0)], [interval(0.0)], [interval(1.0)]])
     none, some = found(rows, claim="withheld"), found(rows, claim="interval")
     assert (none.held, none.studies, none.stated) == (0.25, 4, None)
     assert (some.held, some.studies, some.stated) == (pytest.approx(2 / 3), 3, 0.9)
@@ -247,11 +246,11 @@ def test_fitted_values_need_both_parameters() -> None:
 def test_studies_that_all_agree_leave_an_error() -> None:
     held = np.ones(6)
     # Six and a half of seven.
-    assert _standard_error(held) == pytest.approx(math.sqrt(6.5 / 7 * 0.5 / 7 / 7))
-    assert _standard_error(1.0 - held) == pytest.approx(_standard_error(held))
+    assert standard_error(held) == pytest.approx(math.sqrt(6.5 / 7 * 0.5 / 7 / 7))
+    assert standard_error(1.0 - held) == pytest.approx(standard_error(held))
     varied = np.array([0.9, 1.0, 0.8])
-    assert _standard_error(varied) == pytest.approx(0.1 / math.sqrt(3))
-    assert math.isnan(_standard_error(held[:1]))
+    assert standard_error(varied) == pytest.approx(0.1 / math.sqrt(3))
+    assert math.isnan(standard_error(held[:1]))
 
 
 def test_wrong_plans() -> None:

@@ -4,6 +4,7 @@ The full run is `percept sbc`; its results are committed under reports/calibrati
 """
 
 import dataclasses
+import itertools
 import json
 import types
 
@@ -12,12 +13,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.calibration import sbc_fit
-from percept.calibration.bands import ecdf_band
-from percept.calibration.sbc import calibrate, judge_places, sbc_markdown
-from percept.calibration.sbc_fit import Placed, place_study
-from percept.calibration.sbc_plan import FAULTS, SBC_DESIGNS, SbcPlan
-from percept.calibration.sbc_run import calibrate_designs, write_calibrations
+from percept.calibration import placing
+from percept.calibration.placing import FAULTS, SBC_DESIGNS, Placed, SbcPlan, place_study, places
+from percept.calibration.sbc import (
+    EcdfBand,
+    calibrate,
+    calibrate_designs,
+    ecdf_band,
+    judge_places,
+    sbc_markdown,
+    write_calibrations,
+)
 from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.hierarchy.density import ConditionalMoments
@@ -119,7 +125,7 @@ def test_a_new_user_is_placed_among_users_of_a_mean_that_is_uncertain():
     )
     run = types.SimpleNamespace(independent=lambda: np.zeros((1, 1, 1)))
     plan, truth = types.SimpleNamespace(fault="none", draws=1), types.SimpleNamespace(beta=cell)
-    placed = sbc_fit._places(plan, model, run, truth, one, np.random.default_rng(0))
+    placed = places(plan, model, run, truth, one.ravel(), np.random.default_rng(0))
     assert placed["user[k,E]"] == pytest.approx(stats.norm.cdf(1 / np.sqrt(2)))
 
 
@@ -130,7 +136,7 @@ def test_studies_of_all_designs_have_streams_of_their_own(monkeypatch):
         seen.append(rng.random())
         raise StopIteration
 
-    monkeypatch.setattr(sbc_fit, "draw_hyperparameters", stop)
+    monkeypatch.setattr(placing, "draw_hyperparameters", stop)
     for name in SBC_DESIGNS:
         for index in (0, 1):
             with pytest.raises(StopIteration):
@@ -221,3 +227,45 @@ def test_plans_refuse_nonsense():
     with pytest.raises(UsageError, match=r"fits = 0: a calibration needs at least one study"):
         calibrate(PLAN, 0)
     assert len({SbcPlan(design="balanced", fault=fault).key for fault in FAULTS}) == len(FAULTS)
+
+
+def test_probability_equals_enumeration():
+    """All ways to put 6 values into 4 bins, each with its multinomial probability."""
+    band = EcdfBand(6, 4, 0.2)
+    inside = 0
+    for bins in itertools.product(range(4), repeat=6):
+        below = np.cumsum(np.bincount(bins, minlength=4))[:3]
+        inside += np.all((below >= band.lower) & (below <= band.upper))
+    assert abs(band.probability() - inside / 4**6) < 1e-13
+
+
+@pytest.mark.parametrize(("count", "error"), [(50, 0.05), (400, 0.01)])
+def test_band_holds_uniform_values_as_often_as_stated(count, error):
+    band = ecdf_band(count, 20, error)
+    assert 1 - error <= band.probability() < 1 - 0.6 * error  # counts are whole: a little wide at most
+    rng = np.random.default_rng(1)
+    repeats = 4000
+    held = sum(band.holds(rng.random(count)) for _ in range(repeats))
+    sd = np.sqrt(repeats * band.probability() * (1 - band.probability()))
+    assert abs(held - repeats * band.probability()) < 4.5 * sd
+
+
+def test_narrower_bands_would_fail():
+    band = ecdf_band(200, 20, 0.01)
+    assert EcdfBand(200, 20, 1.2 * band.tail).probability() < 0.99
+
+
+@pytest.mark.parametrize("power", [0.7, 1.4])
+def test_values_that_are_not_uniform_leave_the_band(power):
+    values = np.random.default_rng(2).random(400) ** power
+    band = ecdf_band(400, 20, 0.01)
+    assert not band.holds(values)
+    assert band.least_tail(values) < band.tail
+
+
+def test_counts_and_tails_by_hand():
+    band = EcdfBand(4, 2, 0.5)
+    values = np.array([0.1, 0.5, 0.9, 0.2])
+    assert band.below(values).tolist() == [2]  # a value on an edge is not below it
+    assert band.least_tail(values) == 1.0
+    assert band.least_tail(np.array([0.9, 0.8, 0.7, 0.6])) == pytest.approx(2 / 16)

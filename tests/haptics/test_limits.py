@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.bench import _haptics_reference as reference
+from percept.bench import twins_haptics as twin
 from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
@@ -39,17 +39,17 @@ NYQUIST = np.pi / 1e-3
 
 def near(values, theta):
     """The one-sided limit in high precision."""
-    with mpmath.workdps(reference.DIGITS):
+    with mpmath.workdps(twin.DIGITS):
         period = mpmath.mpf(values["period"])
         numbers = {key: mpmath.mpf(value) for key, value in values.items()}
         numbers["omega"] = (mpmath.mpf(theta) if theta else mpmath.pi - mpmath.mpf("1e-25")) / period
         return {
-            name: complex(formula(reference._point(numbers, mpmath)))
+            name: complex(formula(twin._point(numbers, mpmath)))
             for name, formula in {
-                "v": reference.velocity_ratio,
-                "eff": reference.effective,
-                "vc": reference.coupled,
-                "h": reference.direct,
+                "v": twin.velocity_ratio,
+                "eff": twin.effective,
+                "vc": twin.coupled,
+                "h": twin.direct,
             }.items()
         }
 

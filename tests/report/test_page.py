@@ -14,6 +14,7 @@ from percept.report.page import render_page
 from percept.report.rendering import Plate
 from percept.report.sections import build_parts
 from percept.sessions import Sessions
+from tests.unmixed import UNMIXED, unmixed_sessions
 
 from .conftest import DATASETS, scene_of
 
@@ -329,11 +330,29 @@ def test_priors_in_force_are_printed_with_their_meaning(both):
         assert row["meaning"] in text
 
 
-def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
-    scene = scene_of(method="both", tolerance=0.0001, most_steps=200)
+def without_device(**inference):
+    scene = scene_of(method="both", **inference)
     tables = {name: table for name, table in scene.to_dict().items() if name not in ("device", "coupling")}
-    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), type(scene).from_tables(tables))
-    document = build_document(study)
+    return type(scene).from_tables(tables)
+
+
+def test_an_error_above_the_tolerance_is_said_beside_the_bayesian_numbers():
+    sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
+    document = build_document(Study(sessions, without_device(tolerance=0.0001, most_steps=200)))
+    gate = document["diagnostics"]["gate"]
+    assert gate["passed"]
+    assert not gate["tolerance_met"]
+    assert gate["error_reached"] in document["summary"]["cautions"]
+    assert {row["method"] for row in document["intervals"]} == {"classical", "bayesian"}
+    page = page_of(document)
+    assert "are withheld" not in page
+    assert "the run ended before it met the tolerance" in page
+    # In the summary's cautions and in the section of the sampler.
+    assert "".join(Reader(page).text).count(gate["error_reached"]) == 2
+
+
+def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
+    document = build_document(Study(Sessions.from_frame(unmixed_sessions()), without_device(**UNMIXED)))
     gate = document["diagnostics"]["gate"]
     assert not gate["passed"]
     page = page_of(document)

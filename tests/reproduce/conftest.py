@@ -3,7 +3,8 @@ from decimal import Decimal
 
 import pytest
 
-from percept.reproduce import Published, judge_all, load_published
+from percept.reproduce import judge_all, load_published
+from percept.reproduce.published import Published
 
 
 @pytest.fixture(scope="session")

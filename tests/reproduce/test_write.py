@@ -8,8 +8,9 @@ import pytest
 
 from percept.cli import main
 from percept.errors import UsageError
-from percept.reproduce import Published, load_published
-from percept.reproduce.write import PAGE
+from percept.reproduce import load_published
+from percept.reproduce.published import Published
+from percept.reproduce.write import PAGE, symbols
 from percept.scene import Scene
 
 COMMITTED = Path(__file__).resolve().parents[2] / "reports" / "hbfd"
@@ -110,9 +111,7 @@ def test_claims_as_csv_hold_what_the_json_holds(written, document):
 
 
 def test_names_of_the_table_are_text_on_the_page(published, claims):
-    from percept.reproduce.page import _symbols
-
-    assert _symbols("<b>VE</b> Z_h_vc b_d k_cT Z_eff") == (
+    assert symbols("<b>VE</b> Z_h_vc b_d k_cT Z_eff") == (
         "&lt;b&gt;VE&lt;/b&gt; Z<sub>h,vc</sub> b<sub>d</sub> k<sub>c</sub>T Z<sub>eff</sub>"
     )
 

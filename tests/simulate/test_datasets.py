@@ -9,7 +9,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from percept.simulate import realised_correlations, simulate_like_csv, write_sessions
+from percept import read_sessions
+from percept.simulate import realised_correlations, simulate_like, write_sessions
 from percept.simulate.like import BETWEEN, CORRELATION
 from tests import DATASETS
 
@@ -66,7 +67,8 @@ def test_sessions_are_a_full_positive_grid_that_says_it_is_simulated() -> None:
 
 
 def test_sessions_come_from_their_seed(tmp_path: Path) -> None:
-    again = write_sessions(simulate_like_csv(DATASETS / "hbfd_table1.csv", seed=1), tmp_path / "again.csv")
+    published = read_sessions(DATASETS / "hbfd_table1.csv")
+    again = write_sessions(simulate_like(published, seed=1), tmp_path / "again.csv")
     assert again.read_bytes() == SESSIONS.read_bytes()
 
 

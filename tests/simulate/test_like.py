@@ -12,29 +12,92 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from percept import read_sessions
+from percept.cli import main
 from percept.errors import RefusalError, UsageError
-from percept.simulate import (
-    Correlations,
-    realised_correlations,
-    simulate_like,
-    simulate_like_csv,
-    write_sessions,
-)
-from percept.simulate.like import _match
+from percept.sessions import Sessions
+from percept.simulate import Correlations, realised_correlations, simulate_like, write_sessions
+from percept.simulate.like import PublishedLimits, _match
 from tests import DATASETS
 
 TABLE1 = DATASETS / "hbfd_table1.csv"
+PUBLISHED = read_sessions(TABLE1)
+COLUMNS = ["environment", "parameter", "reference", "lower", "upper", "n", "level"]
 
 
-def rows(*cells: tuple[object, ...]) -> pd.DataFrame:
-    return pd.DataFrame(
-        cells, columns=["environment", "parameter", "reference", "lower", "upper", "n", "level"]
+def summary(*rows: tuple[object, ...], columns: list[str] = COLUMNS) -> Sessions:
+    return Sessions.from_frame(pd.DataFrame(rows, columns=columns))
+
+
+def test_means_and_sds_behind_table_1() -> None:
+    table = PublishedLimits.from_sessions(PUBLISHED)
+    # Worked out from the printed limits with t(.995; 9) = 3.249836, to the digits shown.
+    assert_allclose(table.factor, 3.249836 / 10**0.5, rtol=2e-7)
+    assert_allclose(table.mean[[0, 0, 4], [0, 1, 1]], [14.914, 0.68455, 96.1365], rtol=1e-12)
+    assert_allclose(table.sd[[0, 0, 1, 3], [0, 1, 0, 0]], [3.9954, 0.63147, 35.200, 803.75], rtol=2e-5)
+
+
+def test_limits_keep_their_printed_decimals() -> None:
+    table = PublishedLimits.from_sessions(
+        summary(("a", "b", 1.0, 0.1, 0.3, 8, 0.95), ("a", "k", 1e4, 9500.5, 1.05e4, 8, 0.95))
     )
+    assert table.parameters == ("k", "b")
+    assert [[str(limit) for limit in row[0]] for row in (table.lower, table.upper, table.reference)] == [
+        ["9500.5", "0.1"],
+        ["10500", "0.3"],
+        ["10000", "1"],
+    ]
+    assert (table.n, table.level) == (8, 0.95)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([("a", "k", 1, 2, 2.0, 8, 0.9)], r"column 'upper', value '2': a, k: the upper limit must be above"),
+        (
+            [("a", "k", 1, 0, 2, 8, 0.9), ("a", "b", 1, 0, 2, 8, 0.9), ("c", "k", 1, 0, 2, 8, 0.9)],
+            r"there is no row for c, b, though others have one",
+        ),
+        (
+            [("a", "k", 1, 0, 2, 8, 0.9), ("a", "b", 1, 0, 2, 9, 0.9)],
+            r"column 'n', value '9': all rows must have the same n; the first has 8",
+        ),
+        (
+            [("a", "k", 1, 0, 2, 8, 0.9), ("a", "b", 1, 0, 2, 8, 0.99)],
+            r"column 'level', value '0\.99': all rows must have the same level; the first has 0\.9",
+        ),
+    ],
+)
+def test_tables_that_are_refused(rows: list[tuple[object, ...]], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        simulate_like(summary(*rows), seed=1)
+
+
+def test_means_and_sds_have_no_printed_limits() -> None:
+    table = summary(
+        ("a", "k", 1, 1, 0.1, 8), columns=["environment", "parameter", "reference", "mean", "sd", "n"]
+    )
+    with pytest.raises(UsageError, match=r"a, k: printed limits are needed.* percept fit takes means"):
+        simulate_like(table, seed=1)
+
+
+def test_sessions_are_no_published_limits() -> None:
+    with pytest.raises(UsageError, match=r"hbfd_sessions\.csv: no table of published limits"):
+        simulate_like(read_sessions(DATASETS / "hbfd_sessions.csv"), seed=1)
+
+
+def test_the_command_reads_published_limits_by_a_scene(tmp_path: Path) -> None:
+    path, scene, out = tmp_path / "limits.csv", tmp_path / "scene.toml", tmp_path / "s.csv"
+    path.write_text("Wand;parameter;reference;lower;upper;n;level\na;k;10;9,50;10,50;8;0,95\n")
+    scene.write_text('[columns]\nenvironment = "Wand"\n', encoding="utf-8")
+    told = ["simulate", "--like", str(path), "--scene", str(scene), "--seed", "1", "--out", str(out)]
+    assert main(told) == 0
+    assert pd.read_csv(out)["k_adj"].mean() == pytest.approx(10, abs=0.005)
 
 
 @pytest.mark.parametrize("seed", range(2, 12))
 def test_any_seed_prints_as_table_1(seed: int, printed_limits) -> None:  # type: ignore[no-untyped-def]
-    sessions = simulate_like_csv(TABLE1, seed=seed)
+    sessions = simulate_like(PUBLISHED, seed=seed)
     assert (sessions[["k_adj", "b_adj"]] > 0).all(axis=None)
     for row in pd.read_csv(TABLE1, dtype=str).itertuples():
         values = sessions.loc[sessions["environment"] == row.environment, f"{row.parameter}_adj"]
@@ -45,7 +108,7 @@ def test_any_seed_prints_as_table_1(seed: int, printed_limits) -> None:  # type:
 
 def test_same_seed_same_bytes_other_seed_other_values(tmp_path: Path) -> None:
     files = [
-        write_sessions(simulate_like_csv(TABLE1, seed=seed), tmp_path / f"{i}.csv").read_bytes()
+        write_sessions(simulate_like(PUBLISHED, seed=seed), tmp_path / f"{i}.csv").read_bytes()
         for i, seed in enumerate((5, 5, 6))
     ]
     assert files[0] == files[1]
@@ -55,12 +118,12 @@ def test_same_seed_same_bytes_other_seed_other_values(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("between", "correlation"), [(0.4, 0.3), (0.0, -0.5), (0.8, 0.9)])
 def test_correlations_as_stated(between: float, correlation: float) -> None:
     many = realised_correlations(
-        simulate_like_csv(TABLE1, seed=3, subjects=4000, between=between, correlation=correlation)
+        simulate_like(PUBLISHED, seed=3, subjects=4000, between=between, correlation=correlation)
     )
     # An average of correlations scatters less than one of them, whose standard error is (1 - r²)/√n.
     assert abs(many.within - correlation) < 4 * (1 - correlation**2) / math.sqrt(4000)
     assert abs(many.across - between) < 4 * (1 - between**2) / math.sqrt(4000)
-    ten = realised_correlations(simulate_like_csv(TABLE1, seed=3, between=between, correlation=correlation))
+    ten = realised_correlations(simulate_like(PUBLISHED, seed=3, between=between, correlation=correlation))
     assert abs(ten.within - correlation) < (1 - correlation**2) / math.sqrt(9)
     assert abs(ten.across - between) < (1 - between**2) / math.sqrt(9)
 
@@ -68,13 +131,13 @@ def test_correlations_as_stated(between: float, correlation: float) -> None:
 def test_ten_subjects_are_the_nearest_of_many_draws_in_both_correlations() -> None:
     """A correlation of ten misses by some (1 - r²)/3, 0.17 and 0.32; the nearest of 200 draws by far less."""
     for seed in range(5):
-        found = realised_correlations(simulate_like_csv(TABLE1, seed=seed, between=0.7, correlation=0.2))
+        found = realised_correlations(simulate_like(PUBLISHED, seed=seed, between=0.7, correlation=0.2))
         assert abs(found.across - 0.7) < 0.1
         assert abs(found.within - 0.2) < 0.1
 
 
 def test_realised_correlations_pair_by_pair() -> None:
-    sessions = simulate_like_csv(TABLE1, seed=9)
+    sessions = simulate_like(PUBLISHED, seed=9)
     logs = {
         (name, environment): np.log(group[f"{name}_adj"].to_numpy())
         for environment, group in sessions.groupby("environment")
@@ -92,7 +155,7 @@ def test_realised_correlations_pair_by_pair() -> None:
 
 
 def test_more_subjects_keep_mean_and_sd() -> None:
-    few, many = (simulate_like_csv(TABLE1, seed=1, subjects=n) for n in (10, 40))
+    few, many = (simulate_like(PUBLISHED, seed=1, subjects=n) for n in (10, 40))
     assert many["subject"].nunique() == 40
     for name in ("k_adj", "b_adj"):
         a, b = (table.groupby("environment")[name] for table in (few, many))
@@ -101,7 +164,7 @@ def test_more_subjects_keep_mean_and_sd() -> None:
 
 
 def test_one_parameter_in_one_environment() -> None:
-    study = simulate_like(rows(("wall", "b", 2, 1.5, 2.5, 2, 0.9)), seed=4)
+    study = simulate_like(summary(("wall", "b", 2, 1.5, 2.5, 2, 0.9)), seed=4)
     assert list(study.columns) == ["subject", "session", "environment", "b_ref", "trial", "b_adj", "source"]
     assert study["b_adj"].mean() == pytest.approx(2.0, abs=0.05)
     assert realised_correlations(study) == Correlations(within=None, across=None)
@@ -138,11 +201,11 @@ def test_moments_are_matched_whatever_they_are(mean: float, cv: float, n: int, s
 )
 def test_limits_no_positive_values_have(row: tuple[object, ...], message: str) -> None:
     with pytest.raises(RefusalError, match=message):
-        simulate_like(rows(row), seed=1)
+        simulate_like(summary(row), seed=1)
 
 
 def test_more_digits_reproduce_a_finer_table() -> None:
-    table = rows(("w", "k", 10, "9.0000001", "11.0000001", 10, 0.99))
+    table = summary(("w", "k", 10, "9.0000001", "11.0000001", 10, 0.99))
     assert simulate_like(table, seed=1, digits=10)["k_adj"].mean() == pytest.approx(10.0000001, abs=1e-8)
 
 
@@ -163,7 +226,7 @@ def test_tied_scores_cannot_be_spread() -> None:
 )
 def test_options_out_of_range(options: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        simulate_like_csv(TABLE1, **({"seed": 1} | options))  # type: ignore[arg-type]
+        simulate_like(PUBLISHED, **({"seed": 1} | options))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -176,20 +239,20 @@ def test_options_out_of_range(options: dict[str, object], message: str) -> None:
 )
 def test_correlations_need_a_full_grid(change, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(UsageError, match=message):
-        realised_correlations(change(simulate_like_csv(TABLE1, seed=1)))
+        realised_correlations(change(simulate_like(PUBLISHED, seed=1)))
 
 
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "taken").mkdir()
     with pytest.raises(UsageError, match="taken: cannot be written: Is a directory"):
-        write_sessions(simulate_like_csv(TABLE1, seed=1), tmp_path / "taken")
+        write_sessions(simulate_like(PUBLISHED, seed=1), tmp_path / "taken")
 
 
 def test_only_simulated_files_are_written_over(tmp_path: Path) -> None:
-    table = simulate_like_csv(TABLE1, seed=1)
+    table = simulate_like(PUBLISHED, seed=1)
     again = write_sessions(table, tmp_path / "again.csv")
     first = again.read_bytes()
-    write_sessions(simulate_like_csv(TABLE1, seed=2), again)
+    write_sessions(simulate_like(PUBLISHED, seed=2), again)
     assert again.read_bytes() != first
     measured = table.drop(columns="source").to_csv(index=False)
     for text in (
@@ -206,3 +269,27 @@ def test_only_simulated_files_are_written_over(tmp_path: Path) -> None:
         ):
             write_sessions(table, taken)
         assert taken.read_text() == text
+
+
+def test_files_read_back_as_the_same_doubles(tmp_path: Path) -> None:
+    table = simulate_like(PUBLISHED, seed=5)
+    path = write_sessions(table, tmp_path / "s.csv")
+    back = pd.read_csv(path, dtype=str)
+    for name in ("k_ref", "b_ref", "k_adj", "b_adj"):
+        assert list(back[name].map(float)) == list(table[name])
+    assert list(back["subject"]) == list(table["subject"])
+    assert [entry.name for entry in tmp_path.iterdir()] == ["s.csv"]
+    assert b"\r" not in path.read_bytes()
+
+
+def test_files_say_what_they_are(tmp_path: Path) -> None:
+    table = simulate_like(PUBLISHED, seed=5)
+    target = tmp_path / "s.csv"
+    for wrong in (table.drop(columns="source"), table.assign(source="measured")):
+        with pytest.raises(UsageError, match="must say 'simulated' in its column 'source'"):
+            write_sessions(wrong, target)
+    with pytest.raises(RefusalError, match=r"s\.csv, column 'k_adj': a simulated value is not finite"):
+        write_sessions(table.assign(k_adj=np.inf), target)
+    with pytest.raises(UsageError, match="the folder to write to does not exist"):
+        write_sessions(table, tmp_path / "none" / "s.csv")
+    assert not target.exists()

@@ -9,17 +9,17 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.priors import Priors
-from percept.simulate import (
+from percept.simulate.model import (
     Design,
     Hyperparameters,
     TrueValues,
     draw_environments,
     draw_hyperparameters,
     draw_responses,
+    simulate,
 )
-from percept.simulate.model import generator
 
 REFERENCES = [[10.0, 0.1], [1000.0, 1.0], [10000.0, 10.0], [25000.0, 25.0], [50000.0, 50.0]]
 DRAWS = 3000
@@ -247,7 +247,58 @@ def test_perfect_correlation() -> None:
     assert_array_equal(responses.w[..., 0], -responses.w[..., 1])
 
 
-@pytest.mark.parametrize("seed", [-1, "one", 1.5])
-def test_seeds_that_are_none(seed: object) -> None:
-    with pytest.raises(UsageError, match="a seed is a whole number, not negative"):
-        generator(seed)  # type: ignore[arg-type]
+def test_decades_are_centred_on_the_geometric_mean() -> None:
+    design = Design.balanced([[10.0, 0.1], [1000.0, 1.0], [100000.0, 100.0]], subjects=3)
+    assert_allclose(design.decades, [[-2, -4 / 3], [0, -1 / 3], [2, 5 / 3]], rtol=1e-14, atol=1e-15)
+
+
+def test_names_sort() -> None:
+    many = Design.balanced(REFERENCES[:2], subjects=120).subjects
+    assert (many[0], many[-1]) == ("S001", "S120")
+    assert Design.balanced(REFERENCES[:2], subjects=3).subjects == ("S01", "S02", "S03")
+
+
+@pytest.mark.parametrize("reference", [0.0, -1.0, math.nan])
+def test_a_reference_that_no_response_is_a_ratio_to(reference: float) -> None:
+    with pytest.raises(UsageError, match=rf"references = {reference}: every reference must be positive"):
+        Design.balanced([[10.0, reference], [1000.0, 1.0]], subjects=3)
+
+
+UNEVEN = Design(
+    np.array(REFERENCES[:3]), np.array([[1, 2, 0], [3, 1, 1]]), environments=("soft", "middle", "hard")
+)
+
+
+@pytest.mark.parametrize("family", ["lognormal", "normal"])
+def test_rows_are_the_responses_on_the_references(family: str) -> None:
+    values = draw_environments(hyperparameters(), UNEVEN, np.random.default_rng(1))
+    table = simulate(values, UNEVEN, np.random.default_rng(3), family=family)  # type: ignore[arg-type]
+    responses = draw_responses(values, UNEVEN, np.random.default_rng(3))
+    assert list(table.columns) == [
+        *("subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj", "source")
+    ]
+    cells = list(zip(table["subject"], table["environment"], table["trial"], strict=True))
+    assert cells == [
+        ("S01", "soft", 1),
+        ("S01", "middle", 1),
+        ("S01", "middle", 2),
+        ("S02", "soft", 1),
+        ("S02", "soft", 2),
+        ("S02", "soft", 3),
+        ("S02", "middle", 1),
+        ("S02", "hard", 1),
+    ]
+    for (_, row), y in zip(table.iterrows(), responses.y, strict=True):
+        reference = dict(zip(UNEVEN.environments, UNEVEN.references, strict=True))[row["environment"]]
+        assert_array_equal((row["k_ref"], row["b_ref"]), reference)
+        ratio = np.array([row["k_adj"], row["b_adj"]]) / reference
+        assert_allclose(np.log(ratio) if family == "lognormal" else ratio - 1, y, rtol=1e-9, atol=1e-13)
+    assert set(table["source"]) == {"simulated"}
+
+
+@pytest.mark.parametrize("beta", [1e4, -1e4])
+def test_values_no_double_can_hold(beta: float) -> None:
+    cells = np.full((3, 2), beta)
+    values = TrueValues(hyperparameters(), np.zeros((3, 2)), cells, np.ones((3, 2)), np.ones((3, 2)))
+    with pytest.raises(RefusalError, match="leaves the range of doubles"):
+        simulate(values, UNEVEN, np.random.default_rng(1))

@@ -6,7 +6,7 @@ import numpy as np
 
 from percept import Scene, Study
 from percept.sessions import Sessions
-from percept.simulate import Design, Hyperparameters, simulate
+from percept.simulate.model import Design, Hyperparameters, draw_environments, simulate
 
 REFERENCES = {"k": [100.0, 1e3, 1e4], "b": [1.0, 5.0, 25.0]}
 
@@ -25,7 +25,8 @@ def table_of(parameters=("k",), subjects=10, references=None, seed=1, **changes)
     """Sessions as a table, one trial per cell."""
     found = references or [REFERENCES[p] for p in parameters]
     design = Design(np.array(found).T, np.ones((subjects, len(found[0])), dtype=int), parameters=parameters)
-    return simulate(design, seed=seed, values=hyperparameters(len(parameters), **changes)).table
+    rng = np.random.default_rng(seed)
+    return simulate(draw_environments(hyperparameters(len(parameters), **changes), design, rng), design, rng)
 
 
 def study_of(table, *, model=None, checks=None, **inference) -> Study:

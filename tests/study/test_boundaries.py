@@ -11,7 +11,7 @@ from percept.boundary.grid import FLOOR
 from percept.boundary.membership import magnitude_membership
 from percept.boundary.records import Boundary
 from percept.haptics import perceived_magnitude
-from percept.inference.classical.joint import ellipse_region
+from percept.inference.regions import ellipse_region
 from percept.study.boundaries import Range, environment_boundaries, region_curves
 from percept.study.coupling import study_coupling
 from percept.study.study import DEFAULT_POINTS

@@ -11,7 +11,8 @@ from percept import RefusalError, Scene, Study, UsageError
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.wider_priors import reweighted, wider, with_priors
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 from percept.sessions import Sessions
 from percept.study.bayesian import Fit
 from percept.study.comparison import compare_curves, compare_intervals, sample_sds

@@ -11,6 +11,7 @@ from percept.scene import Scene
 from percept.sessions import reduce_sessions
 from percept.study.bayesian import prepare
 from percept.study.reduced import prepare_reduced, reduced_intervals
+from tests.unmixed import UNMIXED, unmixed_sessions
 
 HEAD = "subject,environment,k_ref,b_ref,trial,k_adj,b_adj"
 PLACES = {"VE1": (15.0, 0.7), "VE2": (1000.0, 1.5), "VE3": (50000.0, 100.0)}
@@ -142,12 +143,21 @@ def test_nothing_but_equal_values_is_refused(tmp_path):
 
 
 def test_a_failed_gate_is_told(tmp_path):
-    reduced = reduce_sessions(study(tmp_path / "s.csv"))
-    hurried = {"tolerance": 0.001, "most_steps": 300}
-    both = reduced_intervals(reduced, scene(**hurried))
+    unmixed_sessions().to_csv(tmp_path / "s.csv", index=False)
+    reduced = reduce_sessions(tmp_path / "s.csv")
+    both = reduced_intervals(reduced, scene(**UNMIXED))
     assert set(both["method"]) == {"classical"}
     ((what, why),) = both.attrs["skipped"]
     assert what == "Bayesian intervals"
-    assert "0.10% was asked. Raise the cap on steps or the tolerance." in why
-    with pytest.raises(RefusalError, match=r"the Bayesian intervals are withheld: .*Raise the cap"):
-        reduced_intervals(reduced, scene(method="bayesian", **hurried))
+    assert "autocorrelation times" in why
+    with pytest.raises(RefusalError, match=r"the Bayesian intervals are withheld: .*autocorrelation times"):
+        reduced_intervals(reduced, scene(method="bayesian", **UNMIXED))
+
+
+def test_an_error_above_the_tolerance_is_told_beside_the_intervals(tmp_path):
+    reduced = reduce_sessions(study(tmp_path / "s.csv"))
+    asked = scene(method="bayesian", tolerance=0.001, most_steps=300)
+    found = reduced_intervals(reduced, asked)
+    assert set(found["method"]) == {"bayesian"}
+    assert "where 0.1 % was asked" in found.attrs["error_reached"]
+    assert reduced_intervals(reduced, scene(method="classical")).attrs["error_reached"] == ""

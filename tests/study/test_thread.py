@@ -10,6 +10,7 @@ import pytest
 from percept import RefusalError, Scene, Study, read_sessions
 from percept.sessions import Sessions
 from tests import DATASETS
+from tests.unmixed import UNMIXED, unmixed_sessions
 
 TABLE = pd.read_csv(DATASETS / "hbfd_table1.csv", dtype=str)
 
@@ -122,14 +123,23 @@ def test_a_window_on_an_environment_that_is_not_there_is_said():
 
 
 def test_failed_gate_withholds_the_bayesian_numbers():
+    study = Study(Sessions.from_frame(unmixed_sessions()), hbfd_scene(**UNMIXED))
+    assert set(study.intervals["method"]) == {"classical"}
+    assert study.posterior is None
+    assert "autocorrelation times" in dict(study.skipped)["Bayesian intervals"]
+
+
+def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
     table = frame()
     few = Sessions.from_frame(table[table.environment.isin(["VE2", "VE4"])])
     study = Study(few, hbfd_scene(tolerance=1e-4, most_steps=200))
-    assert set(study.intervals["method"]) == {"classical"}
-    assert study.posterior is None
-    reason = dict(study.skipped)["Bayesian intervals"]
-    assert "Monte Carlo error" in reason
-    assert "Raise the cap" in reason
+    assert set(study.intervals["method"]) == {"classical", "bayesian"}
+    assert study.posterior is not None
+    assert "Bayesian intervals" not in dict(study.skipped)
+    gate = study.diagnostics["gate"]
+    assert gate.passed
+    assert not gate.tolerance_met
+    assert f"{100 * gate.worst_error:.3g} % of a half-width" in gate.error_reached
 
 
 def frame(**changes):

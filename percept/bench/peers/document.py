@@ -12,7 +12,7 @@ import numpy as np
 
 from percept import __version__
 from percept.bench.growth import Growth
-from percept.bench.machine import machine
+from percept.bench.measure import machine
 from percept.bench.peers.engines import ENGINES, Engine, engine
 from percept.bench.peers.measure import Measured, Startup
 from percept.bench.peers.reference import Reference

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from percept.bench.as_installed import as_installed
+from percept.bench.measure import as_installed
 from percept.bench.peers.engines import Engine
 from percept.bench.peers.reference import Reference
 from percept.bench.peers.responses import Responses

@@ -41,7 +41,7 @@ def run_benchmark(
         chosen, sessions, reference, starts=starts, seconds=seconds, quick=quick, told=told
     )
     document = build_document(
-        startups, measured, whole, reference, growth=growth(told=told) if repeats else [],
+        startups, measured, whole, reference, growth=growth(log=told) if repeats else [],
         command=_command(engines, seconds, starts, repeats, quick),
         loads=(before, os.getloadavg()[0]), seconds=time.perf_counter() - begun,
     )  # fmt: skip

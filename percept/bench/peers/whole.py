@@ -12,7 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from percept.bench.as_installed import as_installed
+from percept.bench.measure import as_installed
 from percept.errors import RefusalError
 
 _NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"

@@ -12,7 +12,8 @@ from percept.bench.peers.engines import Fitted, Sampler
 from percept.bench.peers.responses import Responses
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.hierarchy.models import IntervalEstimands, Model
-from percept.inference.sampling.run import Run, Settings, sample
+from percept.inference.sampling.records import Run, Settings
+from percept.inference.sampling.run import sample
 
 Array = NDArray[np.float64]
 _MOST_STEPS = 2_000_000

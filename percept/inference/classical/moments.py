@@ -1,29 +1,21 @@
-"""Mean and standard deviation of samples (Eq. 14), from values, from published figures, or weighted."""
+"""Samples: what is accepted as one, and its mean and standard deviation (Eq. 14)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.classical import doubledouble
-from percept.inference.classical.checks import finite_values, fitted, sample, subject_counts
-from percept.inference.classical.exact import MomentsAccumulator
-from percept.inference.classical.levels import Level, tail
-from percept.inference.classical.quantiles import t_upper
-from percept.inference.intervals import FloatOrArray
+from percept.inference.record import FloatOrArray
 from percept.notebook import NotebookRecord
 
-_Scale = Literal["linear", "log"]
-_BLOCK = 1 << 17  # values handled at once, so that the many temporaries stay in cache
-_LONGEST = 1 << 13  # the error bounds of the pairwise route are worked out up to this many subjects
-_FEW_ROWS = 8
-_CANCELLED = 2.0**-40  # a mean smaller than this against the spread needs more than a pair of doubles
-_HUGE = 2.0**1000
+_HUGE = 960  # binary exponent above which a sum of values may overflow
+_MOST_SUBJECTS = 2.0**53  # whole numbers above this are not told apart by doubles
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +37,6 @@ class Moments(NotebookRecord):
         Whether the values, or their natural logarithms, were averaged.
     repeats : bool, optional
         Whether each value was a subject's mean of repeated trials; None where it is not known.
-    weighted : bool
-        True where `sd` is n^½ times the standard error of a weighted mean: fit for kind ``"mean"`` only.
 
     Raises
     ------
@@ -59,17 +49,15 @@ class Moments(NotebookRecord):
     mean: FloatOrArray
     sd: FloatOrArray
     n: int | NDArray[np.int64]
-    scale: _Scale = "linear"
+    scale: Literal["linear", "log"] = "linear"
     repeats: bool | None = None
-    weighted: bool = False
 
     def __post_init__(self) -> None:
+        check_option("scale", self.scale, ("linear", "log"))
         mean = finite_values(self.mean, name="means")
         sd = finite_values(self.sd, name="standard deviations")
         if (sd < 0.0).any():
             raise UsageError("A standard deviation cannot be negative.", value=float(sd.min()))
-        if self.scale not in get_args(_Scale):
-            raise UsageError('scale must be "linear" or "log".', value=self.scale)
         mean, sd, n = fitted("Means, standard deviations and counts", mean, sd, subject_counts(self.n))
         object.__setattr__(self, "mean", plain(mean))
         object.__setattr__(self, "sd", plain(sd))
@@ -78,7 +66,7 @@ class Moments(NotebookRecord):
     @classmethod
     def from_values(
         cls, values: ArrayLike, *, log: bool = False, axis: int = -1, repeats: bool | None = None
-    ) -> Moments:
+    ) -> Self:
         """Work out mean and SD of one value per subject.
 
         Parameters
@@ -100,16 +88,16 @@ class Moments(NotebookRecord):
 
         Raises
         ------
-        UsageError, RefusalError
-            As `percept.inference.classical.checks.sample`.
+        UsageError
+            Values that are not finite numbers, an axis they do not have.
+        RefusalError
+            Fewer than 2 subjects; zero or negative values where `log`.
         """
         samples = sample(values, axis=axis, positive=log)
+        first = samples[..., :1]
+        mean, sd = mean_and_sd(_log_ratios(samples, first) if log else samples)
         if log:
-            first = samples[..., :1]
-            beyond, sd = mean_and_sd(_log_ratios(samples, first))
-            mean = np.log(first[..., 0]) + beyond
-        else:
-            mean, sd = mean_and_sd(samples)
+            mean = mean + np.log(first[..., 0])
         return cls(mean, sd, samples.shape[-1], scale="log" if log else "linear", repeats=repeats)
 
     @classmethod
@@ -119,9 +107,8 @@ class Moments(NotebookRecord):
         upper: ArrayLike,
         n: ArrayLike,
         *,
-        level: Level = 0.99,
-        repeats: bool | None = None,
-    ) -> Moments:
+        level: float = 0.99,
+    ) -> Self:
         """Turn the published limits of a t-interval (Eq. 15) back into mean and SD.
 
         Parameters
@@ -130,10 +117,8 @@ class Moments(NotebookRecord):
             Limits of the mean, any unit.
         n : int or array_like of int
             Subjects.
-        level : float or OneMinus
+        level : float
             Confidence level of the limits.
-        repeats : bool, optional
-            Whether each subject's value was the mean of repeated trials.
 
         Returns
         -------
@@ -156,84 +141,38 @@ class Moments(NotebookRecord):
                 value=float(low[low > high].flat[0]),
                 hint="Check that the columns are not swapped.",
             )
+        t = -special.stdtrit(count - 1.0, tail_of(level) / 2.0)
         half_width = 0.5 * high - 0.5 * low
-        factor = t_upper(tail(level) / 2.0, count - 1) / np.sqrt(count)
-        return cls(0.5 * low + 0.5 * high, half_width / factor, count.astype(np.int64), repeats=repeats)
+        return cls(0.5 * low + 0.5 * high, half_width / t * np.sqrt(count), count.astype(np.int64))
 
-    @classmethod
-    def from_weighted(
-        cls, values: ArrayLike, weights: ArrayLike, *, log: bool = False, repeats: bool | None = None
-    ) -> Moments:
-        """Average one value per subject with weights.
-
-        The mean's t-interval is exact where the weights are inversely proportional to the variances of the
-        values: trials per subject are, if subjects do not truly differ; equal weights, if trial noise is nil.
+    def on_scale(self, family: str) -> Moments:
+        """Return these moments on the scale of a family, published ones by moment matching.
 
         Parameters
         ----------
-        values : array_like
-            Shape (n,): one value per subject.
-        weights : array_like
-            Shape (n,): positive, in any unit.
-        log : bool
-            Average the natural logarithms instead.
-        repeats : bool, optional
-            Whether each value is the mean of repeated trials.
+        family : {"normal", "lognormal"}
+            Of the values, or of their logarithms.
 
         Returns
         -------
         Moments
-            Fit for kind ``"mean"`` only: what a user of unknown weight does does not follow from it.
+            Themselves, or those of the logarithms a lognormal with this mean and SD has: variance
+            log(1 + SD²/mean²), mean log(mean) − variance/2.
 
         Raises
         ------
         UsageError
-            Values and weights of different shape, weights not positive.
+            Moments of logarithms under the normal family.
         RefusalError
-            Fewer than 2 subjects.
+            A mean of zero or below under the lognormal family.
         """
-        y = sample(values, positive=log)
-        w = finite_values(weights, name="weights")
-        if y.ndim != 1 or w.shape != y.shape:
-            raise UsageError(f"One weight per subject is needed; the shapes are {y.shape} and {w.shape}.")
-        if (w <= 0.0).any():
-            raise UsageError("Weights must be positive.", value=float(w.min()))
-        y = np.log(y) if log else y
-        share = w / math.fsum(w)
-        # from an element of the sample, so that an offset cannot cancel
-        beyond = y - y[0]
-        shift = math.fsum(share * beyond)
-        scatter = math.fsum(share * (beyond - shift) ** 2)
-        n = y.size
-        return cls(
-            float(y[0]) + shift,
-            math.sqrt(scatter * n / (n - 1)),
-            n,
-            scale="log" if log else "linear",
-            repeats=repeats,
-            weighted=True,
-        )
-
-    def lognormal(self) -> Moments:
-        """Return the moments of the logarithms a lognormal with this mean and SD has.
-
-        Returns
-        -------
-        Moments
-            On the log scale: variance log(1 + SD²/mean²), mean log(mean) − variance/2.
-
-        Raises
-        ------
-        RefusalError
-            A mean of zero or below.
-        UsageError
-            A weighted mean, whose `sd` is not that of users.
-        """
-        if self.weighted:
+        if family == "normal" and self.scale == "log":
             raise UsageError(
-                "The SD behind a weighted mean is not that of users, which a lognormal's moments need.",
-                hint="Average the logarithms: Moments.from_weighted(values, weights, log=True).",
+                "These are moments of logarithms; the normal family needs those of the values.",
+                hint='Use family="lognormal", or work the moments out with log=False.',
             )
+        if family == "normal" or self.scale == "log":
+            return self
         mean, sd = np.asarray(self.mean), np.asarray(self.sd)
         if (mean <= 0.0).any():
             raise RefusalError(
@@ -246,60 +185,27 @@ class Moments(NotebookRecord):
             np.log(mean) - variance / 2.0, np.sqrt(variance), self.n, scale="log", repeats=self.repeats
         )
 
-    def on_scale(self, family: str) -> Moments:
-        """Return these moments on the scale of a family: themselves, or `lognormal`.
-
-        Parameters
-        ----------
-        family : {"normal", "lognormal"}
-            Of the values, or of their logarithms.
-
-        Returns
-        -------
-        Moments
-
-        Raises
-        ------
-        UsageError
-            Moments of logarithms under the normal family; else as `lognormal`.
-        RefusalError
-            As `lognormal`.
-        """
-        if family == "lognormal":
-            return self if self.scale == "log" else self.lognormal()
-        if self.scale == "log":
-            raise UsageError(
-                "These are moments of logarithms; the normal family needs those of the values.",
-                hint='Use family="lognormal", or work the moments out with log=False.',
-            )
-        return self
-
 
 def mean_and_sd(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Work out means and SDs within 4 ulp of the correctly rounded ones.
-
-    A few samples, or long ones, go through exact sums; many short ones through pairs of doubles, shifted by
-    their first element. What the pairs cannot warrant (means that cancel, huge values) goes through exact
-    sums.
-    """
+    """Mean and SD along the last axis, within 4 ulp of the correctly rounded ones."""
     n = samples.shape[-1]
-    rows = samples.reshape(-1, n)
-    mean, sd = np.empty(len(rows)), np.empty(len(rows))
-    if len(rows) <= _FEW_ROWS or n > _LONGEST:
-        doubtful = np.arange(len(rows))
-    else:
-        step = max(1, _BLOCK // n)
-        sure = np.empty(len(rows), dtype=bool)
-        for start in range(0, len(rows), step):
-            block = slice(start, start + step)
-            mean[block], sd[block], sure[block] = _by_pairs(rows[block])
-        doubtful = np.flatnonzero(~sure)
-    for index in doubtful:
-        sums = MomentsAccumulator()
-        sums.update(rows[index])
-        mean[index], sd[index] = sums.mean, sums.sd
-    shape = samples.shape[:-1]
-    return mean.reshape(shape), sd.reshape(shape)
+    # Scaling by powers of two rounds nothing, and neither sums nor squares then leave the range of doubles.
+    lift = np.maximum(np.frexp(np.abs(samples).max(axis=-1, keepdims=True))[1] - _HUGE, 0)
+    values = np.ldexp(samples, -lift)
+    mean = _rounded_sum(values) / n
+    off = values - mean
+    back = off - values
+    lost = (values - (off - back)) - (mean + back)  # by the subtraction, exactly (Knuth)
+    # The sum and its division were rounded; under an offset that is as much as the SD.
+    shift = _rounded_sum(off)
+    mean = mean + (shift + _rounded_sum(lost)) / n
+    exponent = np.frexp(np.abs(off).max(axis=-1, keepdims=True))[1]
+    squares = _rounded_sum(np.ldexp(off, -exponent) ** 2) - np.ldexp(shift, -exponent) ** 2 / n
+    with np.errstate(over="ignore"):
+        sd = np.ldexp(np.sqrt(np.maximum(squares, 0.0) / max(n - 1, 1)), exponent + lift)
+    # A mean that rounding put beside values that are all alike is no scatter.
+    alike = samples.max(axis=-1) == samples.min(axis=-1)
+    return np.ldexp(mean, lift)[..., 0], np.where(alike, 0.0, sd[..., 0])
 
 
 def plain(values: NDArray[np.float64]) -> FloatOrArray:
@@ -307,34 +213,127 @@ def plain(values: NDArray[np.float64]) -> FloatOrArray:
     return float(values) if values.ndim == 0 else values
 
 
+def check_option(name: str, value: str, options: tuple[str, ...]) -> None:
+    """Refuse a value that is not one of the options."""
+    if value not in options:
+        named = ", ".join(f'"{option}"' for option in options)
+        raise UsageError(f"{name} must be one of {named}.", value=value)
+
+
+def finite_values(values: ArrayLike, *, name: str = "values", positive: bool = False) -> NDArray[np.float64]:
+    """Return `values` as doubles, all of them finite numbers and, where asked, fit for a logarithm."""
+    if np.ma.is_masked(values):
+        raise UsageError(
+            f"Some of the {name} are masked.", hint="Pass what is not masked: values.compressed()."
+        )
+    try:
+        given: NDArray[Any] = np.asarray(values)
+    except ValueError:
+        raise UsageError(
+            f"The {name} are rows of unequal length.", hint="Pass samples of different size one at a time."
+        ) from None
+    if given.size == 0:
+        raise UsageError(f"There are no {name}: the array is empty.")
+    if given.dtype.kind not in "iufO":
+        raise UsageError(f"The {name} must be real numbers; their type is {given.dtype}.")
+    try:  # Decimal, Fraction and pandas' nullable numbers are objects
+        doubles = given.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise UsageError(f"The {name} must be real numbers; their type is {given.dtype}.") from None
+    if not np.isfinite(doubles).all():
+        at = np.argwhere(~np.isfinite(doubles))[0]
+        raise UsageError(
+            f"The {name} must be finite numbers; the first that is not is at index {at.tolist()}.",
+            value=float(doubles[tuple(at)]),
+            hint="Leave the trial out, or correct it.",
+        )
+    if positive and (doubles <= 0.0).any():
+        raise RefusalError(
+            f"The lognormal family takes logarithms, and some of the {name} are zero or negative.",
+            value=float(doubles[doubles <= 0.0].flat[0]),
+            hint='Use family="normal".',
+        )
+    return doubles
+
+
+def sample(
+    values: ArrayLike, *, axis: int = -1, positive: bool = False, least: int = 2
+) -> NDArray[np.float64]:
+    """Return samples with their subjects, `least` or more, along the last axis."""
+    doubles = finite_values(values, positive=positive)
+    if doubles.ndim == 0:
+        raise UsageError("A sample is needed, not a single number.", value=float(doubles))
+    if not -doubles.ndim <= axis < doubles.ndim:
+        raise UsageError(f"The values have {doubles.ndim} axes; there is no axis {axis}.")
+    moved = np.moveaxis(doubles, axis, -1)
+    if moved.shape[-1] < least:
+        count = moved.shape[-1]
+        raise RefusalError(
+            f"At least {least} subjects are needed; there {'is' if count == 1 else 'are'} {count}.",
+            hint="Check that the axis of subjects is the one meant, or add subjects.",
+        )
+    return moved
+
+
+def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
+    """Return numbers of subjects as integers."""
+    counts = finite_values(n, name="numbers of subjects")
+    bad = (counts != np.rint(counts)) | (counts > _MOST_SUBJECTS)
+    if bad.any():
+        raise UsageError(
+            "A number of subjects must be whole, and one that a double holds.",
+            value=float(counts[bad].flat[0]),
+        )
+    if (counts < 2).any():
+        raise RefusalError(
+            f"At least 2 subjects are needed; there is {int(counts.min())}.", hint="Add subjects."
+        )
+    return counts.astype(np.int64)
+
+
+def fitted(names: str, *arrays: NDArray[Any]) -> tuple[NDArray[np.float64], ...]:
+    """Return arrays as doubles of one shape."""
+    try:
+        shape = np.broadcast_shapes(*(array.shape for array in arrays))
+    except ValueError:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        raise UsageError(f"{names} have shapes that do not fit: {shapes}.") from None
+    return tuple(np.broadcast_to(np.asarray(array, dtype=np.float64), shape) for array in arrays)
+
+
+def tails(level: ArrayLike, name: str = "level") -> NDArray[np.float64]:
+    """Return 1 − level, which is exact for doubles from 0.5 up."""
+    try:
+        values = np.asarray(level, dtype=float)
+    except (TypeError, ValueError):
+        raise UsageError(f"{name} must be a number.", value=level) from None
+    bad = ~((values > 0.0) & (values < 1.0))
+    if bad.any():
+        raise UsageError(
+            f"{name} must lie strictly between 0 and 1.",
+            value=float(values[bad].flat[0]),
+            hint="99 percent is written 0.99.",
+        )
+    return 1.0 - values
+
+
+def tail_of(level: float, name: str = "level", *, joint: str = "marginal") -> float:
+    """Return what one level leaves out, halved where stiffness and damping share it."""
+    tail = tails(level, name)
+    if tail.ndim:
+        raise UsageError(f"{name} must be one number here.", value=level)
+    return float(tail) / 2.0 if joint == "bonferroni" else float(tail)
+
+
+def _rounded_sum(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum the last axis, which stays with length one, rounding each sum once."""
+    rows = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
+    sums = np.array([math.fsum(row.data) for row in rows])
+    return sums.reshape((*values.shape[:-1], 1))
+
+
 def _log_ratios(values: NDArray[np.float64], first: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return log(values/first), with the digits of values that hardly differ."""
     near = (values > 0.5 * first) & (values < 2.0 * first)
     close = np.log1p(np.divide(values - first, first, out=np.zeros_like(values), where=near))
     return np.where(near, close, np.log(values) - np.log(first))
-
-
-def _by_pairs(
-    rows: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Return means, SDs, and whether they are warranted.
-
-    With deviations D from an element of the sample, ΣD² is at most n times the sum of squares about the mean,
-    so taking n·(mean D)² away costs at most n of the 2**53 the pairs have to spare.
-    """
-    n = rows.shape[-1]
-    sure = np.abs(rows).max(axis=-1) < _HUGE
-    rows = np.where(sure[:, None], rows, 0.0)
-    first = rows[:, :1]
-    high, low = doubledouble.two_sum(rows, np.broadcast_to(-first, rows.shape))
-    spread = np.abs(high).max(axis=-1)
-    exponent = np.frexp(spread)[1]
-    scaled = (np.ldexp(high, -exponent[:, None]), np.ldexp(low, -exponent[:, None]))
-    shift = doubledouble.divide(doubledouble.total(scaled), n)
-    squares = doubledouble.total(doubledouble.square(scaled))
-    about = doubledouble.subtract(doubledouble.divide(squares, n), doubledouble.square(shift))
-    sd = np.ldexp(np.sqrt(np.maximum(about[0], 0.0) * (n / (n - 1))), exponent)
-    s, error = doubledouble.two_sum(first[:, 0], np.ldexp(shift[0], exponent))
-    mean = s + (error + np.ldexp(shift[1], exponent))
-    sure &= np.abs(mean) >= _CANCELLED * spread
-    return mean, sd, sure

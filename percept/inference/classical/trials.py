@@ -1,139 +1,125 @@
-"""From trials to one value per subject: n is subjects, never trials."""
+"""From trials to one value per subject (n is subjects, never trials), and whether these look normal."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from percept.errors import UsageError
-from percept.inference.classical.checks import finite_values, positive_values
-from percept.inference.classical.claims import Parametric, parametric_family
-from percept.inference.classical.exact import MomentsAccumulator
-from percept.inference.classical.moments import Moments
+from percept.errors import RefusalError, UsageError
+from percept.inference.classical.moments import (
+    Moments,
+    check_option,
+    finite_values,
+    mean_and_sd,
+    sample,
+)
+from percept.inference.record import Family
 from percept.notebook import NotebookRecord
+
+_SHAPIRO_MOST = 5000  # beyond, the published approximation of its p-value is not valid
 
 
 @dataclass(frozen=True, eq=False)
 class SubjectMeans(NotebookRecord):
-    """One value per subject.
+    """One value per subject, in the order in which the subjects first appear."""
+
+    values: NDArray[np.float64]  # (n,) Mean of the trials, geometric under "lognormal", in their unit
+    family: Family  # Scale on which the trials were averaged
+    trial_sd: float | None  # SD between trials of a subject, pooled, on that scale; None without repeats
+
+    def moments(self) -> Moments:
+        """Return mean and SD of the subjects' values on the family's scale, each subject counting once."""
+        return Moments.from_values(
+            self.values, log=self.family == "lognormal", repeats=self.trial_sd is not None
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Normality(NotebookRecord):
+    """Shapiro–Wilk test on the scale of a family.
 
     Parameters
     ----------
-    values : ndarray
-        Shape (n,): mean of each subject's trials, geometric under ``"lognormal"``; unit of the trials.
-    trials : ndarray of int
-        Shape (n,): trials behind each.
-    subjects : tuple
-        Labels in the same order, that of their first trial.
+    statistic : float
+        W; 1 for a perfect fit.
+    p_value : float
+        Small where the family fits badly. With ten subjects only gross misfit shows.
     family : {"normal", "lognormal"}
-        On which scale the trials were averaged.
-    trial_sd : float, optional
-        SD between trials of a subject, pooled, on the family's scale; None without repeats.
+        What was tested: the values, or their logarithms.
+    n : int
+        Subjects.
     """
 
-    values: NDArray[np.float64]
-    trials: NDArray[np.int64]
-    subjects: tuple[object, ...]
-    family: Parametric
-    trial_sd: float | None
-
-    @property
-    def rule(self) -> str:
-        """How trials became values, as a sentence."""
-        kind = "mean" if self.family == "normal" else "geometric mean"
-        few, many = int(self.trials.min()), int(self.trials.max())
-        if many == 1:
-            return "One trial per subject."
-        count = f"{many}" if few == many else f"{few} to {many}"
-        return f"Each subject counts once, by the {kind} of their {count} trials."
-
-    def moments(self, *, weights: Literal["equal", "trials"] | ArrayLike = "equal") -> Moments:
-        """Return what the intervals need.
-
-        Parameters
-        ----------
-        weights : {"equal", "trials"} or array_like
-            ``"equal"``: each subject counts once. ``"trials"`` or one weight per subject: the weighted
-            mean of `Moments.from_weighted`, fit for kind ``"mean"`` only.
-
-        Returns
-        -------
-        Moments
-            On the family's scale, marked with whether there are repeats.
-
-        Raises
-        ------
-        UsageError
-            Unknown or unfit weights.
-        RefusalError
-            Fewer than 2 subjects.
-        """
-        log, repeats = self.family == "lognormal", self.trial_sd is not None
-        if isinstance(weights, str):
-            if weights == "equal":
-                return Moments.from_values(self.values, log=log, repeats=repeats)
-            if weights != "trials":
-                raise UsageError(
-                    'weights must be "equal", "trials" or one number per subject.', value=weights
-                )
-            weights = self.trials
-        return Moments.from_weighted(self.values, weights, log=log, repeats=repeats)
+    statistic: float
+    p_value: float
+    family: Family
+    n: int
 
 
-def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Parametric = "normal") -> SubjectMeans:
-    """Average the trials of each subject, however many each did.
-
-    Parameters
-    ----------
-    values : array_like
-        Shape (trials,), any unit.
-    subjects : array_like
-        Shape (trials,): who did each.
-    family : {"normal", "lognormal"}
-        Average the values, or their logarithms.
-
-    Returns
-    -------
-    SubjectMeans
-        In the order in which subjects first appear.
-
-    Raises
-    ------
-    UsageError
-        Shapes that differ, a trial without a subject, unfit values, an unknown family.
-    RefusalError
-        Zero or negative values under ``"lognormal"``.
-    """
-    log = parametric_family(family) == "lognormal"
-    y = positive_values(values) if log else finite_values(values)
+def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Family = "normal") -> SubjectMeans:
+    """Average the trials of each subject, however many each did: shapes (trials,)."""
+    check_option("family", family, ("normal", "lognormal"))
+    log = family == "lognormal"
+    y = finite_values(values, positive=log)
+    y = np.log(y) if log else y
     who = np.asarray(subjects)
     if y.ndim != 1 or who.shape != y.shape:
         raise UsageError(f"One subject per trial is needed; the shapes are {y.shape} and {who.shape}.")
     # What is not equal to itself: NaN, which would otherwise count as one subject.
     if any(label is None or label != label for label in who.tolist()):
         raise UsageError("every trial needs a subject; some have none.", hint="Leave those trials out.")
-    if log:
-        y = np.log(y)
-    labels, first, member, trials = np.unique(who, return_index=True, return_inverse=True, return_counts=True)
+    _, first, member, trials = np.unique(who, return_index=True, return_inverse=True, return_counts=True)
     groups = np.split(y[np.argsort(member, kind="stable")], np.cumsum(trials)[:-1])
-    means, scatter = np.array([_mean_and_scatter(group) for group in groups]).T
-    appearance = np.argsort(first)
-    means = means[appearance]
-    freedom = y.size - len(groups)
+    means = np.array([float(mean_and_sd(group)[0]) for group in groups])
+    scatter = [float(mean_and_sd(group)[1]) ** 2 * (group.size - 1) for group in groups if group.size > 1]
+    means = means[np.argsort(first)]
     return SubjectMeans(
         values=np.exp(means) if log else means,
-        trials=trials[appearance],
-        subjects=tuple(labels[appearance].tolist()),
         family=family,
-        trial_sd=math.sqrt(math.fsum(scatter) / freedom) if freedom else None,
+        trial_sd=math.sqrt(math.fsum(scatter) / (y.size - len(groups))) if scatter else None,
     )
 
 
-def _mean_and_scatter(group: NDArray[np.float64]) -> tuple[float, float]:
-    sums = MomentsAccumulator()
-    sums.update(group)
-    return sums.mean, sums.sd**2 * (sums.n - 1) if sums.n > 1 else 0.0
+def check_normality(x: ArrayLike, *, family: Family = "normal") -> Normality:
+    """Test whether the values (or their logarithms) look normal, by Shapiro and Wilk.
+
+    Parameters
+    ----------
+    x : array_like
+        Shape (n,): one value per subject, n from 3 to 5000.
+    family : {"normal", "lognormal"}
+        Test the values, or their logarithms.
+
+    Returns
+    -------
+    Normality
+        For information, never a switch of method.
+
+    Raises
+    ------
+    UsageError
+        Unfit values, more than one sample, an unknown family.
+    RefusalError
+        Fewer than 3 or more than 5000 subjects, no scatter, zero or negative values under ``"lognormal"``.
+    """
+    check_option("family", family, ("normal", "lognormal"))
+    y = sample(x, positive=family == "lognormal", least=3)
+    if y.ndim != 1:
+        raise UsageError(f"One sample at a time; the values have shape {y.shape}.")
+    if y.size > _SHAPIRO_MOST:
+        raise RefusalError(
+            f"The p-value of the Shapiro–Wilk test is known up to n = {_SHAPIRO_MOST}; here n = {y.size}.",
+            hint="With that many, look at a plot of quantiles.",
+        )
+    if np.ptp(y) == 0.0:
+        raise RefusalError("All subjects gave the same value: there is no distribution to test.")
+    from scipy import stats  # slow to import, and needed here only
+
+    y = np.log(y) if family == "lognormal" else y
+    # The statistic does not depend on location and scale; far from zero its arithmetic would.
+    centred = y - y[0]
+    statistic, p_value = stats.shapiro(centred / np.abs(centred).max())
+    return Normality(statistic=float(statistic), p_value=float(p_value), family=family, n=y.size)

@@ -183,7 +183,7 @@ class Information:
         mean = weighted_mean(precisions, self._known[groups], apart, axis=0)
         inside = tuple(r - m for r, m in zip(apart, mean, strict=True))
         whitened = (*cells.whiten(inside), *(part[None] for part in self._outer[groups].whiten(mean)))
-        return np.sum([np.einsum("jrw,jrw->rw", part, part) for part in whitened], axis=0)
+        return np.asarray(sum(np.einsum("jrw,jrw->rw", part, part) for part in whitened))
 
     @functools.cached_property
     def _inverse(self) -> Array:

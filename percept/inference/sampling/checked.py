@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 
-__all__ = ["Checked", "Target", "refuse_impossible"]
-
 Array = NDArray[np.float64]
 
 
@@ -26,13 +24,7 @@ class Target(Protocol):
 
 
 class Checked:
-    """A target whose values are never NaN.
-
-    Parameters
-    ----------
-    target : Target
-        The density to watch.
-    """
+    """A target whose values are never NaN."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
@@ -43,13 +35,7 @@ class Checked:
         return self._target.names
 
     def __call__(self, points: Array) -> Array:
-        """Log density of points (W, d), shape (W,).
-
-        Raises
-        ------
-        RefusalError
-            If a value is NaN, naming the coordinates.
-        """
+        """Log density of points (W, d), shape (W,)."""
         values = self._target(points)
         bad = np.isnan(values)
         if bad.any():
@@ -59,22 +45,7 @@ class Checked:
 
 
 def refuse_impossible(target: Target, points: Array, values: Array) -> None:
-    """Refuse to go on when the density is -inf at all of the points.
-
-    Parameters
-    ----------
-    target : Target
-        The density.
-    points : ndarray, shape (W, d)
-        Where it was evaluated.
-    values : ndarray, shape (W,)
-        Its values there.
-
-    Raises
-    ------
-    RefusalError
-        Naming the coordinates of one of them.
-    """
+    """Refuse to go on when the density is -inf at all of the points."""
     if np.all(np.isneginf(values)):
         where = _describe(target.names, points[0])
         raise RefusalError(

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
 
-__all__ = ["autocorrelation_time", "monte_carlo_error", "normal_scores", "rank_rhat", "some_walkers"]
-
 Array = NDArray[np.float64]
 _WINDOW = 5.0  # Sokal's window, in autocorrelation times
 #: More values of a quantity than these, or fewer walkers per ensemble, are not needed to see how long it
@@ -23,16 +21,6 @@ def autocorrelation_time(series: Array) -> Array:
 
     The autocorrelation functions of all walkers are averaged before they are summed over Sokal's
     window, so that runs of ten autocorrelation times are enough with 64 walkers or more.
-
-    Parameters
-    ----------
-    series : ndarray, shape (E, T, W, Q)
-        Q quantities over T kept positions of W walkers in E ensembles.
-
-    Returns
-    -------
-    ndarray, shape (Q,)
-        Times in kept positions; inf for a quantity that never changes.
     """
     _, length, _, count = series.shape
     # One mean and scale for all walkers: a walker that is stuck elsewhere must show.
@@ -53,21 +41,7 @@ def autocorrelation_time(series: Array) -> Array:
 
 
 def monte_carlo_error(influence: Array, times: Array) -> Array:
-    """Estimate the standard error of the estimates from their influence functions.
-
-    Parameters
-    ----------
-    influence : ndarray, shape (E, T, W, Q)
-        Pull of each kept draw on each estimate.
-    times : ndarray, shape (Q,)
-        Autocorrelation times of the influences, in kept positions.
-
-    Returns
-    -------
-    ndarray, shape (Q,)
-        The larger of two errors: by batch means of the walker averages, which sees dependence
-        between walkers, and by the autocorrelation time, which is less noisy in short runs.
-    """
+    """Estimate the standard error of the estimates from their influence functions."""
     ensembles, length, walkers, count = influence.shape
     longest = float(np.max(times, initial=1.0))
     batches = int(np.clip(length / (3.0 * longest), *_BATCHES)) if np.isfinite(longest) else _BATCHES[0]
@@ -84,18 +58,7 @@ def monte_carlo_error(influence: Array, times: Array) -> Array:
 
 
 def rank_rhat(chains: Array) -> Array:
-    """Rank-normalised split R-hat, the larger of bulk and folded (Vehtari et al. 2021).
-
-    Parameters
-    ----------
-    chains : ndarray, shape (E, N, Q)
-        N draws of Q quantities per ensemble; ensembles are the chains, walkers never.
-
-    Returns
-    -------
-    ndarray, shape (Q,)
-        1 for a quantity that never changes.
-    """
+    """Rank-normalised split R-hat, the larger of bulk and folded (Vehtari et al. 2021)."""
     half = chains.shape[1] // 2
     split = np.concatenate([chains[:, :half], chains[:, chains.shape[1] - half :]])
     folded = np.abs(split - np.median(split, axis=(0, 1)))
@@ -104,18 +67,7 @@ def rank_rhat(chains: Array) -> Array:
 
 
 def normal_scores(values: Array) -> Array:
-    """Replace values by the normal scores of their ranks.
-
-    Parameters
-    ----------
-    values : ndarray, shape (..., Q)
-        Q quantities, ranked over all other axes.
-
-    Returns
-    -------
-    ndarray, shape (..., Q)
-        Standard normal in law, whatever the law of the values.
-    """
+    """Replace values by the normal scores of their ranks."""
     # A copy whatever the layout: of columns that lie together `ascontiguousarray` would give the values.
     columns = np.array(values.reshape(-1, values.shape[-1]).T, order="C")
     size = columns.shape[1]
@@ -132,20 +84,7 @@ def normal_scores(values: Array) -> Array:
 
 
 def some_walkers(series: Array, most: int = _MOST_VALUES) -> Array:
-    """Thin walkers evenly, for what takes long and needs no more than so many values of a quantity.
-
-    Parameters
-    ----------
-    series : ndarray, shape (E, T, W, Q)
-        Q quantities over T kept positions of W walkers in E ensembles.
-    most : int
-        Values of a quantity to keep about.
-
-    Returns
-    -------
-    ndarray, shape (E, T, w, Q)
-        A view; w at least 8, or W where there are fewer.
-    """
+    """Thin walkers evenly, for what takes long and needs no more than so many values of a quantity."""
     ensembles, length, walkers, _ = series.shape
     kept = max(_FEWEST_WALKERS, most // (ensembles * length))
     return series[:, :, :: math.ceil(walkers / kept)]

@@ -13,60 +13,23 @@ from percept.inference.sampling.checked import Checked, Target, refuse_impossibl
 from percept.inference.sampling.moves import standard_moves
 from percept.inference.sampling.reference import Reference
 
-__all__ = ["advance", "start"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ensembles:
-    """Everything E ensembles of W walkers need to go on.
+    """Everything E ensembles of W walkers need to go on."""
 
-    Attributes
-    ----------
-    coords : ndarray, shape (E, W, d)
-        Walkers.
-    log_density : ndarray, shape (E, W)
-        Their log densities.
-    schedule : tuple
-        State of the generator that chooses the kind of step (legacy Mersenne Twister tuple).
-    generators : tuple of dict
-        State of each ensemble's own generator.
-    accepted : ndarray of int, shape (E, W)
-        Accepted steps per walker so far.
-    steps : int
-        Steps taken so far.
-    """
-
-    coords: Array
-    log_density: Array
+    coords: Array  # (E, W, d) Walkers
+    log_density: Array  # (E, W) Their log densities
     schedule: tuple[Any, ...]
-    generators: tuple[dict[str, Any], ...]
-    accepted: NDArray[np.int64]
-    steps: int
+    generators: tuple[dict[str, Any], ...]  # State of each ensemble's own generator
+    accepted: NDArray[np.int64]  # (E, W) Accepted steps per walker so far
+    steps: int  # Steps taken so far
 
 
 def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensembles:
-    """Place walkers and give every ensemble a generator of its own.
-
-    Parameters
-    ----------
-    target : Target
-        The density.
-    points : ndarray, shape (E, W, d)
-        First positions.
-    seed : numpy.random.SeedSequence
-        Its children seed the schedule and the ensembles.
-
-    Returns
-    -------
-    Ensembles
-
-    Raises
-    ------
-    RefusalError
-        If the density is NaN anywhere, or -inf everywhere, naming the coordinates.
-    """
+    """Place walkers and give every ensemble a generator of its own."""
     ensembles, walkers, dimension = points.shape
     flat = points.reshape(-1, dimension)
     log_density = Checked(target)(flat)
@@ -86,28 +49,7 @@ def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensemb
 def advance(
     target: Target, state: Ensembles, *, steps: int, stride: int, walkers: int | None = None
 ) -> tuple[Ensembles, Array]:
-    """Run all ensembles for some steps and keep every `stride`-th position.
-
-    Parameters
-    ----------
-    target : Target
-        The density.
-    state : Ensembles
-        Where to go on from.
-    steps : int
-        Steps to take, a multiple of `stride`.
-    stride : int
-        Keep one position in so many.
-    walkers : int, optional
-        Keep the positions of so many walkers of each ensemble: of all, if left out.
-
-    Returns
-    -------
-    state : Ensembles
-        Where the ensembles stand now.
-    kept : ndarray, shape (E, steps // stride, walkers, d)
-        Positions kept.
-    """
+    """Run all ensembles for some steps and keep every `stride`-th position."""
     ensembles, own, dimension = state.coords.shape
     walkers = own if walkers is None else walkers
     generators = [np.random.Generator(np.random.PCG64()) for _ in range(ensembles)]

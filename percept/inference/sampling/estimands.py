@@ -9,28 +9,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Estimands", "Estimates", "Means"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimates of Q quantities.
+    """Estimates of Q quantities."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        One name per estimate.
-    value : ndarray, shape (Q,)
-        Estimates.
-    scale : ndarray, shape (Q,)
-        What their Monte Carlo error is compared with: an interval's half-width on the model's scale.
-    """
-
-    names: tuple[str, ...]
-    value: Array
-    scale: Array
+    names: tuple[str, ...]  # One name per estimate
+    value: Array  # (Q,) Estimates
+    scale: Array  # (Q,)
 
 
 class Estimands(Protocol):
@@ -51,15 +39,7 @@ class Estimands(Protocol):
 
 
 class Means:
-    """Posterior means of functions of the coordinates, their scale being the posterior SD.
-
-    Parameters
-    ----------
-    names : tuple of str
-        One name per function.
-    function : callable
-        Points (W, d) to values (W, C).
-    """
+    """Posterior means of functions of the coordinates, their scale being the posterior SD."""
 
     def __init__(self, names: tuple[str, ...], function: Callable[[Array], Array]) -> None:
         self._names = names

@@ -1,4 +1,4 @@
-"""The gate: whether a run's numbers may be reported, and why not."""
+"""The gate: whether a run has mixed, so that its numbers may be reported, and what error they have."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.judgement import Judged
 from percept.inference.sampling.records import Gate, Settings
-
-__all__ = ["TIMES_NEEDED", "pass_gate"]
 
 Array = NDArray[np.float64]
 #: Autocorrelation times a run must span; averaging over 64 walkers or more makes ten enough.
@@ -27,28 +25,7 @@ def pass_gate(
     stride: int,
     spanned: int,
 ) -> Gate:
-    """Judge a run.
-
-    Parameters
-    ----------
-    settings : Settings
-        Tolerance.
-    judged : Judged
-        Estimates of the whole run with their errors; R-hat and the slowest autocorrelation time are those of
-        the positions at hand.
-    acceptance : ndarray, shape (E, W)
-        Acceptance of every walker over the whole run.
-    moved : ndarray of bool, shape (E, W)
-        Whether each walker moved in the second half of the kept positions.
-    length, stride : int
-        Kept positions of a walker, and steps between them.
-    spanned : int
-        Steps of the whole run, of which these positions may be the last part.
-
-    Returns
-    -------
-    Gate
-    """
+    """Judge a run."""
     relative = judged.errors / judged.estimates.scale
     worst = int(np.argmax(relative))
     name = judged.estimates.names[worst]
@@ -57,7 +34,7 @@ def pass_gate(
     if not times_run >= TIMES_NEEDED:
         reasons.append(
             f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity; "
-            f"{TIMES_NEEDED:g} are needed."
+            f"{TIMES_NEEDED:g} are needed. A larger most_steps (now {settings.most_steps}) adds some."
         )
     if not moved.all():
         reasons.append(f"{int((~moved).sum())} walkers did not move in the second half of the run.")
@@ -65,11 +42,9 @@ def pass_gate(
         reasons.append(f"a walker is stuck: it accepted {acceptance.min():.2%} of its proposals.")
     if judged.rhat is not None and not judged.rhat < _RHAT_LIMIT:
         reasons.append(f"the ensembles disagree: rank R-hat {judged.rhat:.4f}, limit {_RHAT_LIMIT}.")
-    if not relative[worst] <= settings.tolerance:
-        reasons.append(
-            f"{name} has a Monte Carlo error of {relative[worst]:.2%} of its "
-            f"half-width; {settings.tolerance:.2%} was asked. Raise the cap on steps or the tolerance."
-        )
+    if not np.isfinite(relative[worst]):
+        reasons.append(f"{name} has no finite Monte Carlo error.")
+    met = bool(relative[worst] <= settings.tolerance)
     return Gate(
         passed=not reasons,
         reasons=tuple(reasons),
@@ -81,4 +56,15 @@ def pass_gate(
         lowest_acceptance=float(acceptance.min()),
         worst_error=float(relative[worst]),
         worst=name,
+        tolerance_met=met,
+        error_reached="" if met else _error_reached(float(relative[worst]), name, settings),
+    )
+
+
+def _error_reached(error: float, name: str, settings: Settings) -> str:
+    """Say which error a run ended with where it misses the tolerance."""
+    return (
+        f"The Monte Carlo error reached is {100 * error:.3g} % of a half-width ({name}) where "
+        f"{100 * settings.tolerance:.3g} % was asked. "
+        f"A larger most_steps (now {settings.most_steps}) lowers it."
     )

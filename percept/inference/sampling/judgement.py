@@ -20,8 +20,6 @@ from percept.inference.sampling.diagnostics import (
 )
 from percept.inference.sampling.estimands import Estimands, Estimates
 
-__all__ = ["Judged", "judge"]
-
 Array = NDArray[np.float64]
 #: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
 _RANKED = 1 << 14
@@ -29,48 +27,17 @@ _RANKED = 1 << 14
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Judged:
-    """Estimates and how far they can be believed.
+    """Estimates and how far they can be believed."""
 
-    Attributes
-    ----------
-    estimates : Estimates
-        Q estimates.
-    errors : ndarray, shape (Q,)
-        Monte Carlo standard errors.
-    times : ndarray, shape (Q,)
-        Autocorrelation times of the influence functions, in kept positions.
-    slowest : float
-        The longest of them, and of the times of the ranks of what is kept per draw.
-    rhat : float or None
-        Largest rank R-hat across ensembles of influence functions and of what is kept; None where the
-        estimates are not accurate enough for it to matter.
-    """
-
-    estimates: Estimates
-    errors: Array
-    times: Array
-    slowest: float
-    rhat: float | None
+    estimates: Estimates  # Q estimates
+    errors: Array  # (Q,) Monte Carlo standard errors
+    times: Array  # (Q,) Autocorrelation times of the influence functions, in kept positions
+    slowest: float  # The longest of them, and of the times of the ranks of what is kept per draw
+    rhat: float | None  # Largest rank R-hat across ensembles of influence functions and of what is kept
 
 
 def judge(estimands: Estimands, components: Array, tolerance: float, *, full: bool) -> Judged:
-    """Estimate, and measure errors and convergence.
-
-    Parameters
-    ----------
-    estimands : Estimands
-        What is to be estimated.
-    components : ndarray, shape (E, T, W, C)
-        What they keep per draw: T positions of W walkers in E ensembles.
-    tolerance : float
-        Largest error, over scale, that counts as accurate.
-    full : bool
-        Whether R-hat is wanted however large the errors are.
-
-    Returns
-    -------
-    Judged
-    """
+    """Estimate, and measure errors and convergence."""
     parts = [_judge_part(part, components, tolerance, full) for part in estimands.parts()]
     estimates = Estimates(
         tuple(name for part in parts for name in part.estimates.names),

@@ -16,8 +16,6 @@ from scipy import special
 
 from percept.inference.sampling.roots import root
 
-__all__ = ["mixture_quantile", "share_content", "share_half_width"]
-
 Array = NDArray[np.float64]
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
 #: Roots over more draws than `_MANY` start from the root over one draw in `_SPARSE`.
@@ -32,24 +30,7 @@ _FEW, _FEW_SHARE = 100.0, 0.02
 
 
 def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> tuple[Array, Array]:
-    """Quantile of equal-weight normal mixtures, and the pull of each component on it.
-
-    Parameters
-    ----------
-    mean, sd : ndarray, shape (S, Q)
-        Components of Q mixtures.
-    tail : float
-        Probability beyond the quantile, in (0, 1/2].
-    upper : bool
-        Whether it lies in the upper tail.
-
-    Returns
-    -------
-    quantile : ndarray, shape (Q,)
-        Quantiles, by safeguarded Newton steps on the tail probability's logarithm.
-    influence : ndarray, shape (S, Q)
-        -(Phi_s(x) - mean Phi(x)) / mean phi(x), of many draws at an x that is near the quantile.
-    """
+    """Quantile of equal-weight normal mixtures, and the pull of each component on it."""
     sign = 1.0 if upper else -1.0
     exact = _EXACT_OF_MANY if len(mean) > _MANY else _EXACT
     x, beyond, held, density = _quantile(_rows(mean) * sign, _rows(sd), tail, exact)
@@ -181,24 +162,7 @@ def _reach(share: float) -> _Reach:
 def share_content(
     half_width: Array, centre: Array, mean: Array, sd: Array, spread: Array, share: float
 ) -> tuple[Array, Array, Array]:
-    """Probability, per draw, that centre ± half_width holds the share of the population.
-
-    Parameters
-    ----------
-    half_width, centre : ndarray, shape (Q,)
-        The intervals; of any shape that fits that of the draws.
-    mean, sd : ndarray, shape (S, Q)
-        Conditional mean and SD of the population's mean.
-    spread : ndarray, shape (S, Q)
-        SD of the population.
-    share : float
-        Share P.
-
-    Returns
-    -------
-    probability, by_half_width, by_centre : ndarray, shape (S, Q)
-        The probability and its derivatives in half-width and centre.
-    """
+    """Probability, per draw, that centre ± half_width holds the share of the population."""
     d, slope = _reach(share)(half_width / spread)
     d *= spread
     off = centre - mean
@@ -233,22 +197,7 @@ def _rate_of_draws(half_width: Array, confidence: float) -> Array:
 def share_half_width(
     mean: Array, sd: Array, spread: Array, *, share: float, confidence: float
 ) -> tuple[Array, Array, Array]:
-    """Half-width h such that centre ± h holds a share of the population with given probability.
-
-    Parameters
-    ----------
-    mean, sd, spread : ndarray, shape (S, Q)
-        Conditional mean and SD of the population's mean, and the population's SD.
-    share, confidence : float
-        Share P and probability gamma.
-
-    Returns
-    -------
-    centre, half_width : ndarray, shape (Q,)
-        Posterior mean and h, the gamma-quantile of the half-width that P needs.
-    influence : ndarray, shape (S, 2Q)
-        Pull of each draw on centre - h and on centre + h.
-    """
+    """Half-width h such that centre ± h holds a share of the population with given probability."""
     exact = _EXACT_OF_SHARE if len(mean) > _MANY else _EXACT
     mean, sd, spread = _rows(mean), _rows(sd), _rows(spread)
     centre = mean.mean(axis=1)
@@ -277,22 +226,13 @@ def _least(spread: Array, share: float) -> Array:
 
 @dataclasses.dataclass(eq=False)
 class _Content:
-    """What S draws hold at the half-widths tried last.
+    """What S draws hold at the half-widths tried last."""
 
-    Attributes
-    ----------
-    probability : ndarray, shape (Q, S)
-        Of holding the share.
-    held, rate, square_rate, tilt : ndarray, shape (Q,)
-        Its mean, the means of its derivative in half-width and of that one's square, and the mean of its
-        derivative in the centre.
-    """
-
-    probability: Array
-    held: Array
-    rate: Array
-    square_rate: Array
-    tilt: Array
+    probability: Array  # (Q, S) Of holding the share
+    held: Array  # (Q,)
+    rate: Array  # (Q,)
+    square_rate: Array  # (Q,)
+    tilt: Array  # (Q,)
 
 
 def _half_width(

@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["find_mode"]
-
 Array = NDArray[np.float64]
 Density = Callable[[Array], Array]
 
@@ -23,20 +21,6 @@ def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
 
     Newton steps on central differences, with the Hessian's eigenvalues kept negative and the step
     halved until the density rises; all points of one step are evaluated in one call.
-
-    Parameters
-    ----------
-    density : callable
-        Log density of points (N, d), returning (N,).
-    start : ndarray, shape (d,)
-        Where to begin.
-
-    Returns
-    -------
-    mode : ndarray, shape (d,)
-        The point reached.
-    covariance : ndarray, shape (d, d)
-        Inverse of the negative Hessian there, eigenvalues limited to [1e-6, 4].
     """
     point, lengths = start, 0.5 ** np.arange(12)
     value = float(density(point[None])[0])

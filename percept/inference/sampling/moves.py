@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.reference import Reference
 
-__all__ = ["DifferentialMove", "EllipticMove", "IndependentMove", "standard_moves"]
-
 Array = NDArray[np.float64]
 Generators = Sequence[np.random.Generator]
 #: Indices of walkers, one array per ensemble.
@@ -36,31 +34,15 @@ _JITTER = 1e-5
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Offer:
-    """What is offered to N moving walkers.
+    """What is offered to N moving walkers."""
 
-    Attributes
-    ----------
-    points : ndarray, shape (N, d)
-        Where they would go.
-    log_density : ndarray, shape (N,)
-        The target's log density there.
-    log_ratio : ndarray, shape (N,)
-        Log density of offering the way back, less that of offering the way there.
-    """
-
-    points: Array
-    log_density: Array
-    log_ratio: Array
+    points: Array  # (N, d) Where they would go
+    log_density: Array  # (N,) The target's log density there
+    log_ratio: Array  # (N,) Log density of offering the way back, less that of offering the way there
 
 
 class _EnsemblesMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
-    """Metropolis-Hastings step of all ensembles, each with its own generator.
-
-    Parameters
-    ----------
-    generators : sequence of numpy.random.Generator
-        One per ensemble; walkers are grouped in this order.
-    """
+    """Metropolis-Hastings step of all ensembles, each with its own generator."""
 
     def __init__(self, generators: Generators) -> None:
         self._generators = generators
@@ -105,13 +87,6 @@ class IndependentMove(_ReferenceMove):
 
     No draw depends on where a walker is, so those of several steps share one density call, which costs far
     less than a call for each.
-
-    Parameters
-    ----------
-    generators : sequence of numpy.random.Generator
-        One per ensemble.
-    reference : Reference
-        Law the target resembles in the walkers' coordinates.
     """
 
     def __init__(self, generators: Generators, reference: Reference) -> None:
@@ -133,15 +108,7 @@ class IndependentMove(_ReferenceMove):
 
 
 class EllipticMove(_ReferenceMove):
-    """Turns about zero by random angles: short enough to leave places the transport serves badly.
-
-    Parameters
-    ----------
-    generators : sequence of numpy.random.Generator
-        One per ensemble.
-    reference : Reference
-        Law that turns leave invariant.
-    """
+    """Turns about zero by random angles: short enough to leave places the transport serves badly."""
 
     def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
         law = self._reference
@@ -179,19 +146,7 @@ class DifferentialMove(_EnsemblesMove):
 
 
 def standard_moves(reference: Reference, generators: Generators) -> list[tuple[emcee.moves.Move, float]]:
-    """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`.
-
-    Parameters
-    ----------
-    reference : Reference
-        Law the target resembles in the walkers' coordinates.
-    generators : sequence of numpy.random.Generator
-        One per ensemble.
-
-    Returns
-    -------
-    list of (emcee move, share)
-    """
+    """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`."""
     moves = (
         IndependentMove(generators, reference),
         EllipticMove(generators, reference),

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.judgement import Judged
 
-__all__ = ["Closed"]
-
 Array = NDArray[np.float64]
 
 
@@ -19,27 +17,14 @@ class Closed:
     """Parts of a run that were judged and settled: their estimates, and some of their positions.
 
     Estimates of parts are averaged, which costs a bias of the order of a part's squared Monte Carlo error.
-
-    Attributes
-    ----------
-    steps : int
-        Steps per ensemble they span.
-    value, error : ndarray, shape (Q,)
-        Estimates over all of them, and their Monte Carlo errors.
-    points : ndarray, shape (E, T, W, d)
-        Kept coordinates of the target.
-    components : ndarray, shape (E, T, W, C)
-        What the estimands keep per draw.
-    stride : int
-        Steps between kept positions.
     """
 
-    steps: int
-    value: Array
-    error: Array
-    points: Array
-    components: Array
-    stride: int
+    steps: int  # Steps per ensemble they span
+    value: Array  # (Q,)
+    error: Array  # (Q,)
+    points: Array  # (E, T, W, d) Kept coordinates of the target
+    components: Array  # (E, T, W, C) What the estimands keep per draw
+    stride: int  # Steps between kept positions
 
     def judged(self, part: Judged, steps: int) -> Judged:
         """Average with the estimates of the next part, by steps; errors are those of independent parts."""

@@ -10,35 +10,18 @@ from numpy.typing import NDArray
 from percept.errors import UsageError
 from percept.inference.sampling.estimands import Estimates
 
-__all__ = ["Gate", "Progress", "Run", "Settings"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Settings:
-    """How to sample.
-
-    Attributes
-    ----------
-    tolerance : float
-        Monte Carlo standard error of every endpoint, as a fraction of its interval's half-width on
-        the model's scale.
-    seed : int
-        Seed of the whole run; every ensemble has a stream of its own.
-    ensembles : int
-        Independent ensembles, at least 4.
-    walkers : int or None
-        Walkers per ensemble; None for as many as coordinates and accuracy need, 64 at least.
-    most_steps : int
-        Steps per ensemble at which the run gives up; a long one sooner, where too few are left for a part.
-    """
+    """How to sample."""
 
     tolerance: float = 0.01
-    seed: int = 1
-    ensembles: int = 4
-    walkers: int | None = None
-    most_steps: int = 20_000
+    seed: int = 1  # Seed of the whole run
+    ensembles: int = 4  # Independent ensembles, at least 4
+    walkers: int | None = None  # Walkers per ensemble
+    most_steps: int = 20_000  # Steps per ensemble at which the run ends, whatever its error
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tolerance < 1.0:
@@ -46,7 +29,7 @@ class Settings:
         if self.ensembles < 4:
             raise UsageError("must be at least 4.", key="ensembles", value=self.ensembles)
         if self.seed < 0:
-            raise UsageError("is not negative.", key="seed", value=self.seed)
+            raise UsageError("must be zero or positive.", key="seed", value=self.seed)
         if self.most_steps < 1:
             raise UsageError("must be at least 1.", key="most_steps", value=self.most_steps)
         if self.walkers is not None and self.walkers < 64:
@@ -55,98 +38,45 @@ class Settings:
 
 @dataclasses.dataclass(frozen=True)
 class Gate:
-    """Verdict on a run.
+    """Verdict on a run."""
 
-    Attributes
-    ----------
-    passed : bool
-        Whether the numbers may be reported.
-    reasons : tuple of str
-        What failed, each with what to do.
-    rhat : float or None
-        Largest rank R-hat across ensembles; None where the estimates are not accurate enough for it to
-        matter.
-    autocorrelation_time : float
-        Longest autocorrelation time of a reported quantity, in steps.
-    times_run : float
-        Kept steps per ensemble over that time, of a long run's last part.
-    effective_draws : float
-        Effective draws of the slowest reported quantity.
-    acceptance : float
-        Mean acceptance fraction.
-    lowest_acceptance : float
-        Of the slowest walker.
-    worst_error : float
-        Largest Monte Carlo error over half-width.
-    worst : str
-        The estimate it belongs to.
-    """
-
-    passed: bool
-    reasons: tuple[str, ...]
-    rhat: float | None
-    autocorrelation_time: float
-    times_run: float
-    effective_draws: float
-    acceptance: float
-    lowest_acceptance: float
-    worst_error: float
-    worst: str
+    passed: bool  # Whether the run has mixed, so that its numbers may be reported with their errors
+    reasons: tuple[str, ...]  # What failed
+    rhat: float | None  # Largest rank R-hat across ensembles
+    autocorrelation_time: float  # Longest autocorrelation time of a reported quantity, in steps
+    times_run: float  # Kept steps per ensemble over that time, of a long run's last part
+    effective_draws: float  # Effective draws of the slowest reported quantity
+    acceptance: float  # Mean acceptance fraction
+    lowest_acceptance: float  # Of the slowest walker
+    worst_error: float  # Largest Monte Carlo error over half-width
+    worst: str  # The estimate it belongs to
+    tolerance_met: bool  # Whether that error is within the tolerance
+    error_reached: str  # A sentence on the error where it misses the tolerance, else empty
 
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """State of a run, told after every round.
+    """State of a run, told after every round."""
 
-    Attributes
-    ----------
-    steps : int
-        Steps per ensemble so far.
-    expected_steps : int
-        Steps per ensemble the run is expected to need.
-    worst_error, tolerance : float
-        Largest Monte Carlo error over half-width, and what is asked.
-    """
-
-    steps: int
-    expected_steps: int
+    steps: int  # Steps per ensemble so far
+    expected_steps: int  # Steps per ensemble the run is expected to need
     worst_error: float
     tolerance: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Run:
-    """A finished run.
+    """A finished run."""
 
-    Attributes
-    ----------
-    points : ndarray, shape (E, T, W, d)
-        Kept coordinates, one in `stride` steps.
-    components : ndarray, shape (E, T, W, C)
-        What the estimands keep per draw.
-    estimates : Estimates
-        What was asked for.
-    errors : ndarray, shape (Q,)
-        Monte Carlo standard errors.
-    times : ndarray, shape (Q,)
-        Autocorrelation times of the influence functions, in steps.
-    gate : Gate
-        The verdict.
-    steps, stride : int
-        Steps per ensemble in all, and steps between kept positions.
-    settings : Settings
-        As asked.
-    """
-
-    points: Array
-    components: Array
-    estimates: Estimates
-    errors: Array
-    times: Array
-    gate: Gate
+    points: Array  # (E, T, W, d) Kept coordinates, one in `stride` steps
+    components: Array  # (E, T, W, C) What the estimands keep per draw
+    estimates: Estimates  # What was asked for
+    errors: Array  # (Q,) Monte Carlo standard errors
+    times: Array  # (Q,) Autocorrelation times of the influence functions, in steps
+    gate: Gate  # The verdict
     steps: int
     stride: int
-    settings: Settings
+    settings: Settings  # As asked
 
     def thinned(self) -> NDArray[np.intp]:
         """Return indices (E, N) of positions thinned to the effective size, walkers flattened into steps."""

@@ -7,20 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Reference"]
-
 Array = NDArray[np.float64]
 _DF = 20.0  # tails a little heavier than normal: a proposal must not miss what the transport did
 
 
 class Reference:
-    """Multivariate t about zero with unit scale matrix.
-
-    Parameters
-    ----------
-    dimension : int
-        Number of coordinates d.
-    """
+    """Multivariate t about zero with unit scale matrix."""
 
     def __init__(self, dimension: int) -> None:
         self.dimension = dimension
@@ -45,17 +37,6 @@ class Reference:
 
         A t law is normal given its radius: drawing the radius given the point and rotating towards
         a normal draw of that radius is reversible with respect to the law, at any angle.
-
-        Parameters
-        ----------
-        points : ndarray, shape (N, d)
-            Where to turn from.
-        rng : numpy.random.Generator
-            Source of the radius, the direction, and an angle of at most a right one.
-
-        Returns
-        -------
-        ndarray, shape (N, d)
         """
         count = len(points)
         square = np.einsum("nd,nd->n", points, points)

@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["root"]
-
 Array = NDArray[np.float64]
 _ITERATIONS = 60
 
@@ -26,23 +24,6 @@ def root(
     Newton's method, from the second step on by the cubic through the last two places and slopes, taken the
     other way round: x as a function of the value. Its error is of the order of the product of the squares of
     the last two steps. A step that leaves the bracket is replaced by its middle.
-
-    Parameters
-    ----------
-    function : callable
-        Places (Q,) to values and slopes, (Q,) each. The root itself is not tried: the last place tried is one
-        step away from it.
-    start, low, high : ndarray, shape (Q,)
-        Where to begin, and brackets.
-    scale : ndarray, shape (Q,)
-        Lengths over which the functions bend.
-    exact : float
-        Product of the last two steps, over `scale`, below which the root is taken as found. Of a smooth
-        function its error is then about the square of that.
-
-    Returns
-    -------
-    ndarray, shape (Q,)
     """
     x, before = start, None
     last = np.ones(x.shape)

@@ -1,4 +1,4 @@
-"""Sample until every reported endpoint is as accurate as asked and the gate passes.
+"""Sample until the gate passes and every reported endpoint is as accurate as asked, or to a cap of steps.
 
 A run that will be long begins anew after its first round, which then counts as warm-up: a transport fitted to
 that round's draws shortens the autocorrelation time by about a third. What a run holds in memory is bounded:
@@ -24,8 +24,6 @@ from percept.inference.sampling.records import Gate, Progress, Run, Settings
 from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.transported import Affine, Transported
 from percept.inference.sampling.warmup import refine, warm_up
-
-__all__ = ["Gate", "Progress", "Run", "Settings", "sample"]
 
 Array = NDArray[np.float64]
 _BURN_IN = 24
@@ -54,28 +52,7 @@ def sample(
     *,
     progress: Callable[[Progress], None] | None = None,
 ) -> Run:
-    """Sample a target with emcee to a stated accuracy.
-
-    Parameters
-    ----------
-    target : Target
-        Log density, in coordinates of about unit scale centred near zero.
-    estimands : Estimands
-        What is to be estimated.
-    settings : Settings
-        Accuracy, seed, caps.
-    progress : callable, optional
-        Told the state after every round.
-
-    Returns
-    -------
-    Run
-
-    Raises
-    ------
-    RefusalError
-        If the density is NaN, or -inf at every walker.
-    """
+    """Sample a target with emcee to a stated accuracy."""
     target = Checked(target)
     run = _Running(target, estimands, _begin(target, estimands, settings))
     while True:
@@ -86,7 +63,9 @@ def sample(
         if progress:
             worst = judged.gate.worst_error
             progress(Progress(run.state.steps, _BURN_IN + needed, worst, settings.tolerance))
-        if judged.gate.passed or run.at_its_end(settings):
+        if judged.gate.passed and judged.gate.tolerance_met:
+            return judged
+        if run.at_its_end(judged, settings):
             return judged
         if not run.refined and needed > _WORTH_REFINING * run.spanned:
             by_error = _SHORTER * run.steps_by_error(judged, settings)
@@ -218,17 +197,18 @@ class _Running:
         self._points = np.concatenate([self._points, points], axis=1)
         self._components = np.concatenate([self._components, components], axis=1)
 
-    def at_its_end(self, settings: Settings) -> bool:
+    def at_its_end(self, judged: Run, settings: Settings) -> bool:
         """Whether no steps are left, or too few to judge another part by."""
         left = settings.most_steps - self.state.steps
-        return left < (_FEWEST_POSITIONS * self.stride if self._full else 1)
+        if not self._full:
+            return left < 1
+        # A last part too short to settle would take the verdict from the parts before it.
+        least = _steps_to_settle(judged) if _settled(judged.gate) else 0
+        return left < max(least, _FEWEST_POSITIONS * self.stride)
 
     def go_on(self, judged: Run, needed: int, settings: Settings) -> None:
         """Make room where memory is full, and set the next goal."""
-        gate = judged.gate
-        # Worked out whenever memory is full; of the reasons the tolerance alone is no fault of this part.
-        settled = gate.rhat is not None and len(gate.reasons) <= (not gate.worst_error <= settings.tolerance)
-        if self._full and settled:
+        if self._full and _settled(judged.gate):
             self._closed = Closed(
                 self.spanned, judged.estimates.value, judged.errors,
                 judged.points, judged.components, judged.stride,
@@ -248,7 +228,9 @@ class _Running:
         points, components, stride, state = self._points, self._components, self.stride, self.state
         # Of a later part R-hat must be known whatever its own errors: together with the parts before it is
         # more accurate than alone.
-        full = self._full or self._closed is not None or self.at_its_end(settings)
+        # At the cap it decides alone whether the numbers are given.
+        last = self.state.steps >= settings.most_steps
+        full = self._full or self._closed is not None or last
         judged = judge(self._estimands, components, settings.tolerance, full=full)
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         if self._closed:
@@ -274,6 +256,11 @@ class _Running:
         by_error = self.steps_by_error(judged, settings)
         by_time = spanned - self.steps + _steps_to_settle(judged)
         return math.ceil(min(max(by_error, by_time, 1.1 * spanned), 4.0 * spanned))
+
+
+def _settled(gate: Gate) -> bool:
+    """Whether a part has mixed; R-hat is worked out whenever memory is full."""
+    return gate.passed and gate.rhat is not None
 
 
 def _steps_to_settle(judged: Run) -> int:

@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-__all__ = ["Spline"]
-
 Array = NDArray[np.float64]
 _REACH = 3.0
 _KNOTS = np.linspace(-_REACH, _REACH, 13)
@@ -19,15 +17,9 @@ _WIDER, _BEND = 1.5, 1.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Spline:
-    """Monotone cubic pieces between evenly spaced knots, one function per coordinate; straight outside.
+    """Monotone cubic pieces between evenly spaced knots, one function per coordinate; straight outside."""
 
-    Attributes
-    ----------
-    coefficients : ndarray, shape (d, pieces, 4)
-        Of 1, t, t², t³ on every piece, t in [0, 1]; t goes on to -inf and inf in the first and the last.
-    """
-
-    coefficients: Array
+    coefficients: Array  # (d, pieces, 4) Of 1, t, t², t³ on every piece, t in [0, 1]
 
     @classmethod
     def fit(cls, points: Array) -> Self:

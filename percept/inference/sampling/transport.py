@@ -19,8 +19,6 @@ from scipy import special
 
 from percept.inference.sampling.spline import Spline
 
-__all__ = ["Transport"]
-
 Array = NDArray[np.float64]
 _DRIVERS = 6  # most drivers
 _SIGNIFICANT = 4.0  # standard errors a bend or a widening must have to be believed
@@ -33,28 +31,14 @@ _CLIP = 3.0  # beyond so many SDs a driver's effect stays what it is
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Transport:
-    """Map from standard coordinates to those of a target.
-
-    Attributes
-    ----------
-    drivers, others : ndarray of int
-        Coordinates of either kind, drivers in their order; K drivers.
-    mean : ndarray, shape (d, 2 K + 1)
-        Coefficients of each coordinate's mean on 1, then on driver and square less one of each driver.
-    log_scale : ndarray, shape (d, 2 K + 1)
-        Coefficients of the log of each coordinate's spread on the same; those of squares are zero.
-    factor : ndarray, shape (d - K, d - K)
-        Lower factor of the covariance of the others' remainders.
-    spline : Spline
-        Layer of the single coordinates.
-    """
+    """Map from standard coordinates to those of a target."""
 
     drivers: NDArray[np.intp]
     others: NDArray[np.intp]
-    mean: Array
-    log_scale: Array
-    factor: Array
-    spline: Spline
+    mean: Array  # (d, 2 K + 1)
+    log_scale: Array  # (d, 2 K + 1) Coefficients of the log of each coordinate's spread on the same
+    factor: Array  # (d - K, d - K) Lower factor of the covariance of the others' remainders
+    spline: Spline  # Layer of the single coordinates
 
     @classmethod
     def fit(cls, points: Array) -> Self:

@@ -11,25 +11,15 @@ from numpy.typing import NDArray
 from percept.inference.sampling.checked import Target
 from percept.inference.sampling.transport import Transport
 
-__all__ = ["Affine", "Transported"]
-
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Affine:
-    """Linear map from standard coordinates.
+    """Linear map from standard coordinates."""
 
-    Attributes
-    ----------
-    centre : ndarray, shape (d,)
-        Where zero goes.
-    factor : ndarray, shape (d, d)
-        Lower factor of the covariance.
-    """
-
-    centre: Array
-    factor: Array
+    centre: Array  # (d,) Where zero goes
+    factor: Array  # (d, d) Lower factor of the covariance
 
     @classmethod
     def normal(cls, centre: Array, covariance: Array) -> Self:
@@ -52,15 +42,7 @@ class Affine:
 
 
 class Transported:
-    """A target in the coordinates of a transport.
-
-    Parameters
-    ----------
-    target : Target
-        The density.
-    transport : Affine or Transport
-        The map.
-    """
+    """A target in the coordinates of a transport."""
 
     def __init__(self, target: Target, transport: Affine | Transport) -> None:
         self._target = target

@@ -12,8 +12,6 @@ from percept.inference.sampling.reference import Reference
 from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.transported import Affine, Transported
 
-__all__ = ["refine", "warm_up"]
-
 Array = NDArray[np.float64]
 _ROUNDS = 3
 #: Steps of each adaptive run, how many of them are left out at its start, and the stride of those kept.
@@ -27,22 +25,6 @@ def warm_up(
 
     Mode and curvature give the first map; importance weights refine it; short runs give the samples to which
     the transport is fitted.
-
-    Parameters
-    ----------
-    target : Target
-        The density.
-    shape : tuple of int
-        Ensembles and walkers that starting points are wanted for.
-    seed : numpy.random.SeedSequence
-        Seed of the warm-up.
-
-    Returns
-    -------
-    transported : Transported
-        The target in the transport's coordinates, frozen from here on.
-    points : ndarray, shape (ensembles, walkers, d)
-        Starting points in those coordinates.
     """
     adapt_seed, *run_seeds = seed.spawn(1 + len(_RUNS))
     rng = np.random.default_rng(adapt_seed)
@@ -64,26 +46,7 @@ def warm_up(
 def refine(
     target: Target, points: Array, shape: tuple[int, int], rng: np.random.Generator
 ) -> tuple[Transported, Array]:
-    """Fit a new transport to draws, and find starting points in its coordinates.
-
-    Parameters
-    ----------
-    target : Target
-        The density.
-    points : ndarray, shape (N, d)
-        Draws of it, in its own coordinates.
-    shape : tuple of int
-        Ensembles and walkers that starting points are wanted for.
-    rng : numpy.random.Generator
-        Chooses the starting points.
-
-    Returns
-    -------
-    transported : Transported
-        The target in the new transport's coordinates.
-    points : ndarray, shape (ensembles, walkers, d)
-        Starting points in those coordinates.
-    """
+    """Fit a new transport to draws, and find starting points in its coordinates."""
     here = Transported(target, Transport.fit(points))
     return here, _resample(here, rng, shape)
 

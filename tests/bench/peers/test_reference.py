@@ -12,7 +12,8 @@ from percept.bench.peers.engines import ENGINES, engine
 from percept.bench.peers.reference import LongRun, Reference, make_reference, stored_reference
 from percept.bench.peers.with_percept import estimands_of
 from percept.errors import RefusalError, UsageError
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,17 @@
+import math
 from decimal import Decimal
+from fractions import Fraction
 
 import mpmath as mp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from percept.errors import RefusalError, UsageError
-from percept.inference import Moments, OneMinus, t_interval
+from percept.inference import Moments, t_interval
+from percept.inference.classical.moments import mean_and_sd
 
 # Table 1: limits as printed, n = 10, 99 %, and the mean and SD they come from
 TABLE = [
@@ -51,7 +57,7 @@ def test_log_moments_are_those_of_logarithms():
 
 
 def test_moment_matching_gives_back_mean_and_sd():
-    matched = Moments(981.03, 35.2, 10).lognormal()
+    matched = Moments(981.03, 35.2, 10).on_scale("lognormal")
     with mp.workdps(30):
         mu, variance = mp.mpf(matched.mean), mp.mpf(matched.sd) ** 2
         assert float(mp.exp(mu + variance / 2)) == pytest.approx(981.03, rel=1e-14)
@@ -68,23 +74,6 @@ def test_the_axis_of_subjects_is_the_one_stated():
             alone = Moments.from_values(x[i, :, j])
             assert moved.mean[i, j] == pytest.approx(alone.mean, rel=1e-15)
             assert moved.sd[i, j] == pytest.approx(alone.sd, rel=1e-15)
-
-
-def test_equal_weights_are_no_weights():
-    x = np.random.default_rng(4).normal(size=12) + 1e9
-    plain, weighted = Moments.from_values(x), Moments.from_weighted(x, np.full(12, 3.0))
-    assert weighted.mean == pytest.approx(plain.mean, rel=1e-15)
-    assert weighted.sd == pytest.approx(plain.sd, rel=1e-12)
-
-
-def test_the_weighted_mean_covers_where_variances_go_with_the_weights():
-    random = np.random.default_rng(6)
-    weights = np.array([1.0, 2.0, 5.0, 9.0])
-    studies, level = 4000, 0.9
-    x = random.normal(7.0, 1.0 / np.sqrt(weights), (studies, 4))
-    intervals = [t_interval(Moments.from_weighted(row, weights), level=level) for row in x]
-    held = np.mean([interval.lower <= 7.0 <= interval.upper for interval in intervals])
-    assert abs(held - level) <= 4 * np.sqrt(level * (1 - level) / studies)
 
 
 @pytest.mark.parametrize(
@@ -118,26 +107,18 @@ def test_the_weighted_mean_covers_where_variances_go_with_the_weights():
         (lambda: Moments.from_limits(2.0, 1.0, 5), UsageError, "value 2.0: A lower limit lies above"),
         (lambda: Moments.from_limits([1, 2], [2, 3, 4], 5), UsageError, "shapes that do not fit"),
         (lambda: Moments.from_limits(1.0, 2.0, 5, level=99), UsageError, "99 percent is written 0.99"),
-        (lambda: Moments.from_weighted([1.0, 2.0], [1.0]), UsageError, "One weight per subject"),
-        (lambda: Moments.from_weighted([1.0, 2.0], [1.0, 0.0]), UsageError, "Weights must be positive"),
-        (lambda: Moments(-1.0, 1.0, 5).lognormal(), RefusalError, "positive mean"),
-        (
-            lambda: Moments.from_weighted([1.0, 2.0], [1.0, 2.0]).lognormal(),
-            UsageError,
-            r"is not that of users.*log=True",
-        ),
+        (lambda: Moments(-1.0, 1.0, 5).on_scale("lognormal"), RefusalError, "positive mean"),
         (
             lambda: Moments(1.0, 1.0, 5, scale="Log"),
             UsageError,
-            r"value 'Log': scale must be .linear. or .log.",
+            r"value 'Log': scale must be one of .linear., .log.",
         ),
-        (lambda: Moments(1.0, 1.0, 1e300), UsageError, "No study has so many subjects"),
+        (lambda: Moments(1.0, 1.0, 1e300), UsageError, "must be whole, and one that a double holds"),
         (
             lambda: Moments.from_values(np.ma.masked_array([1.0, 2.0, 9e9], mask=[0, 0, 1])),
             UsageError,
             "values are masked",
         ),
-        (lambda: OneMinus(0.0), UsageError, "strictly between 0 and 1"),
     ],
 )
 def test_what_is_wrong_is_said(call, error, message):
@@ -168,7 +149,66 @@ def test_logarithms_of_values_hundreds_of_decades_apart():
     assert wide.sd == pytest.approx(300 * np.log(10.0), rel=1e-14)
 
 
-def test_a_weighted_sd_does_not_mind_an_offset():
-    x, weights = np.array([0.0, 8.0, 16.0, 40.0]), [1.0, 2.0, 3.0, 4.0]
-    near, far = Moments.from_weighted(x, weights), Moments.from_weighted(x + 1e15, weights)
-    assert far.sd == pytest.approx(near.sd, rel=1e-14)
+def exact(values):
+    """Return the correctly rounded mean and SD, from rational arithmetic."""
+    fractions = [Fraction(value) for value in np.asarray(values).tolist()]
+    mean = sum(fractions, Fraction(0)) / len(fractions)
+    variance = sum((value - mean) ** 2 for value in fractions) / (len(fractions) - 1)
+    with mp.workdps(40):
+        return float(mean), float(mp.sqrt(mp.mpf(variance.numerator) / variance.denominator))
+
+
+def assert_within_four_ulp(samples):
+    """Compare every sample along the last axis with rational arithmetic."""
+    for row, *found in zip(samples, *mean_and_sd(samples), strict=True):
+        for value, truth in zip(found, exact(row), strict=True):
+            assert abs(value - truth) <= 4 * math.ulp(truth), row
+
+
+@settings(max_examples=100, deadline=None)
+@given(arrays(float, st.tuples(st.integers(1, 12), st.integers(2, 7)), elements=st.floats(-1e307, 1e307)))
+def test_any_samples_are_within_four_ulp(samples):
+    assert_within_four_ulp(samples)
+
+
+@pytest.mark.parametrize("n", [2, 3, 10, 33, 1000, 5000])
+def test_hard_samples_are_within_four_ulp(n):
+    random = np.random.default_rng(n)
+    base = random.normal(size=(3 if n > 100 else 40, n))
+    shape = base.shape
+    for samples in (
+        base,
+        base + 1e15,
+        base * 1e-12 + 1.0,
+        base * 10.0 ** random.integers(-300, 140, shape),
+        base * 1e-310,
+        base * 1e307,
+        5e-324 * random.integers(0, 50, shape),
+        np.full(shape, 0.1),
+        np.full(shape, 1.0 - 2.0**-53),
+    ):
+        assert_within_four_ulp(samples)
+
+
+def test_means_that_cancel_keep_their_digits():
+    assert_within_four_ulp(np.array([[1e16, 1.0, -1e16], [1e300, 1.0, -1e300], [1.5e308, 1.0, -1.5e308]]))
+    nearly = np.random.default_rng(3).random((40, 3))
+    nearly[:, 1] = -nearly[:, 0]
+    nearly[:, 2] *= 1e-25
+    assert_within_four_ulp(nearly)
+
+
+def test_a_million_values():
+    # The deviations are whole numbers of 1/8, the spacing of doubles at 1e15: so the answer is known exactly.
+    eighths = np.random.default_rng(1).integers(-40, 41, 1_000_000)
+    mean, sd = mean_and_sd(1e15 + eighths / 8.0)
+    n, total, squares = eighths.size, int(eighths.sum()), int((eighths**2).sum())
+    assert mean == float(Fraction(10**15) + Fraction(total, 8 * n))
+    with mp.workdps(40):
+        truth = float(mp.sqrt(mp.mpf(n * squares - total * total) / (64 * n * (n - 1))))
+    assert abs(sd - truth) <= 4 * math.ulp(truth)
+
+
+def test_an_sd_beyond_the_largest_double_is_refused():
+    with pytest.raises(UsageError, match="standard deviations must be finite"):
+        Moments.from_values([1.7e308, -1.7e308])

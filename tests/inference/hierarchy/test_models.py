@@ -94,7 +94,7 @@ def test_product_is_its_models_side_by_side():
     np.testing.assert_allclose(product(points), models[0](parts[0]) + models[1](parts[1]), rtol=1e-14)
     laws = [model.laws(part) for model, part in zip(models, parts, strict=True)]
     joined = product.laws(points)
-    for name in ("mean", "sd", "spread"):
+    for name in ("mean", "sd", "population_sd"):
         np.testing.assert_array_equal(getattr(joined, name), np.hstack([getattr(law, name) for law in laws]))
     scales = [model.scales(part) for model, part in zip(models, parts, strict=True)]
     for name, (dimensions, values) in product.scales(points).items():

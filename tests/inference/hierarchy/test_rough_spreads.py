@@ -10,7 +10,8 @@ from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import from_summary, from_trials
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 
 #: Deviations of each subject's trials about the subject's mean, in units of d.
 SUBJECTS = ((0.1, (-1, 1)), (0.3, (-1, 1, -1, 1)), (0.5, (-1, 1)))

@@ -57,8 +57,6 @@ def test_locations_are_those_under_the_wider_priors() -> None:
     density = CollapsedDensity(study.statistics, Priors(alpha_sd=0.1, gamma_sd=0.1, tau_scale=0.05))
     points = np.random.default_rng(12).standard_normal((4, len(density.names)))
     scales = density.layout.scales(np.ascontiguousarray(points.T))
-    wide, own = (
-        one.locations(scales).laws.pack() for one in (with_priors(density, wider(density.priors)), density)
-    )
+    wide, own = (one.moments(scales).pack() for one in (with_priors(density, wider(density.priors)), density))
     np.testing.assert_allclose(reweighted(density, points)[1], wide, rtol=1e-12)
     assert np.abs(wide - own).max() > 0.001

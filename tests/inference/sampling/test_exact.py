@@ -10,7 +10,8 @@ from percept.inference import prediction_interval, t_interval, tolerance_interva
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error
 from percept.inference.sampling.estimands import Means
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 from tests import DATASETS
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from percept.errors import RefusalError
+from percept.errors import RefusalError, UsageError
 from percept.inference.sampling import run as running
 from percept.inference.sampling import warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time
@@ -12,7 +12,8 @@ from percept.inference.sampling.ensembles import Ensembles, advance, start
 from percept.inference.sampling.estimands import Estimates, Means
 from percept.inference.sampling.gate import pass_gate
 from percept.inference.sampling.judgement import Judged
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 from percept.inference.sampling.transported import Affine
 from tests.inference.sampling.targets import Normal
 
@@ -62,6 +63,8 @@ def test_passes_on_a_plain_target():
     assert run.gate.rhat < 1.01
     assert run.gate.times_run >= 10
     assert run.gate.worst_error <= 0.02
+    assert run.gate.tolerance_met
+    assert run.gate.error_reached == ""
     assert run.gate.worst == "E x[0]"
     assert abs(run.estimates.value[0]) < 4 * run.errors[0]
 
@@ -100,13 +103,41 @@ def test_a_walker_that_hardly_accepts_is_withheld():
     assert judged(np.full((4, 8), 0.5)).passed
 
 
-def test_the_cap_is_an_answer_with_its_reason():
+def test_a_run_that_mixes_ends_at_its_cap_with_the_error_it_reached():
     run = sample(Normal(4), MEAN, Settings(tolerance=1e-5, seed=1, most_steps=300))
-    assert not run.gate.passed
     assert run.steps <= 400
-    (reason,) = run.gate.reasons
-    assert reason.startswith("E x[0] has a Monte Carlo error of ")
-    assert reason.endswith("of its half-width; 0.00% was asked. Raise the cap on steps or the tolerance.")
+    assert run.gate.passed
+    assert run.gate.reasons == ()
+    assert run.gate.rhat < 1.01
+    assert not run.gate.tolerance_met
+    assert run.gate.error_reached == (
+        f"The Monte Carlo error reached is {100 * run.gate.worst_error:.3g} % of a half-width (E x[0]) where "
+        "0.001 % was asked. A larger most_steps (now 300) lowers it."
+    )
+    assert abs(run.estimates.value[0]) < 4 * run.errors[0]
+
+
+def test_a_run_that_ends_at_its_cap_unmixed_is_withheld_whatever_its_error():
+    """Modes apart from each other: R-hat is worked out though the errors are larger than asked."""
+    means = Means(("E x[0]", "E x[1]"), lambda points: points[:, :2])
+    run = sample(Modes(6, 1000.0), means, Settings(tolerance=1e-5, seed=2, most_steps=300))
+    assert not run.gate.passed
+    assert not run.gate.tolerance_met
+    assert run.gate.rhat > 1.01
+
+
+def test_an_error_that_is_not_known_is_no_error():
+    estimates = Estimates(("E x",), np.zeros(1), np.ones(1))
+    found = pass_gate(
+        Settings(), Judged(estimates, np.array([np.nan]), np.ones(1), 1.0, 1.0), np.full((4, 8), 0.5),
+        np.ones((4, 8), dtype=bool), length=60, stride=1, spanned=60,
+    )  # fmt: skip
+    assert found.reasons == ("E x has no finite Monte Carlo error.",)
+
+
+def test_a_negative_seed_is_refused():
+    with pytest.raises(UsageError, match="must be zero or positive"):
+        Settings(seed=-1)
 
 
 @pytest.mark.parametrize("beyond", [-np.inf, 0.5, 2.0])

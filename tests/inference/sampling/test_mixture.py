@@ -14,7 +14,8 @@ from percept.inference.sampling.mixture import (
     share_content,
     share_half_width,
 )
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 
 MIXTURES = {
     "alike": lambda rng: (0.1 * rng.normal(size=40), np.exp(0.2 * rng.normal(size=40))),

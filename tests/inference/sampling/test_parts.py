@@ -10,7 +10,8 @@ from percept.inference.sampling.ensembles import Ensembles
 from percept.inference.sampling.estimands import Estimates, Means
 from percept.inference.sampling.judgement import Judged
 from percept.inference.sampling.parts import Closed
-from percept.inference.sampling.run import Settings, sample
+from percept.inference.sampling.records import Settings
+from percept.inference.sampling.run import sample
 from percept.inference.sampling.transported import Affine
 from tests.inference.sampling.targets import Normal, SkewedHeavy
 
@@ -26,6 +27,25 @@ class Remembered(Means):
         found = super().components(points)
         self.values.append(found)
         return found
+
+
+class Walk:
+    """Autoregressive chains in place of the walkers: a step remembers all but a fiftieth of the last."""
+
+    def __init__(self):
+        self.rng = np.random.default_rng(1)
+
+    def __call__(self, target, state, *, steps, stride, walkers=None):
+        walkers = state.coords.shape[1] if walkers is None else walkers
+        kept, here = [], state.coords
+        for step in range(1, steps + 1):
+            here = 0.98 * here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(here.shape)
+            if step % stride == 0:
+                kept.append(here[:, :walkers])
+        moved = dataclasses.replace(
+            state, coords=here, accepted=state.accepted + steps, steps=state.steps + steps
+        )
+        return moved, np.stack(kept, axis=1)
 
 
 @pytest.fixture
@@ -65,25 +85,6 @@ def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
     """Chains that remember a hundred steps need longer parts than there is room for at every third step."""
     monkeypatch.setattr(running, "_KEPT_LIMIT", 1 << 14)
     slow = running._FIRST_ROUND
-
-    class Walk:
-        """Autoregressive chains in place of the walkers: a step remembers all but a fiftieth of the last."""
-
-        def __init__(self):
-            self.rng = np.random.default_rng(1)
-
-        def __call__(self, target, state, *, steps, stride, walkers=None):
-            walkers = state.coords.shape[1] if walkers is None else walkers
-            kept, here = [], state.coords
-            for step in range(1, steps + 1):
-                here = 0.98 * here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(here.shape)
-                if step % stride == 0:
-                    kept.append(here[:, :walkers])
-            moved = dataclasses.replace(
-                state, coords=here, accepted=state.accepted + steps, steps=state.steps + steps
-            )
-            return moved, np.stack(kept, axis=1)
-
     monkeypatch.setattr(running, "advance", Walk())
     means = Means(("E x",), lambda points: points[:, :1])
     run = sample(Normal(1), means, Settings(tolerance=0.008, seed=1))
@@ -94,13 +95,26 @@ def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
     assert run.steps > 10 * 99 > slow
 
 
+def test_no_last_part_begins_that_could_not_settle(monkeypatch):
+    """A part takes 1,000 steps to settle here; the first has 3,072, and the cap leaves 700 for another."""
+    monkeypatch.setattr(running, "_KEPT_LIMIT", 1 << 20)
+    monkeypatch.setattr(running, "advance", Walk())
+    means = Means(("E x",), lambda points: points[:, :1])
+    run = sample(Normal(1), means, Settings(tolerance=1e-5, seed=1, most_steps=3800))
+    assert run.gate.passed, run.gate.reasons
+    assert run.gate.times_run >= 10
+    assert not run.gate.tolerance_met
+
+
 @pytest.mark.parametrize("most", range(420, 540, 17))
 def test_wherever_the_steps_end_the_errors_are_known(small, most):
     """The last part of a run at its cap is long enough to be judged, however many steps were left for it."""
     run = sample(
         Normal(2), Means(("E x",), lambda points: points[:, :1]), Settings(tolerance=1e-5, most_steps=most)
     )
-    assert not run.gate.passed
+    assert run.gate.passed
+    assert run.gate.rhat is not None
+    assert not run.gate.tolerance_met
     assert run.steps <= most + 2 * running._STRIDE
     # A thousand walkers of independent draws a step, or nearly so, at every third step.
     assert 0.5 < run.errors[0] * np.sqrt(1024 * run.steps / 3) < 3.0

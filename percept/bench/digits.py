@@ -1,0 +1,357 @@
+"""Digits that means, SDs, tolerance factors and the density keep, beside those of direct formulas."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import partial
+from itertools import cycle, islice
+from statistics import median
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import integrate, optimize, stats
+
+from percept.bench import twins_density as twin
+from percept.bench.twins_density import Levels
+from percept.inference import Moments
+from percept.inference.classical.tolerance import factor_of_tails
+from percept.inference.classical.trials import subject_means
+from percept.inference.hierarchy.blocks import Block, block
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.scales import Scales
+from percept.inference.hierarchy.statistics import from_trials
+
+Array: TypeAlias = NDArray[np.float64]
+# mpmath numbers have no types.
+Number: TypeAlias = Any
+
+
+@dataclass(frozen=True)
+class Digits:
+    """The worst case of one quantity at one point, against exact arithmetic or 30 digits and more."""
+
+    quantity: Annotated[str, "What percept computes."]
+    along: Annotated[
+        str,
+        "What varies: data sets; subjects; 1 − share and 1 − confidence; variances in squared units of the "
+        "response; 1 − correlation; an offset of all responses; floor(log10(ωT)), which is 1 at Nyquist.",
+    ]
+    at: Annotated[str | float, "Its value."]
+    cases: Annotated[int, "Comparisons."]
+    digits: Annotated[
+        float,
+        "Decimal digits percept keeps in the worst case, at most 16: of the value, for log p of "
+        "1 + abs(log p), for haptics beyond what the formula's condition costs.",
+    ]
+    over_promise: Annotated[
+        float | None,
+        "Worst error over the promised one: the promise is kept up to 1. Empty without a promise.",
+    ]
+    direct: Annotated[
+        float | None,
+        "Digits a direct formula keeps in doubles, in the median case: sums of squares, an integral through "
+        "differences from one, Woodbury's identity, textbook impedances. Empty for results of a search.",
+    ]
+
+
+def digits_of(error: float) -> float:
+    """Decimal digits of a relative error, 0 to 16; none of NaN."""
+    return 0.0 if math.isnan(error) else min(16.0, max(0.0, -math.log10(max(error, 1e-300))))
+
+
+def digits_row(
+    quantity: str,
+    along: str,
+    at: str | float,
+    *,
+    errors: list[float],
+    direct: list[float] | None,
+    promise: float | None = None,
+) -> Digits:
+    """One row of the table, from relative errors of percept and of the direct formula."""
+    worst = max(errors)
+    return Digits(
+        quantity, along, at, len(errors), digits_of(worst),
+        None if promise is None else worst / promise,
+        None if direct is None else digits_of(median(direct)),
+    )  # fmt: skip
+
+
+# Means and SDs
+
+_ULPS = 4  # promised distance from the correctly rounded value
+
+
+def number_accuracy(which: int) -> tuple[Array, float, float]:
+    """NIST's NumAcc data set 1 to 4, its certified mean and SD."""
+    if which == 1:
+        return np.array([10000001.0, 10000003.0, 10000002.0]), 10000002.0, 1.0
+    whole = {2: "1", 3: "1000000", 4: "10000000"}[which]
+    texts = [f"{whole}.2", *islice(cycle((f"{whole}.1", f"{whole}.3")), 1000)]
+    return np.array([float(text) for text in texts]), float(f"{whole}.2"), 0.1
+
+
+def small_large(which: int) -> tuple[Array, NDArray[np.int64], float]:
+    """NIST's one-way data set SmLs01 to SmLs09, and the certified SD within its nine treatments."""
+    whole = ("1", "1000000", "1000000000000")[(which - 1) // 3]
+    replicates = (21, 201, 2001)[(which - 1) % 3]
+    texts = []
+    for tenths in (4, 3, 5, 3, 5, 3, 5, 3, 5):
+        sides = (f"{whole}.{tenths - 1}", f"{whole}.{tenths + 1}")
+        texts += [f"{whole}.{tenths}", *islice(cycle(sides), replicates - 1)]
+    return np.array([float(text) for text in texts]), np.repeat(np.arange(9), replicates), 0.1
+
+
+def moment_digits(*, seed: int = 1) -> list[Digits]:
+    """Compare means and SDs with exact rational arithmetic."""
+    random = np.random.default_rng(seed)
+    samples: dict[str, Array] = {f"NumAcc{which}": number_accuracy(which)[0] for which in range(1, 5)} | {
+        "offset 1e15": 1e15 + random.normal(size=1000),
+        "constant 0.1": np.full(1000, 0.1),
+        "denormal": np.asarray(5e-324 * random.integers(1, 1000, 1000)),
+        "huge": 1e308 * random.uniform(-1.0, 1.0, 1000),
+        "300 decades": random.normal(size=1000) * 10.0 ** random.integers(-150, 150, 1000),
+        "1e300, 1, -1e300": np.array([1e300, 1.0, -1e300]),
+    }
+    rows = []
+    for name, values in samples.items():
+        moments = Moments.from_values(values)
+        direct_mean, direct_sd = _sums_of_squares([values])
+        rows.append(_moment_row("mean", name, moments.mean, _exact_mean(values), direct_mean))
+        rows.append(_moment_row("SD", name, moments.sd, _exact_sd([values]), direct_sd))
+    for which in range(1, 10):
+        values, treatment, _ = small_large(which)
+        groups = [values[treatment == index] for index in range(9)]
+        within = subject_means(values, treatment).trial_sd
+        rows.append(
+            _moment_row("SD", f"SmLs0{which}", within, _exact_sd(groups), _sums_of_squares(groups)[1])
+        )
+    return rows
+
+
+def _moment_row(quantity: str, name: str, ours: Any, exact: float, direct: float) -> Digits:
+    errors = [
+        abs(value - exact) / abs(exact) if exact else 0.0 if value == exact else math.inf
+        for value in (float(ours), direct)
+    ]
+    promise = _ULPS * math.ulp(exact) / abs(exact) if exact else 1.0
+    return digits_row(quantity, "data set", name, errors=errors[:1], direct=errors[1:], promise=promise)
+
+
+def _exact_mean(values: Array) -> float:
+    return float(sum(map(Fraction, values.tolist()), Fraction(0)) / values.size)
+
+
+def _exact_sd(groups: list[Array]) -> float:
+    """SD about the groups' means, correctly rounded."""
+    import mpmath
+
+    total = Fraction(0)
+    for group in groups:
+        fractions = [Fraction(value) for value in group.tolist()]
+        mean = sum(fractions, Fraction(0)) / len(fractions)
+        total += sum(((value - mean) ** 2 for value in fractions), Fraction(0))
+    variance = total / (sum(group.size for group in groups) - len(groups))
+    with mpmath.workdps(60):
+        return float(mpmath.sqrt(mpmath.mpf(variance.numerator) / variance.denominator))
+
+
+def _sums_of_squares(groups: list[Array]) -> tuple[float, float]:
+    """Mean, and SD about the groups' means, from sums of values and of their squares in doubles."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = np.array([group.sum() for group in groups])
+        squares = np.array([(group * group).sum() for group in groups])
+        size = np.array([group.size for group in groups])
+        left = (squares - total * total / size).sum() / (size.sum() - len(groups))
+        return float(total.sum() / size.sum()), float(np.sqrt(left))
+
+
+# Tolerance factors
+
+_TOLERANCE_DIGITS = 30
+_REACH = 8.0  # standard errors of the mean over which the direct formula integrates
+#: What varies, its value, and (subjects, 1 − share, 1 − confidence).
+FACTORS: tuple[tuple[str, float, tuple[int, float, float]], ...] = (
+    *(("subjects", n, (n, 0.01, 0.05)) for n in (2, 3, 10, 100, 1000)),
+    *(("1 − share", beta, (10, beta, 0.05)) for beta in (0.5, 1e-4, 1e-9)),
+    *(("1 − confidence", alpha, (10, 0.01, alpha)) for alpha in (0.5, 1e-4, 1e-9)),
+)
+
+
+def tolerance_digits(
+    factors: Sequence[tuple[str, float, tuple[int, float, float]]] = FACTORS,
+) -> list[Digits]:
+    """Compare two-sided tolerance factors with their integral in 30 digits."""
+    rows = []
+    for along, at, (n, beta, alpha) in factors:
+        factor = float(factor_of_tails(n, beta, alpha))
+        exact = exact_factor(n, beta, alpha, near=factor)
+        errors = [float(abs(value - exact) / exact) for value in (factor, _direct_factor(n, beta, alpha))]
+        rows.append(digits_row("tolerance factor", along, at, errors=errors[:1], direct=errors[1:]))
+    return rows
+
+
+def exact_factor(n: int, beta: float, alpha: float, *, near: float) -> Number:
+    """One secant step from a factor that is nearly right: the step squares the factor's own error."""
+    import mpmath
+
+    with mpmath.workdps(_TOLERANCE_DIGITS):
+        first = mpmath.mpf(near)
+        second = first * (1 + mpmath.mpf("1e-9"))
+        short, shorter = (_miss_probability(n, beta, c) - mpmath.mpf(alpha) for c in (first, second))
+        return first - short * (second - first) / (shorter - short)
+
+
+def _miss_probability(n: int, beta: float, c: Number) -> Number:
+    """Probability that mean ± c SD holds less than the share, the mean integrated out."""
+    import mpmath
+
+    half = mpmath.mpf(n - 1) / 2
+
+    def given(x: Number) -> Number:
+        """Density of the mean's distance times the probability of too small an SD."""
+        r = _radius(x, mpmath.mpf(beta))
+        below = mpmath.gammainc(half, 0, half * r * r / (c * c), regularized=True)
+        return 2 * mpmath.sqrt(n / (2 * mpmath.pi)) * mpmath.exp(-n * x * x / 2) * below
+
+    ends = [mpmath.mpf(k) / mpmath.sqrt(n) for k in (0, 1, 2, 4, 8, 12)]
+    return mpmath.quad(given, ends)
+
+
+def _radius(x: Number, beta: Number) -> Number:
+    """Solve Q(r + x) + Q(r − x) = beta, Q the upper tail, by Newton on its logarithm."""
+    import mpmath
+
+    def upper(z: Number) -> Number:
+        return mpmath.erfc(z / mpmath.sqrt(2)) / 2
+
+    r = mpmath.mpf(float(x) + stats.norm.isf(float(beta) / 2))
+    for _ in range(60):
+        outside = upper(r + x) + upper(r - x)
+        step = mpmath.log(outside / beta) * outside / (mpmath.npdf(r + x) + mpmath.npdf(r - x))
+        r += step
+        if abs(step) < mpmath.mpf(10) ** (4 - _TOLERANCE_DIGITS) * r:
+            break
+    return r
+
+
+def _direct_factor(n: int, beta: float, alpha: float) -> float:
+    """Integrate through differences from one, by scipy's quadrature and a bracketed root."""
+    share, confidence, freedom = 1.0 - beta, 1.0 - alpha, n - 1
+
+    def content(r: float, x: float) -> float:
+        return float(stats.norm.cdf(x + r) - stats.norm.cdf(x - r)) - share
+
+    def given(x: float, c: float) -> float:
+        r = optimize.brentq(content, 0.0, x + 40.0, args=(x,))
+        enough = stats.chi2.sf(freedom * (r / c) ** 2, freedom)
+        return float(2.0 * stats.norm.pdf(x, scale=1.0 / np.sqrt(n)) * enough)
+
+    def gain(c: float) -> float:
+        return float(integrate.quad(given, 0.0, _REACH / np.sqrt(n), args=(c,), limit=200)[0]) - confidence
+
+    with warnings.catch_warnings():
+        # The quadrature says itself that it reached less than asked; the digits say how much less.
+        warnings.simplefilter("ignore", integrate.IntegrationWarning)
+        try:
+            return float(optimize.brentq(gain, 0.1, 1e4, xtol=1e-14, rtol=1e-14))
+        except ValueError:
+            return math.nan
+
+
+# The hierarchical model's density
+
+DENSITY_PROMISE = 1e-9  # largest error per unit of 1 + abs(log p)
+_ENVIRONMENTS, _TRIALS, _SUBJECTS = 3, 2, 10
+_PLAIN = Levels(between=0.2, shared=0.1, trial=0.05, tau=0.1, rest=0.5)
+_EXPONENTS = (-12, -8, -4, 0, 4, 8, 12)
+Formula: TypeAlias = Callable[[Array, Array, Levels], float]
+
+
+@dataclass(frozen=True)
+class _Case:
+    along: str
+    at: float
+    levels: Levels = _PLAIN
+    subjects: int = _SUBJECTS
+    offset: float = 0.0
+
+
+def density_digits(
+    draws: int = 3, *, seed: int = 1, along: tuple[str, ...] = (), formula: Formula | None = None
+) -> list[Digits]:
+    """Compare log densities with 120-digit arithmetic, on random responses."""
+    rng = np.random.default_rng(seed)
+    x = np.tile(np.linspace(-1.5, 1.5, _ENVIRONMENTS), (2, 1))
+    rows = []
+    for case in _cases():
+        if along and case.along not in along:
+            continue
+        errors, direct = [], []
+        for _ in range(draws):
+            response = case.offset + 0.3 * rng.standard_normal((case.subjects, _ENVIRONMENTS, _TRIALS, 2))
+            exact = twin.exact(response, x, case.levels)
+            errors.append(_density_error((formula or collapsed)(response, x, case.levels), exact))
+            direct.append(_density_error(twin.woodbury(response, x, case.levels), exact))
+        rows.append(
+            digits_row(
+                "log density", case.along, case.at, errors=errors, direct=direct, promise=DENSITY_PROMISE
+            )
+        )
+    return rows
+
+
+def collapsed(response: Array, x: Array, levels: Levels) -> float:
+    """Percept's log density of responses (subjects, environments, trials, parameters)."""
+    subjects, environments, trials, size = response.shape
+    subject, environment, _ = (axis.ravel() for axis in np.indices((subjects, environments, trials)))
+    statistics = from_trials(
+        response.reshape(-1, size),
+        subject,
+        environment,
+        x,
+        parameters=("k", "b"),
+        environments=tuple(f"VE{j + 1}" for j in range(environments)),
+        subjects=tuple(f"S{i + 1}" for i in range(subjects)),
+    )
+
+    def level(sd: float, *shape: int) -> Block:
+        rest = np.full(shape, levels.rest)
+        return block((np.full(shape, sd), np.full(shape, sd)), 1.0 - rest, rest)
+
+    scales = Scales(
+        between=level(levels.between, environments, 1),
+        shared=level(levels.shared, 1),
+        trial=level(levels.trial, environments, 1),
+        tau=(np.array([levels.tau]),) * 2,
+        named={},
+        log_prior=np.zeros(1),
+    )
+    return float(CollapsedDensity(statistics).log_likelihood(scales)[0])
+
+
+def _cases() -> Iterator[_Case]:
+    sds = [10.0 ** (exponent / 2) for exponent in _EXPONENTS]
+    for sd in sds:
+        yield _Case("all variances", sd**2, Levels(sd, sd, sd, sd, 0.5))
+    tiny = partial(replace, Levels(1e-6, 1e-6, 1e-6, 1e-6, 0.5))
+    for name in ("between", "shared", "trial", "tau"):
+        for sd in sds:
+            only: dict[str, Any] = {name: sd}
+            yield _Case(f"variance of {name}, others 1e-12", sd**2, tiny(**only))
+    for power in range(1, 10):
+        yield _Case("1 − correlation", 10.0**-power, replace(_PLAIN, rest=10.0**-power))
+    for subjects in (2, 10, 100, 1000, 10_000):
+        yield _Case("subjects", subjects, subjects=subjects)
+    for offset in (0.0, 1.0, 1e3, 1e6, 1e9):
+        yield _Case("offset", offset, offset=offset)
+
+
+def _density_error(computed: float, exact: Number) -> float:
+    """Error over 1 + abs(log p); infinite for NaN."""
+    return float(abs(computed - exact) / (1 + abs(exact))) if math.isfinite(computed) else math.inf

@@ -1,0 +1,230 @@
+"""Digits the haptics formulas keep, against their textbook forms in 120-digit arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from percept.bench import twins_haptics as twin
+from percept.bench.digits import Digits, digits_row
+from percept.haptics import (
+    Coupling,
+    Device,
+    Environment,
+    Mode,
+    coupling_admittance,
+    coupling_impedance,
+    device_impedance,
+    effective_impedance,
+    environment_impedance,
+    hold,
+    magnitude_envelope,
+    max_coupling_stiffness,
+    perceived_impedance,
+    perceived_magnitude,
+    required_damping,
+    required_damping_at,
+    stability_margin,
+    velocity_ratio,
+)
+
+PROMISE = 1e-13  # largest relative error per unit of the formula's condition
+_NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
+
+Values: TypeAlias = Mapping[str, float]
+#: Errors over condition of percept, then of the textbook's formula in doubles where nothing is searched for.
+Check: TypeAlias = Callable[[Values, bool], list[float]]
+
+
+def haptics_digits(
+    cases: int = 2000, *, seed: int = 20_240_501, quantities: tuple[str, ...] = ()
+) -> list[Digits]:
+    """Compare every quantity with 120-digit arithmetic on random cases, by decade of ωT.
+
+    ω runs from 1e-9 rad/s to Nyquist (included, and approached to within 1e-15), T from 1e-6 to 1 s,
+    parameters over thirty decades, now and then zero.
+    """
+    errors: dict[tuple[str, int], list[list[float]]] = {}
+    for values in _cases(cases, np.random.default_rng(seed)):
+        theta = values["omega"] * values["period"]
+        at_nyquist = twin.is_nyquist(theta)
+        decade = 1 if at_nyquist else int(np.floor(np.log10(theta)))
+        for name in quantities or QUANTITIES:
+            errors.setdefault((name, decade), []).append(QUANTITIES[name](values, at_nyquist))
+    rows = []
+    for (name, decade), pairs in sorted(errors.items()):
+        ours, *direct = (list(column) for column in zip(*pairs, strict=True))
+        rows.append(
+            digits_row(
+                name,
+                "decade of ωT",
+                decade,
+                errors=ours,
+                direct=direct[0] if direct else None,
+                promise=PROMISE,
+            )
+        )
+    return rows
+
+
+def _cases(count: int, rng: np.random.Generator) -> Iterator[dict[str, float]]:
+    """Yield sets of parameters, all drawn on the log scale."""
+    for _ in range(count):
+        period = 10 ** rng.uniform(-6, 0)
+        nyquist = np.pi / period
+        way = rng.integers(5)
+        if way == 0:
+            omega = nyquist * (1 - 10 ** rng.uniform(-15, 0))
+        elif way == 1:
+            omega = nyquist * rng.uniform(0, 1)
+        else:
+            omega = float(np.exp(rng.uniform(np.log(1e-9), np.log(nyquist))))
+        if rng.uniform() < 0.02:
+            omega = nyquist
+        # Half of the cases are of a size met in practice, so that terms of one impedance meet and cancel.
+        decades = 15 if rng.uniform() < 0.5 else 2
+        values = {name: float(10 ** rng.uniform(-decades, decades)) for name in _NAMES}
+        values |= {name: 0.0 for name in _NAMES if rng.uniform() < 0.03}
+        yield {"omega": max(omega, 1e-9), "period": period, **values}
+
+
+def _device(v: Values) -> Device:
+    return Device(v["m"], v["b_d"])
+
+
+def _flexible(v: Values) -> Device:
+    return Device(v["m"], v["b_d"], (Mode(v["m_i"], v["k_i"], v["b_i"]),))
+
+
+def _environment(v: Values) -> Environment:
+    return Environment(v["k_e"], v["b_e"], v["m_e"])
+
+
+def _coupling(v: Values) -> Coupling:
+    return Coupling(v["k_c"], v["b_c"])
+
+
+def _effective(v: Values) -> Any:
+    return effective_impedance(v["omega"], _environment(v), _coupling(v), v["period"])
+
+
+def _coupled(discretization: str) -> Callable[[Values], Any]:
+    return lambda v: perceived_impedance(
+        v["omega"],
+        _device(v),
+        _environment(v),
+        v["period"],
+        coupling=_coupling(v),
+        discretization=discretization,
+    )
+
+
+def _magnitude(v: Values) -> Any:
+    return perceived_magnitude(v["omega"], _device(v), -v["k_e"], -v["b_e"], v["period"], mass=v["m_e"])
+
+
+def _box(v: Values) -> tuple[Any, Any]:
+    limits = (-v["k_e"], v["k_c"]), (-v["b_e"], v["b_c"])
+    return magnitude_envelope(v["omega"], _device(v), *limits, v["period"], mass=v["m_e"])
+
+
+def _required_at(discretization: str, kind: str) -> Callable[[Values], Any]:
+    return lambda v: required_damping_at(
+        v["omega"], _coupling(v), v["period"], discretization=discretization, hold=kind
+    )
+
+
+def _check(
+    ours: Callable[[Values], Any], exact: twin.Formula, inputs: tuple[str, ...], *, searched: bool = False
+) -> Check:
+    def errors(v: Values, at_nyquist: bool) -> list[float]:
+        own = {key: v[key] for key in inputs}
+        computed = [ours(v)] if searched else [ours(v), twin.in_doubles(exact, own)]
+        return twin.errors_over_condition(computed, exact, own, at_nyquist=at_nyquist)
+
+    return errors
+
+
+def _stiffness_limit(v: Values, at_nyquist: bool) -> list[float]:
+    limit = max_coupling_stiffness(v["b_d"], v["b_c"], v["period"])
+    return [twin.limit_error_over_condition(float(limit), v["b_d"], v["b_c"], v["period"])]
+
+
+_W = ("omega", "period")
+_RIGID = (*_W, "m", "b_d")
+_FLEXIBLE = (*_RIGID, "m_i", "b_i", "k_i")
+_ENVIRONMENT = ("k_e", "b_e", "m_e")
+_COUPLING = ("k_c", "b_c")
+_DIRECT = (*_RIGID, *_ENVIRONMENT)
+_SEEN = (*_W, *_ENVIRONMENT, *_COUPLING)
+_ALL = (*_DIRECT, *_COUPLING)
+
+QUANTITIES: dict[str, Check] = {
+    "Z_d": _check(lambda v: device_impedance(v["omega"], _device(v), v["period"]), twin.rigid, _RIGID),
+    "Z_d, flexible": _check(
+        lambda v: device_impedance(v["omega"], _flexible(v), v["period"]), twin.flexible, _FLEXIBLE
+    ),
+    "Z_e": _check(
+        lambda v: environment_impedance(v["omega"], _environment(v), v["period"]),
+        twin.environment,
+        (*_W, *_ENVIRONMENT),
+    ),
+    "Z_c, Eq. 6": _check(
+        lambda v: coupling_impedance(v["omega"], _coupling(v), v["period"]),
+        twin.coupling_backward,
+        (*_W, *_COUPLING),
+    ),
+    "1/Z_c, Eq. 6": _check(
+        lambda v: coupling_admittance(v["omega"], _coupling(v), v["period"]),
+        twin.admittance_backward,
+        (*_W, *_COUPLING),
+    ),
+    "ZOH, Eq. 8": _check(lambda v: hold(v["omega"], v["period"]), twin.hold_average, _W),
+    "ZOH, true": _check(lambda v: hold(v["omega"], v["period"], kind="true"), twin.hold_true, _W),
+    "v_e/v_h": _check(
+        lambda v: velocity_ratio(v["omega"], _environment(v), _coupling(v), v["period"]),
+        twin.velocity_ratio,
+        _SEEN,
+    ),
+    "Z_eff": _check(lambda v: _effective(v).value, twin.effective, _SEEN),
+    "Re Z_eff": _check(lambda v: _effective(v).damping, lambda p: p.mp.mpc(twin.effective(p)).real, _SEEN),
+    "Z_h": _check(
+        lambda v: perceived_impedance(v["omega"], _device(v), _environment(v), v["period"]),
+        twin.direct,
+        _DIRECT,
+    ),
+    "Z_h, flexible, true hold": _check(
+        lambda v: perceived_impedance(v["omega"], _flexible(v), _environment(v), v["period"], hold="true"),
+        twin.direct_flexible_true,
+        (*_FLEXIBLE, *_ENVIRONMENT),
+    ),
+    "Z_h_vc, Eq. 12": _check(_coupled("tustin"), twin.coupled, _ALL),
+    "Z_h_vc, Eq. 6": _check(_coupled("backward"), twin.coupled_backward, _ALL),
+    "abs(Z_h), k and b negative": _check(_magnitude, twin.magnitude, _DIRECT),
+    "box, upper": _check(lambda v: _box(v)[1], twin.box_upper, _ALL),
+    "box, lower": _check(lambda v: _box(v)[0], twin.box_lower, _ALL),
+    "required damping at ω": _check(
+        _required_at("backward", "average"),
+        twin.required_at(twin.coupling_backward, twin.hold_average),
+        (*_W, *_COUPLING),
+    ),
+    "required damping at ω, true hold": _check(
+        _required_at("tustin", "true"),
+        twin.required_at(twin.coupling_tustin, twin.hold_true),
+        (*_W, *_COUPLING),
+    ),
+    "stability margin": _check(
+        lambda v: stability_margin(v["omega"], _flexible(v), _coupling(v), v["period"]),
+        twin.margin,
+        (*_FLEXIBLE, *_COUPLING),
+    ),
+    "required damping": _check(
+        lambda v: required_damping(_coupling(v), v["period"]).damping,
+        twin.required,
+        (*_W, *_COUPLING),
+        searched=True,
+    ),
+    "largest stiffness": _stiffness_limit,
+}

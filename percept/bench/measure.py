@@ -1,0 +1,128 @@
+"""What every part shares: timing, the machine it ran on, and a measurement as a document and a page."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from percept import __version__
+from percept.report.folder import filled_folder
+from percept.report.plain import dumps, plain
+
+SCHEMA = "percept-measurement-1"
+_PACKAGES = ("numpy", "scipy", "emcee", "pandas")
+
+T = TypeVar("T")
+
+
+def timed(work: Callable[[], T], repeats: int) -> tuple[T, list[float]]:
+    """Do work several times; its last result and the processor seconds of each."""
+    seconds = []
+    for _ in range(repeats):
+        started = time.process_time()
+        result = work()
+        seconds.append(time.process_time() - started)
+    return result, seconds
+
+
+def as_installed(**changes: str) -> dict[str, str]:
+    """Environment of a process whose start is timed; it keeps percept's modules compiled.
+
+    Installed packages are compiled as they are installed. A checkout would be compiled again at every start
+    where `PYTHONDONTWRITEBYTECODE` is set.
+    """
+    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | changes
+
+
+def machine(loads: tuple[float, float], seconds: float) -> dict[str, Any]:
+    """Describe this machine, its load before and after, and how long the measurement took."""
+    return {
+        "processors": os.cpu_count(), "python": platform.python_version(), "system": platform.system(),
+        "architecture": platform.machine(), "load_before": loads[0], "load_after": loads[1],
+        "seconds": seconds,
+    }  # fmt: skip
+
+
+def described(record: type) -> tuple[str, dict[str, str]]:
+    """First line of a record's docstring, and the meaning that annotates each of its fields."""
+    hints = get_type_hints(record, include_extras=True)
+    about = (record.__doc__ or "").partition("\n")[0]
+    return about, {name: hint.__metadata__[0] for name, hint in hints.items()}
+
+
+def measurement(
+    part: str,
+    records: Sequence[Any],
+    *,
+    command: str,
+    simulated: bool,
+    loads: tuple[float, float],
+    seconds: float,
+) -> dict[str, Any]:
+    """Collect what a part measured."""
+    about, columns = described(type(records[0]))
+    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    document: dict[str, Any] = plain(
+        {
+            "schema": SCHEMA,
+            "part": part,
+            "about": about,
+            "columns": [{"names": [name], "meaning": meaning} for name, meaning in columns.items()],
+            "command": command,
+            "simulated": simulated,
+            "machine": machine(loads, seconds),
+            "versions": {"percept": __version__} | versions,
+            "rows": [dataclasses.asdict(record) for record in records],
+        }
+    )
+    return document
+
+
+def measurement_markdown(document: Mapping[str, Any]) -> str:
+    """Write the document as a page."""
+    at = document["machine"]
+    names = list(document["rows"][0])
+    versions = {"Python": at["python"]} | document["versions"]
+    lines = [
+        f"# {document['part'].capitalize()}",
+        "",
+        document["about"] + (" The studies are simulated." if document["simulated"] else ""),
+        "",
+        f"`{document['command']}`, {at['seconds']:.0f} s on {at['processors']} processors ({at['system']}, "
+        f"{at['architecture']}), load {at['load_before']:.1f} before and {at['load_after']:.1f} after; "
+        + ", ".join(f"{name} {version}" for name, version in versions.items())
+        + ".",
+        "",
+        "| " + " | ".join(names) + " |",
+        "|" + "---|" * len(names),
+    ]
+    lines += ["| " + " | ".join(_cell(row[name]) for name in names) + " |" for row in document["rows"]]
+    lines += ["", *(f"- {', '.join(one['names'])}: {one['meaning']}" for one in document["columns"])]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return ", ".join(map(_cell, value))
+    return str(value).replace("|", "\\|")
+
+
+def write_measurement(document: Mapping[str, Any], out_dir: str | Path) -> Path:
+    """Write the document and its page, named after the part."""
+    name = f"{document['part']}.md"
+    with filled_folder(out_dir, last=name) as folder:
+        (folder / f"{document['part']}.json").write_text(dumps(document), encoding="utf-8")
+        (folder / name).write_text(measurement_markdown(document), encoding="utf-8")
+    return Path(out_dir) / name

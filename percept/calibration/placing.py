@@ -1,0 +1,186 @@
+"""One study of a calibration: drawn from the prior, fitted, and its true values placed in the posterior."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from typing import Any
+
+import emcee
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.statistics import from_trials
+from percept.inference.sampling.records import Run, Settings
+from percept.inference.sampling.run import sample
+from percept.simulate.model import (
+    Design,
+    TrueValues,
+    draw_environments,
+    draw_hyperparameters,
+    draw_responses,
+)
+
+Array = NDArray[np.float64]
+#: Deliberate errors a calibration must catch, with what each breaks.
+FAULTS = {
+    "none": "nothing",
+    "jacobian": "the prior of log sigma is taken as a density of the variance: no Jacobian",
+    "prior": "the fit's prior of log s is a tenth as wide as the truth's",
+    "snooker": "draws come from emcee's DESnookerMove, which samples another law",
+}
+_SNOOKER_STEPS = 150
+_REFERENCES = np.array([[10.0, 0.1], [1e3, 1.0], [1e4, 10.0], [2.5e4, 25.0], [5e4, 50.0]])
+_BY_PARAMETER = ("s", "s_e", "kappa", "kappa_e", "omega", "omega_e", "sigma_u", "tau")
+
+
+def _missing() -> Design:
+    """Eight subjects, two of whom saw only some of four environments, and one of whom repeated one."""
+    trials = np.ones((8, 4), dtype=np.int64)
+    trials[0, 1] = trials[2, 0] = trials[2, 3] = 0
+    trials[5, 1:] = 0
+    return Design(_REFERENCES[:4], trials)
+
+
+#: The six kinds of study that are calibrated.
+SBC_DESIGNS: dict[str, Design] = {
+    "balanced": Design.balanced(_REFERENCES, subjects=10),
+    "trials": Design.balanced(_REFERENCES[:3], subjects=8, trials=3),
+    "missing cells": _missing(),
+    "one parameter": Design.balanced(_REFERENCES[:4, :1], subjects=8, parameters=("k",)),
+    "one environment": Design.balanced(_REFERENCES[2:3], subjects=8),
+    "three subjects": Design.balanced(_REFERENCES[:3], subjects=3),
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SbcPlan:
+    """One design, to be simulated from the prior and fitted many times."""
+
+    design: str  # One of `SBC_DESIGNS`
+    seed: int = 1  # Of the whole
+    draws: int = 199  # Independent posterior draws a true value is ranked among
+    bins: int = 20  # Equal bins the ranks are counted in
+    tolerance: float = 0.2  # Of the sampler, on the limits of kinds mean and user
+    fault: str = "none"  # One of `FAULTS`
+
+    def __post_init__(self) -> None:
+        if self.design not in SBC_DESIGNS:
+            raise UsageError(
+                f"no such design; there are {', '.join(SBC_DESIGNS)}.", key="design", value=self.design
+            )
+        if self.fault not in FAULTS:
+            raise UsageError(f"no such fault; there are {', '.join(FAULTS)}.", key="fault", value=self.fault)
+        if self.bins < 2 or (self.draws + 1) % self.bins:
+            raise UsageError(
+                f"{self.draws} draws give {self.draws + 1} ranks, which do not fill {self.bins} bins evenly.",
+                key="draws",
+                value=self.draws,
+            )
+
+    @property
+    def key(self) -> str:
+        """A digest that tells results of different plans apart."""
+        text = json.dumps(dataclasses.asdict(self), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclasses.dataclass(frozen=True)
+class Placed:
+    """Where the true values of one study lie in its posterior."""
+
+    reason: str  # Why there is nothing: what the gate said, or the refusal
+    values: dict[str, float]
+
+
+def place_study(plan: SbcPlan, index: int) -> Placed:
+    """Simulate study `index` of a plan, fit it and place its true values."""
+    design = SBC_DESIGNS[plan.design]
+    own = np.random.SeedSequence(plan.seed, spawn_key=(list(SBC_DESIGNS).index(plan.design), index))
+    truth_seed, run_seed, draw_seed = own.spawn(3)
+    rng = np.random.default_rng(truth_seed)
+    truth = draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
+    responses = draw_responses(truth, design, rng)
+    statistics = from_trials(
+        responses.y,
+        responses.subject,
+        responses.environment,
+        design.decades.T,
+        parameters=design.parameters,
+        environments=design.environments,
+        subjects=design.subjects,
+    )
+    # One more user in every environment.
+    noise = rng.standard_normal(truth.beta.shape)
+    user = truth.beta + np.einsum("jpq,jq->jp", np.linalg.cholesky(truth.cov_u + truth.cov_w), noise)
+    priors = Priors()
+    if plan.fault == "prior":
+        priors = dataclasses.replace(priors, log_s_sd=0.1 * priors.log_s_sd)
+    model = (_WithoutJacobian if plan.fault == "jacobian" else Pooled)(CollapsedDensity(statistics, priors))
+    settings = Settings(tolerance=plan.tolerance, seed=int(run_seed.generate_state(1)[0]))
+    try:
+        run = sample(model, IntervalEstimands(model, kinds=("mean", "user")), settings)
+    except RefusalError as refusal:
+        return Placed(str(refusal), {})
+    if not run.gate.passed:
+        return Placed(" ".join(run.gate.reasons), {})
+    return Placed("", places(plan, model, run, truth, user.T.ravel(), np.random.default_rng(draw_seed)))
+
+
+class _WithoutJacobian(Pooled):
+    """A deliberate error: the prior of log sigma taken as a density of sigma squared."""
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, d), shape (W,), wrong by twice the sum of log sigma."""
+        inside = np.clip(points, -self.density.layout.limits, self.density.layout.limits)
+        with np.errstate(over="ignore"):
+            sigma = self.scales(inside)["sigma"][1]
+        with np.errstate(divide="ignore"):
+            return super().__call__(points) + 2.0 * np.log(sigma).reshape(len(points), -1).sum(axis=1)
+
+
+def places(
+    plan: SbcPlan, model: Pooled, run: Run, truth: TrueValues, user: Array, rng: np.random.Generator
+) -> dict[str, float]:
+    """Rank true scales and locations among draws; give distribution functions at true means and new users."""
+    points = np.concatenate(run.independent())
+    if plan.fault == "snooker":
+        points = _by_snooker(model, run, rng)
+    laws = model.laws(points)
+    drawn = points[rng.choice(len(points), size=plan.draws, replace=False)]
+    beta = truth.beta.T.ravel()
+    found: dict[str, float] = {}
+
+    def add(name: str, values: Array) -> None:
+        labels = [f"[{p},{e}]" for p, e in model.cells]
+        if name in _BY_PARAMETER:
+            labels = [f"[{p}]" for p in model.density.statistics.parameters]
+        elif name.startswith("rho"):
+            labels = [""]
+        found.update({name + label: float(value) for label, value in zip(labels, values, strict=True)})
+
+    def rank(name: str, draws: Array, true: Array) -> None:
+        add(name, ((draws.reshape(plan.draws, -1) < true).sum(axis=0) + 0.5) / (plan.draws + 1))
+
+    for name, (_, values) in model.scales(drawn).items():
+        owner: Any = truth if hasattr(truth, name) else truth.hyper
+        rank(name, values, np.ravel(np.transpose(getattr(owner, name))))
+    rank("beta", model.draw(drawn, rng)[0], beta)
+    add("mean", special.ndtr((beta - laws.mean) / laws.sd).mean(axis=0))
+    add("user", special.ndtr((user - laws.mean) / np.hypot(laws.sd, laws.population_sd)).mean(axis=0))
+    return found
+
+
+def _by_snooker(model: Pooled, run: Run, rng: np.random.Generator) -> Array:
+    """Last positions of walkers that go on from a right run by emcee's snooker move alone."""
+    start = run.points[:, -1].reshape(-1, run.points.shape[-1])
+    sampler = emcee.EnsembleSampler(*start.shape, model, moves=emcee.moves.DESnookerMove(), vectorize=True)
+    state = np.random.RandomState(int(rng.integers(2**32))).get_state()
+    first = emcee.State(start, random_state=state)
+    return sampler.run_mcmc(first, _SNOOKER_STEPS, store=False, skip_initial_state_check=True).coords

@@ -1,0 +1,355 @@
+"""The three kinds of interval for normal and lognormal users, and two ratios to the reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.classical.moments import Moments, check_option, finite_values, plain, tail_of
+from percept.inference.classical.tolerance import factor_of_tails
+from percept.inference.record import Family, FloatOrArray, Interval, Joint, Kind, Side, percent
+from percept.notebook import NotebookRecord
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ratio(NotebookRecord):
+    """A ratio to the reference, with its equal-tailed interval.
+
+    Parameters
+    ----------
+    quantity : {"bias", "weber"}
+        Average user over reference (1 is no bias), or SD between users over reference.
+    estimate, lower, upper : float or ndarray
+        Unit-free.
+    level : float
+        Confidence level.
+    family : {"normal", "lognormal"}
+        Distribution between users; under ``"lognormal"`` the average is the geometric mean.
+    n : int or ndarray of int
+        Subjects.
+    """
+
+    quantity: Literal["bias", "weber"]
+    estimate: FloatOrArray
+    lower: FloatOrArray
+    upper: FloatOrArray
+    level: float
+    family: Family
+    n: int | NDArray[np.int64]
+
+    @property
+    def covers(self) -> str:
+        """One plain sentence saying what the interval covers."""
+        who = "The average user's value"
+        if self.quantity == "weber":
+            who = "The standard deviation between users"
+        elif self.family == "lognormal":
+            who = "The typical (geometric-mean) user's value"
+        return (
+            f"{who} divided by the reference lies between the limits, with {percent(self.level)} confidence."
+        )
+
+
+def t_interval(
+    x: ArrayLike | Moments,
+    *,
+    level: float = 0.99,
+    family: Family = "normal",
+    joint: Joint = "marginal",
+    side: Side = "both",
+    axis: int = -1,
+    unit: str = "",
+) -> Interval:
+    """Work out the interval of the average user, kind ``"mean"`` (Eq. 15): mean ± t·SD/√n.
+
+    The paper reads it as "99 percent of users". It is a statement on their mean; how many users it holds on
+    average is in `expected_share` of the result (.647 at n = 10 and level .99) and in its sentence.
+
+    Parameters
+    ----------
+    x : array_like or Moments
+        One value per subject, shape (..., n) with `axis` = −1, any unit; or mean, SD and n, or published
+        limits, as `Moments`.
+    level : float
+        Confidence level; 0 to 1, exclusive.
+    family : {"normal", "lognormal"}
+        Distribution between users. Under ``"lognormal"`` everything happens on the logarithms and the mean
+        becomes the typical (geometric-mean) user; linear `Moments` are turned into lognormal ones by moment
+        matching.
+    joint : {"marginal", "bonferroni"}
+        ``"bonferroni"``: level 1 − (1 − level)/2, so that the intervals of k and b hold together.
+    side : {"both", "lower", "upper"}
+        Both limits, equal-tailed, or one.
+    axis : int
+        Which axis of the values runs over subjects.
+    unit : str
+        Unit of the values, for the sentence.
+
+    Returns
+    -------
+    Interval
+        Fields of shape (...), in the unit of `x`.
+
+    Raises
+    ------
+    UsageError
+        Values that are not finite numbers, an unknown option, a level outside (0, 1).
+    RefusalError
+        Fewer than 2 subjects, no scatter, zero or negative values under ``"lognormal"``.
+    """
+    return interval_of("mean", x, level=level, family=family, joint=joint, side=side, axis=axis, unit=unit)
+
+
+def prediction_interval(
+    x: ArrayLike | Moments,
+    *,
+    level: float = 0.99,
+    family: Family = "normal",
+    joint: Joint = "marginal",
+    side: Side = "both",
+    axis: int = -1,
+    unit: str = "",
+) -> Interval:
+    """Work out the interval of the next user, kind ``"user"``: mean ± t·SD·√(1 + 1/n).
+
+    Parameters
+    ----------
+    x, level, family, joint, side, axis, unit
+        As `t_interval`.
+
+    Returns
+    -------
+    Interval
+        Fields of shape (...), in the unit of `x`.
+
+    Raises
+    ------
+    UsageError, RefusalError
+        As `t_interval`.
+    """
+    return interval_of("user", x, level=level, family=family, joint=joint, side=side, axis=axis, unit=unit)
+
+
+def tolerance_interval(
+    x: ArrayLike | Moments,
+    *,
+    level: float = 0.99,
+    share: float | None = None,
+    confidence: float = 0.95,
+    family: Family = "normal",
+    joint: Joint = "marginal",
+    side: Side = "both",
+    axis: int = -1,
+    unit: str = "",
+) -> Interval:
+    """Work out the interval of at least `share` of all users, kind ``"share"``.
+
+    Parameters
+    ----------
+    x, level, family, side, axis, unit
+        As `t_interval`.
+    share : float, optional
+        Share of all users; `level` where not given.
+    confidence : float
+        Confidence in that share.
+    joint : {"marginal", "bonferroni"}
+        ``"bonferroni"``: both share and confidence at half their tails, so that k and b hold together.
+
+    Returns
+    -------
+    Interval
+        Fields of shape (...), in the unit of `x`; the half-width is that of `tolerance_factor`.
+
+    Raises
+    ------
+    UsageError, RefusalError
+        As `t_interval`; a share or confidence outside (0, 1).
+    """
+    return interval_of(
+        "share", x, level=level, share=share, confidence=confidence,
+        family=family, joint=joint, side=side, axis=axis, unit=unit,
+    )  # fmt: skip
+
+
+def interval_of(
+    kind: Kind,
+    x: ArrayLike | Moments,
+    *,
+    level: float = 0.99,
+    share: float | None = None,
+    confidence: float = 0.95,
+    family: Family = "normal",
+    joint: Joint = "marginal",
+    side: Side = "both",
+    axis: int = -1,
+    unit: str = "",
+) -> Interval:
+    """Interval of any kind; the options are those of `t_interval` and `tolerance_interval`."""
+    check_option("kind", kind, ("mean", "user", "share"))
+    check_option("joint", joint, ("marginal", "bonferroni"))
+    check_option("side", side, ("both", "lower", "upper"))
+    tail = tail_of(level, joint=joint) / (2.0 if side == "both" else 1.0)
+    moments, approximate = family_moments(x, family, axis=axis)
+    n = np.asarray(moments.n)
+    t = -np.asarray(special.stdtrit(n - 1.0, tail), dtype=float)
+    expected_share = None
+    if kind == "mean":
+        factor = t / np.sqrt(n)
+        expected_share = plain(_expected_share(t, n, side))
+    elif kind == "user":
+        factor = t * np.sqrt(1.0 + 1.0 / n)
+    else:
+        share = level if share is None else share
+        beta = tail_of(share, "share", joint=joint)
+        alpha = tail_of(confidence, "confidence", joint=joint)
+        factor = np.asarray(factor_of_tails(n, beta, alpha, sided="two" if side == "both" else "one"))
+    mean, half_width = np.asarray(moments.mean), factor * np.asarray(moments.sd)
+    lower = np.full_like(mean, -np.inf) if side == "upper" else mean - half_width
+    upper = np.full_like(mean, np.inf) if side == "lower" else mean + half_width
+    ends = np.stack([lower, mean, upper])
+    if family == "lognormal":
+        with np.errstate(over="ignore"):  # a limit beyond the largest double is infinite
+            ends = np.exp(ends)
+    lower, estimate, upper = ends
+    return Interval(
+        kind=kind,
+        method="classical",
+        family=family,
+        level=level,
+        lower=plain(lower),
+        upper=plain(upper),
+        estimate=plain(estimate),
+        n=moments.n,
+        mean=moments.mean,
+        sd=moments.sd,
+        factor=plain(np.broadcast_to(factor, mean.shape)),
+        share=share if kind == "share" else None,
+        confidence=confidence if kind == "share" else None,
+        joint=joint,
+        side=side,
+        expected_share=expected_share,
+        repeats=moments.repeats,
+        approximate=approximate,
+        unit=unit,
+    )
+
+
+def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) -> tuple[Moments, bool]:
+    """Return moments that scatter, on the scale of a family, and whether they are moment-matched."""
+    check_option("family", family, ("normal", "lognormal"))
+    if isinstance(x, Moments):
+        moments, approximate = x.on_scale(family), family == "lognormal" and x.scale == "linear"
+    else:
+        moments, approximate = Moments.from_values(x, log=family == "lognormal", axis=axis), False
+    still = np.asarray(moments.sd) == 0.0
+    if still.any():
+        where = "" if still.ndim == 0 else f" (first at index {np.argwhere(still)[0].tolist()})"
+        raise RefusalError(
+            f"All subjects gave the same value{where}: with no scatter there is no interval.",
+            hint="Check whether the adjustment was too coarse to show differences between subjects.",
+        )
+    return moments, approximate
+
+
+def bias(
+    x: ArrayLike | Moments,
+    reference: ArrayLike,
+    *,
+    level: float = 0.99,
+    family: Family = "normal",
+    axis: int = -1,
+) -> Ratio:
+    """Compare the average user with the reference, as a ratio.
+
+    Parameters
+    ----------
+    x : array_like or Moments
+        One value per subject, shape (..., n) with `axis` = −1, or moments of shape (...).
+    reference : array_like
+        What was shown, in the unit of `x`; positive; a shape that broadcasts with (...).
+    level, family, axis
+        As `t_interval`.
+
+    Returns
+    -------
+    Ratio
+        Of shape (...).
+
+    Raises
+    ------
+    UsageError, RefusalError
+        As `t_interval`; a reference that is not positive has no ratio.
+    """
+    mean = t_interval(x, level=level, family=family, axis=axis)
+    ends = np.stack([np.asarray(end) for end in (mean.estimate, mean.lower, mean.upper)])
+    return _ratio("bias", ends, reference, level, family, mean.n)
+
+
+def weber_fraction(
+    x: ArrayLike | Moments, reference: ArrayLike, *, level: float = 0.99, axis: int = -1
+) -> Ratio:
+    """Work out SD over the reference, between users; its interval is exact, by χ².
+
+    Parameters
+    ----------
+    x, reference, level, axis
+        As `bias`.
+
+    Returns
+    -------
+    Ratio
+        Of shape (...), family ``"normal"``.
+
+    Raises
+    ------
+    UsageError, RefusalError
+        As `bias`.
+    """
+    moments, _ = family_moments(x, "normal", axis=axis)
+    tail, half = tail_of(level) / 2.0, (np.asarray(moments.n) - 1.0) / 2.0
+    low, high = (half / quantile(half, tail) for quantile in (special.gammainccinv, special.gammaincinv))
+    ends = np.asarray(moments.sd) * np.sqrt(np.stack([np.ones_like(low), low, high]))
+    return _ratio("weber", ends, reference, level, "normal", moments.n)
+
+
+def _expected_share(t: NDArray[np.float64], n: NDArray[np.int64], side: Side) -> NDArray[np.float64]:
+    """Share of users that mean ± t·SD/√n holds on average over studies."""
+    # The next user differs from the mean by SD·√(1 + 1/n) times a t.
+    within = t / np.sqrt(n + 1.0)
+    if side != "both":
+        return np.asarray(special.stdtr(n - 1.0, within), dtype=float)
+    # One less twice the tail would lose what a small t holds.
+    return np.asarray(special.betainc(0.5, (n - 1.0) / 2.0, within**2 / (n - 1.0 + within**2)), dtype=float)
+
+
+def _ratio(
+    quantity: Literal["bias", "weber"],
+    ends: NDArray[np.float64],
+    reference: ArrayLike,
+    level: float,
+    family: Family,
+    n: int | NDArray[np.int64],
+) -> Ratio:
+    shown = finite_values(reference, name="references")
+    if (shown <= 0.0).any():
+        raise RefusalError(
+            "A reference of zero or below has no ratio.",
+            value=float(shown.min()),
+            hint="Leave this parameter of this environment out.",
+        )
+    shape = ends.shape[1:]
+    try:
+        np.broadcast_to(shown, shape)
+    except ValueError:
+        raise UsageError(
+            f"There are references of shape {shown.shape} for samples of shape {shape}."
+        ) from None
+    estimate, lower, upper = (plain(end / shown) for end in ends)
+    return Ratio(
+        quantity=quantity, estimate=estimate, lower=lower, upper=upper, level=level, family=family, n=n
+    )

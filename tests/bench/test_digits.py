@@ -1,0 +1,168 @@
+"""Digits kept: NIST's certified sets, exact arithmetic, and proof that an error would be seen."""
+
+import dataclasses
+import json
+import math
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpmath import mp
+
+from percept.bench import digits as bench
+from percept.bench import twins_density as twin
+from percept.bench.digits import collapsed, density_digits, moment_digits, number_accuracy, small_large
+from percept.inference import Moments
+from percept.inference.classical.trials import subject_means
+from tests.inference.hierarchy import exact
+
+NIST = files("scipy.stats").joinpath("tests", "data", "nist_anova")
+shipped = pytest.mark.skipif(not NIST.is_dir(), reason="this SciPy was installed without its test data")
+#: Factors by another order of integration.
+TABLE = Path(__file__).parents[1] / "inference" / "classical" / "tolerance_factors.json"
+LEVELS = twin.Levels(between=0.2, shared=1e-4, trial=30.0, tau=0.5, rest=1e-7)
+X = np.array([[-1.0, 1.0], [-0.5, 0.5]])
+
+
+def nist(name):
+    """Return responses, treatments and the certified SD within treatments of a one-way set."""
+    text = NIST.joinpath(f"{name}.dat").read_text(encoding="ascii")
+    certified = float(re.search(r"Certified Residual\s+Standard Deviation\s+(\S+)", text)[1])
+    treatment, response = np.array([line.split() for line in text.splitlines()[60:] if line.strip()]).T
+    return response.astype(float), treatment, certified
+
+
+def test_means_and_sds_are_rounded_as_promised_where_sums_of_squares_lose_them():
+    rows = moment_digits()
+    assert len(rows) == 2 * 4 + 2 * 6 + 9
+    assert max(row.over_promise for row in rows) <= 1.0
+    direct = {(row.at, row.quantity): row.direct for row in rows}
+    assert direct["NumAcc1", "mean"] == 16.0
+    assert direct["SmLs01", "SD"] > 12
+    # Squares of 1e6 hold their last digit at 1e-4: two digits of an SD of 0.1 are left, none of offset 1e12.
+    assert direct["SmLs04", "SD"] < 4
+    assert direct["SmLs07", "SD"] < 1
+    assert direct["huge", "SD"] == direct["offset 1e15", "SD"] == direct["constant 0.1", "SD"] == 0.0
+
+
+@pytest.mark.parametrize(("which", "digits"), [(1, 16), (2, 15), (3, 9.4), (4, 8.2)])
+def test_certified_values_are_met_as_far_as_doubles_can(which, digits):
+    values, mean, sd = number_accuracy(which)
+    moments = Moments.from_values(values)
+    assert moments.mean == mean
+    # Decimal data of offset 1e7 are off by up to 1e-9 as doubles, which leaves 8 digits of an SD of 0.1.
+    assert bench.digits_of(abs(moments.sd - sd) / sd) >= digits
+    assert values.size == (3 if which == 1 else 1001)
+
+
+@shipped
+@pytest.mark.parametrize("which", range(1, 10))
+def test_the_small_large_sets_are_nists(which):
+    response, treatment, certified = nist(f"SmLs0{which}")
+    values, group, sd = small_large(which)
+    assert values.tolist() == response.tolist()
+    assert (group + 1).astype(str).tolist() == treatment.tolist()
+    assert sd == certified
+
+
+@shipped
+@pytest.mark.parametrize("name", ["AtmWtAg", "SiRstv"])
+def test_the_observed_one_way_sets(name):
+    response, treatment, certified = nist(name)
+    within = subject_means(response, treatment).trial_sd
+    # printed to 15 digits; the decimal data are rounded to doubles, one part in 2**53 of their size
+    rounding = np.abs(response).max() * 2.0**-53 / certified
+    assert abs(within / certified - 1.0) <= 1e-14 + rounding
+
+
+def test_the_exact_factor_meets_the_published_and_the_other_integral_from_a_wrong_start():
+    rows = {tuple(row[:4]): float(row[4]) for row in json.loads(TABLE.read_text(encoding="utf-8"))}
+    wanted = rows["two", 10, 0.99, 0.95]
+    assert f"{wanted:.6f}" == "4.436909"
+    found = float(bench.exact_factor(10, 0.01, 0.05, near=4.4369087))
+    # One secant step squares the start's error of 7e-9.
+    assert found == pytest.approx(wanted, rel=1e-14)
+    assert bench.digits_of(abs(4.4369087 - found) / found) == pytest.approx(8.19, abs=0.02)
+
+
+def test_factors_keep_the_digits_that_differences_from_one_lose():
+    (row,) = bench.tolerance_digits([("1 − confidence", 1e-9, (3, 0.01, 1e-9))])
+    assert row.digits > 12.0
+    assert row.direct < 9.0
+    assert row.over_promise is None
+
+
+@pytest.fixture(scope="module")
+def density():
+    return density_digits(1)
+
+
+def one_covariance_over_all_trials(response, levels):
+    """The log density by a Cholesky factor of one 60-digit matrix."""
+    subject, environment, _ = (axis.ravel() for axis in np.indices(response.shape[:3]))
+
+    def level(sd):
+        return exact.covariance((sd, sd), 1.0, levels.rest)
+
+    environments = response.shape[1]
+    return exact.log_likelihood(
+        response.reshape(-1, 2),
+        subject,
+        environment,
+        X,
+        between=[level(levels.between)] * environments,
+        shared=level(levels.shared),
+        trial=[level(levels.trial)] * environments,
+        tau=(levels.tau, levels.tau),
+    )
+
+
+def test_the_twin_is_the_multivariate_normal():
+    response = np.random.default_rng(1).normal(size=(2, 2, 2, 2))
+    with mp.workdps(exact.DIGITS):
+        wanted = one_covariance_over_all_trials(response, LEVELS)
+        assert abs(twin.exact(response, X, LEVELS) - wanted) < mp.mpf(10) ** -40
+
+
+def test_formulas_in_doubles_are_right_where_nothing_is_extreme():
+    response = np.random.default_rng(2).normal(size=(4, 2, 2, 2))
+    mild = dataclasses.replace(LEVELS, shared=0.3, trial=0.4, rest=0.6)
+    wanted = float(twin.exact(response, X, mild))
+    for formula in (twin.woodbury, collapsed):
+        assert formula(response, X, mild) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_the_density_keeps_its_promise_over_every_sweep(density):
+    assert {row.along for row in density} == {
+        "all variances", "variance of between, others 1e-12", "variance of shared, others 1e-12",
+        "variance of trial, others 1e-12", "variance of tau, others 1e-12", "1 − correlation", "subjects",
+        "offset",
+    }  # fmt: skip
+    worst = max(density, key=lambda row: row.over_promise)
+    assert worst.over_promise <= 1.0, worst
+    assert min(row.digits for row in density) > 14.0
+
+
+def test_woodburys_identity_loses_what_the_page_says(density):
+    direct = {(row.along, row.at): row.direct for row in density}
+    assert direct["variance of shared, others 1e-12", 10.0**12] == 0.0
+    assert direct["1 − correlation", 10.0**-9] < 8.0
+    assert direct["all variances", 1.0] > 14.0
+
+
+def test_an_error_and_a_nan_are_seen():
+    def off(response, x, levels):
+        value = collapsed(response, x, levels)
+        return value + 1e-6 * (1.0 + abs(value))
+
+    for row in density_digits(1, along=("offset",), formula=off):
+        assert row.digits == pytest.approx(6.0, abs=0.01)
+        assert row.over_promise == pytest.approx(1000.0, rel=1e-3)
+    first, *_ = density_digits(1, along=("offset",), formula=lambda *_: math.nan)
+    assert (first.digits, first.over_promise) == (0.0, math.inf)
+
+
+def test_sweeps_repeat():
+    assert density_digits(1, along=("offset",)) == density_digits(1, along=("offset",))

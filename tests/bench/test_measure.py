@@ -1,0 +1,82 @@
+"""What a part measured, written: every column explained, full precision in the document."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from percept.bench.digits import Digits
+from percept.bench.growth import Growth, SamplingCost
+from percept.bench.measure import described, measurement, measurement_markdown
+from percept.bench.propagation import EnvelopeCost, MagnitudeCost, PropagationCost, PropagationMemory
+from percept.bench.reader import ReadCost
+from percept.bench.skipping import Saving
+from percept.bench.workers import BatchCost
+from percept.cli import main
+
+RECORDS = (
+    SamplingCost, MagnitudeCost, PropagationCost, EnvelopeCost, PropagationMemory, Digits, Saving, BatchCost,
+    Growth, ReadCost,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("record", RECORDS)
+def test_every_column_is_explained(record: type) -> None:
+    about, columns = described(record)
+    assert about.endswith(".")
+    assert list(columns) == [field.name for field in dataclasses.fields(record)]
+    assert all(meaning.endswith(".") for meaning in columns.values())
+
+
+def test_the_page_rounds_and_the_document_does_not() -> None:
+    saving = Saving("device|hand", 1 / 3, 0.25, 0.5, 1.0, ("emcee", "jinja2"), (), 22)
+    document = measurement(
+        "skipping", [saving], command="typed", simulated=True, loads=(0.5, 1.5), seconds=12.4
+    )
+    assert document["rows"][0]["seconds"] == 1 / 3
+    page = measurement_markdown(document)
+    assert page.startswith(
+        "# Skipping\n\nThe cost of one scene. The studies are simulated.\n\n`typed`, 12 s on"
+    )
+    assert "load 0.5 before and 1.5 after; Python 3." in page
+    assert "| device\\|hand | 0.3333 | 0.25 | 0.5 | 1 | emcee, jinja2 |  | 22 |" in page
+    assert "- seconds: Processor time of the whole process, imports" in page
+    assert "simulated" not in measurement_markdown(document | {"simulated": False})
+
+
+def test_parts_are_written_as_they_are_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "of mine"
+    assert main(["bench", "reader", "magnitude", "--rows", "500", "--out", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines() == [str(out / "reader.md"), str(out / "magnitude.md")]
+    reader, magnitude = (json.loads((out / f"{part}.json").read_text()) for part in ("reader", "magnitude"))
+    assert reader["command"] == "percept bench reader --rows 500 --out DIR"
+    assert reader["simulated"]
+    assert not magnitude["simulated"]
+    assert (out / "reader.md").read_text().count("\n| ") == 1 + len(reader["rows"])
+
+
+def test_parts_are_written_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "reader", "--rows", "500", "--json", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr()
+    written = json.loads((tmp_path / "reader.json").read_text())
+    assert json.loads(printed.out)["reader"] == written["rows"]
+    assert printed.err.splitlines()[-1] == str(tmp_path / "reader.md")
+
+
+def test_parts_that_write_a_page_of_their_own_go_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "reader", "peers"]) == 2
+    assert "value 'peers': not a part that goes with others; those are " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("asked", ["digits", "--stability"])
+def test_what_is_not_installed_is_named_with_its_extra(
+    asked: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mpmath", None)
+    assert main(["bench", asked]) == 2
+    message = "digits needs mpmath, which is not installed. Install percept with its extra"
+    assert message in capsys.readouterr().err

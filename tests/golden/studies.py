@@ -1,0 +1,209 @@
+"""The eight studies, and what is frozen of each: numbers of report.json, and classical curves.
+
+Only what users see makes them: `percept report`, `percept.Study` and report.json's fields. Files that are not
+in `datasets/` stand in `data/`:
+
+* `stiffness.csv`, `one_environment.csv` and `three_environments.csv` are subsets of the published sessions.
+* `repeats.csv` has 6 subjects, 3 environments and 3 trials, drawn once from the model. The SDs of k and b on
+  the log scale are 0.12 and 0.2 between subjects, 0.12 and 0.25 within an environment, 0.07 and 0.12 between
+  trials.
+* `response.csv` is a device of 0.8 kg and 4 N·s/m with a mode at 200 rad/s, as a sweep would give it.
+
+Not frozen: probabilities of realism, simultaneous bands, limits from a bootstrap, and Bayesian numbers that
+have no Monte Carlo error.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import percept
+from percept.cli import main
+from tests import DATASETS
+
+__all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "frozen_part"]
+
+FOLDER = Path(__file__).resolve().parent
+_DATA = FOLDER / "data"
+SEED = 1
+TOLERANCE = 0.05
+OMEGA = np.geomspace(0.1, 100.0, 25)
+#: Of grids the report chooses every so manieth point is frozen.
+_EVERY = 40
+_REGIONS = ("corner", "envelope")
+
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Golden:
+    """A study: its sessions and its scene."""
+
+    name: str
+    sessions: Path
+    scene: Path
+
+    def report(self, out: Path, *, seed: int = SEED) -> Document:
+        """Write the report into a folder and return its document."""
+        asked = ["--seed", str(seed), "--tolerance", str(TOLERANCE), "--no-cache", "--quiet"]
+        code = main(["report", str(self.sessions), "--scene", str(self.scene), "--out", str(out), *asked])
+        assert code == 0, f"{self.name}: exit code {code}"
+        document: Document = json.loads((out / "report.json").read_text(encoding="utf-8"))
+        return document
+
+    def study(self, **inference: Any) -> percept.Study:
+        """Open the study, with other settings of the scene's [inference]."""
+        scene = percept.Scene.load(self.scene).with_inference(**inference)
+        return percept.Study(percept.read_sessions(self.sessions), scene)
+
+
+STUDIES = (
+    Golden("published", DATASETS / "hbfd_sessions.csv", DATASETS / "hbfd.toml"),
+    Golden("table1", DATASETS / "hbfd_table1.csv", DATASETS / "hbfd.toml"),
+    Golden("one_parameter", _DATA / "stiffness.csv", _DATA / "stiffness.toml"),
+    Golden("one_environment", _DATA / "one_environment.csv", _DATA / "curves.toml"),
+    Golden("repeats", _DATA / "repeats.csv", _DATA / "curves.toml"),
+    Golden("no_pooling", _DATA / "three_environments.csv", _DATA / "no_pooling.toml"),
+    Golden("no_device", DATASETS / "hbfd_sessions.csv", _DATA / "no_device.toml"),
+    Golden("tabulated", _DATA / "three_environments.csv", _DATA / "tabulated.toml"),
+)
+
+
+def frozen_part(golden: Golden, document: Document) -> dict[str, Any]:
+    """Take what is frozen from a study and its document."""
+    exact = {
+        **_data(document),
+        **_intervals(document),
+        **_coupling(document),
+        **_band(document),
+        **_design(document),
+    }
+    return {
+        "exact": exact,
+        "curves": _curves(golden),
+        "endpoints": _endpoints(document),
+        "skipped": sorted({row["what"] for row in document["skipped"]}),
+    }
+
+
+def _named(row: Mapping[str, Any], what: str, *names: str) -> str:
+    return " ".join([what, *(str(row[name]) for name in names)])
+
+
+def _classical(rows: Iterable[Mapping[str, Any]] | None) -> list[Mapping[str, Any]]:
+    return [row for row in rows or () if row["method"] == "classical"]
+
+
+def _data(document: Document) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for row in document["data"].get("cells") or ():
+        name = _named(row, "cell", "environment", "parameter")
+        found[f"{name} n"] = row["n"]
+        found[f"{name} mean, sd"] = [row["mean"], row["sd"]]
+    return found
+
+
+def _intervals(document: Document) -> dict[str, Any]:
+    names = ("environment", "parameter", "kind", "family", "joint")
+    return {
+        _named(row, "interval", *names): [row["lower"], row["estimate"], row["upper"]]
+        for row in _classical(document["intervals"])
+    }
+
+
+def _coupling(document: Document) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        _named(row, "passivity", "environment"): [row["needed_colgate"], row["needed_paper"]]
+        for row in document["passivity"] or ()
+    }
+    coupling = document["coupling"]
+    if coupling is None:
+        return found
+    found["coupling verdict"] = coupling["verdict"]
+    for name in ("margin", "binding_omega", "required_damping", "required_omega"):
+        found[f"coupling {name}"] = coupling[name]
+    for at in range(0, len(coupling["omega"]), _EVERY):
+        for name in ("omega", "bound", "admittance"):
+            found[f"coupling {name} {at}"] = coupling[name][at]
+    for row in _classical(coupling["realism"]):
+        if row["shape"] not in _REGIONS:
+            continue
+        name = _named(row, "realism", "environment", "kind", "family", "joint", "shape")
+        for field in ("share_inside", "margin", "plane"):
+            # Held to 1: a share or a margin near zero keeps its absolute digits only.
+            found[f"{name} {field}"] = [row[f"{field}_uncoupled"], row[f"{field}_coupled"], 1.0]
+        for field in ("leaves_uncoupled", "leaves_coupled", "plane_leaves_coupled"):
+            found[f"{name} {field}"] = row[field]
+        found[f"{name} effective"] = [[row["effective_stiffness"]], [row["effective_damping"]]]
+    return found
+
+
+def _band(document: Document) -> dict[str, Any]:
+    band = document["band"] or {"rows": [], "laws": []}
+    found: dict[str, Any] = {}
+    for row in _classical(band["rows"]):
+        name = _named(row, "band", "environment", "kind", "family")
+        found[f"{name} limits"] = [row["lower"], row["upper"], row["band"], row["impedance"]]
+        found[f"{name} relative"] = row["relative"]
+    for row in _classical(band["laws"]):
+        name = _named(row, "law", "kind", "family", "model")
+        for parameter, value in row["parameters"].items():
+            found[f"{name} {parameter}"] = value["value"]
+        found[f"{name} left_out_error"] = row["left_out_error"]
+        found[f"{name} carried_by"] = row["carried_by"]
+    return found
+
+
+def _design(document: Document) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    design, sensitivity = document["design"], document["sensitivity"]
+    if design is not None:
+        # A measured device has no closed region.
+        stable = design["stable"] or {"stiffness": [], "damping": []}
+        for at in range(0, len(stable["stiffness"]), 8):
+            found[f"design stable {at}"] = [[stable["stiffness"][at]], [stable["damping"][at]]]
+        for region in _classical(design["maps"]):
+            for row in region["environments"]:
+                name = _named(row, "design", "name")
+                for field in ("largest", "softest"):
+                    # Their damping is where a smooth curve turns, of which rounding leaves half the digits.
+                    found[f"{name} {field}"] = row[field] and row[field]["stiffness"]
+                for at in range(0, len(region["damping"]), _EVERY):
+                    found[f"{name} {at}"] = [[region["damping"][at]], *row["intervals"][at]]
+    if sensitivity is not None and sensitivity["method"] == "classical":
+        found["sensitivity required_damping"] = sensitivity["required_damping"]
+        found["sensitivity verdict"] = sensitivity["verdict"]
+        found["sensitivity inside"] = sensitivity["inside"]
+    return found
+
+
+def _curves(golden: Golden) -> dict[str, dict[str, list[float]]]:
+    found: dict[str, dict[str, list[float]]] = {}
+    for curve in golden.study(method="classical").boundaries_at(OMEGA):
+        if curve.shape == "simultaneous":
+            continue
+        name = " ".join((curve.shape, curve.environment, curve.kind, curve.family, curve.joint))
+        found[name] = {"lower": curve.lower.tolist(), "upper": curve.upper.tolist()}
+        own = curve.reference if curve.coupled is None else curve.coupled
+        found[f"reference {curve.environment}"] = {"lower": curve.reference.tolist(), "upper": own.tolist()}
+    return found
+
+
+def _endpoints(document: Document) -> dict[str, dict[str, Any]]:
+    gate = (document["diagnostics"] or {}).get("gate", {})
+    return {
+        _named(row, "bayesian", "environment", "parameter", "kind", "joint"): {
+            "lower": row["lower"],
+            "upper": row["upper"],
+            "log": row["family"] == "lognormal",
+            "error": [gate["worst_error"]] * 2,
+        }
+        for row in document["intervals"]
+        if row["method"] == "bayesian"
+    }

@@ -1,0 +1,20 @@
+"""A study that the sampler cannot finish in 200 steps: it has not mixed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from tests import DATASETS
+
+#: Settings under which the gate withholds the Bayesian numbers of `unmixed_sessions`.
+UNMIXED = {"tolerance": 0.01, "most_steps": 200}
+
+
+def unmixed_sessions(*environments: str) -> pd.DataFrame:
+    """Published sessions whose damping follows stiffness to 3 %: such a ridge is slow to walk along."""
+    table = pd.read_csv(DATASETS / "hbfd_sessions.csv", dtype={"subject": str}).drop(columns="source")
+    if environments:
+        table = table[table["environment"].isin(environments)]
+    scatter = np.exp(0.03 * np.random.default_rng(1).standard_normal(len(table)))
+    return table.assign(b_adj=table["b_ref"] * table["k_adj"] / table["k_ref"] * scatter)
