@@ -188,7 +188,7 @@ class Information:
     @functools.cached_property
     def _inverse(self) -> Array:
         """Inverse of the factor, (W, Q, Q): its columns' products are the latents' covariance."""
-        return np.linalg.inv(self._factor)
+        return np.asarray(np.linalg.inv(self._factor))
 
     @functools.cached_property
     def covariance(self) -> Block:
