@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.inference.checks.pooling import correlation_draws, shrinkage
-from percept.inference.checks.prior import draw_prior
+from percept.inference.checks.predictive import correlation_draws, draw_prior, shrinkage
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress
 from percept.notebook import NotebookRecord

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import percept
-from percept.inference.checks.prior import draw_prior, log_prior
-from percept.inference.checks.subjects import SubjectDensity, batches
+from percept.inference.checks.predictive import draw_prior, log_prior
+from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.models import Pooled
 from percept.study.streams import Stream, generator
 
@@ -72,8 +72,7 @@ def full_groups(fit: Fit, *, seed: int) -> Groups:
     beta = means.reshape(-1, *grid)
     rng = generator(seed, Stream.PREDICTIVE)
     likelihood, priors = [], []
-    for cut in batches(len(points), subjects):
-        scales = density.layout.scales(np.ascontiguousarray(points[cut].T))
+    for cut, scales in subjects.batches(points):
         at = np.moveaxis(beta[cut], 0, -1)
         likelihood.append(subjects.given_locations(scales, at))
         priors.append(log_prior(density, scales, at, rng))

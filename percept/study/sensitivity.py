@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from percept.inference.checks.prior import GROUPS
+from percept.inference.checks.predictive import GROUPS
 
 #: Sensitivity (a distance of distributions per doubling of the power) from which it is worth a look.
 THRESHOLD = 0.05

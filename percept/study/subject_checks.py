@@ -10,14 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.inference.checks.loo import Loo, leave_one_out
-from percept.inference.checks.predictive import (
-    STATISTICS,
-    Predicted,
-    predict_left_out,
-    replicate,
-    statistics_of,
-)
+from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, predict_left_out
+from percept.inference.checks.predictive import STATISTICS, replicate, statistics_of
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress, Settings
 from percept.notebook import NotebookRecord
@@ -76,7 +70,7 @@ def _refit(
     progress: Callable[[Progress], None] | None,
 ) -> tuple[Loo, Predicted, NDArray[np.bool_]]:
     """Replace what reweighting cannot tell; a run that fails its gate changes nothing."""
-    from percept.inference.checks.refit import sample_without
+    from percept.inference.checks.left_out import sample_without
 
     asked = scene.inference
     settings = Settings(

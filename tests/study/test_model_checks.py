@@ -11,8 +11,7 @@ from scipy import stats
 
 import percept
 from percept import Scene, Study, UsageError, read_sessions
-from percept.inference.checks.loo import Loo
-from percept.inference.checks.predictive import Predicted
+from percept.inference.checks.left_out import Loo, Predicted
 from percept.study import model_choice, subject_checks
 from percept.study.model_checks import correlation_table
 from percept.study.model_choice import compare_models

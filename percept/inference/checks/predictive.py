@@ -1,4 +1,4 @@
-"""What the model predicts of each subject from the others, and of a study like this one."""
+"""What the model says before the data, of new studies like this one, and of the data it pooled."""
 
 from __future__ import annotations
 
@@ -6,37 +6,101 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from percept.inference.checks.subjects import SubjectDensity, batches
+from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.hierarchy.blocks import Block, Pair
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.priors import draws_first, log_normal_density, log_scale_priors
+from percept.inference.hierarchy.scales import Layout, Scales
 
 Array = NDArray[np.float64]
+Named = dict[str, tuple[tuple[str, ...], Array]]
 STATISTICS = ("mean", "sd", "farthest")
+#: Which priors speak of what.
+GROUPS = {
+    "bias": ("alpha", "gamma", "tau"),
+    "spread": ("s", "kappa", "omega", "sigma"),
+    "subjects": ("sigma_u",),
+    "trials": ("s_e", "kappa_e", "omega_e", "sigma_e"),
+    "correlation": ("rho_w", "rho_u", "rho_e"),
+}
+_CHUNK = 512
+#: Raw mean and trend this close, in posterior SDs of the centre, leave nothing to move through.
+_APART = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Predicted:
-    """Where subjects lie in what the others predict of them."""
+class Shrinkage:
+    """Centres of the environments before and after pooling, on the response scale; all (P, J)."""
 
-    below: Array  # (I, P, J) Predictive probability of a cell mean below the subject's own
-    farther: Array  # (I,)
+    raw: Array  # Mean over subjects of their cell means
+    centre: Array
+    trend: Array
+    sd: Array  # Posterior SD of the location
+    moved: Array  # Fraction of the way from raw to trend; NaN where they coincide
 
 
-def predict_left_out(
-    subjects: SubjectDensity, points: Array, weights: Array, members: NDArray[np.intp] | None = None
-) -> Predicted:
-    """Compare subjects with their prediction from the others."""
-    wanted = np.arange(subjects.subjects) if members is None else members
-    below = np.zeros((wanted.size, subjects.parameters, subjects.environments))
-    farther = np.zeros(wanted.size)
-    for cut in batches(len(points), subjects):
-        scales = subjects.density.layout.scales(np.ascontiguousarray(points[cut].T))
-        left = subjects.left_out(scales, wanted)
-        below += np.einsum("wi,wipj->ipj", weights[cut], special.ndtr(left.standard))
-        farther += np.einsum(
-            "wi,wi->i", weights[cut], special.chdtrc(subjects.degrees[wanted], left.distance)
-        )
-    return Predicted(below, farther)
+def prior_layout(density: CollapsedDensity) -> Layout:
+    """Layout of the same model without data, in which every coordinate is standard normal a priori."""
+    statistics = density.statistics
+    # Only the observed scatter sets the coordinates of log sigma off their prior.
+    blank = dataclasses.replace(
+        statistics, sd=np.zeros_like(statistics.sd), trial_rows=np.zeros_like(statistics.trial_rows)
+    )
+    return Layout(blank, density.priors, density.layout.options)
+
+
+def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) -> tuple[Named, Array, Array]:
+    """Draw scales, population means and new users before any data."""
+    layout, priors = prior_layout(density), density.priors
+    scales = layout.scales(rng.standard_normal((layout.dimension, draws)))
+    size, environments = layout.parameters, layout.environments
+    beta = np.repeat(priors.alpha_sd * rng.standard_normal((size, 1, draws)), environments, axis=1)
+    if scales.tau is not None:
+        gamma = priors.gamma_sd * rng.standard_normal((size, 1, draws))
+        beta += gamma * density.statistics.x[..., None]
+        beta += np.stack(scales.tau)[:, None] * rng.standard_normal(beta.shape)
+    user = beta.copy()
+    for column in scales.between.factor_columns():
+        user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+    for column in scales.shared.factor_columns() if scales.shared is not None else ():
+        user += np.stack(column)[:, None] * rng.standard_normal(beta.shape[1:])
+    return draws_first(scales.named), beta.reshape(-1, draws).T, user.reshape(-1, draws).T
+
+
+def draw_trend(
+    density: CollapsedDensity, scales: Scales, beta: Array, rng: np.random.Generator | None = None
+) -> tuple[Array, Array]:
+    """Level alpha and slope gamma per decade given the locations: a regression of its own per parameter."""
+    assert scales.tau is not None
+    priors = density.priors
+    weight = 1.0 / np.stack(scales.tau) ** 2
+    coefficients = []
+    # x is centred, so level and slope are independent given the locations.
+    for x, prior_sd in (
+        (np.ones_like(density.statistics.x), priors.alpha_sd),
+        (density.statistics.x, priors.gamma_sd),
+    ):
+        precision = weight * np.square(x).sum(axis=1)[:, None] + prior_sd**-2.0
+        value = weight * np.einsum("pj,pjw->pw", x, beta) / precision
+        if rng is not None:
+            value = value + rng.standard_normal(value.shape) / np.sqrt(precision)
+        coefficients.append(value)
+    return coefficients[0], coefficients[1]
+
+
+def log_prior(density: CollapsedDensity, scales: Scales, beta: Array, rng: np.random.Generator) -> Named:
+    """Log density of each top-level prior, on the scale the prior is stated on; see `log_scale_priors`."""
+    priors = density.priors
+    if scales.tau is None:
+        trend = {"alpha": log_normal_density(beta[:, 0], 0.0, priors.alpha_sd)}
+    else:
+        alpha, gamma = draw_trend(density, scales, beta, rng)
+        trend = {
+            "alpha": log_normal_density(alpha, 0.0, priors.alpha_sd),
+            "gamma": log_normal_density(gamma, 0.0, priors.gamma_sd),
+        }
+    return draws_first(trend | log_scale_priors(scales.named, priors, trend=density.layout.trend))
 
 
 def statistics_of(cell_means: Array) -> Array:
@@ -53,10 +117,8 @@ def statistics_of(cell_means: Array) -> Array:
 
 def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator) -> Array:
     """Statistics of new studies of the same design, one per draw."""
-    found = []
-    for cut in batches(len(points), subjects):
-        density = subjects.density
-        scales = density.layout.scales(np.ascontiguousarray(points[cut].T))
+    density, studies = subjects.density, []
+    for _, scales in subjects.batches(points):
         beta = density.locations(scales).draw(rng)
         width = beta.shape[-1]
         drawn = np.full((width, subjects.subjects, subjects.parameters, subjects.environments), np.nan)
@@ -70,5 +132,49 @@ def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator)
             for column in scales.shared.factor_columns() if scales.shared is not None else ():
                 values += np.stack(column)[:, None, None] * rng.standard_normal((shape[0], 1, width))
             drawn[:, pattern.members[:, None], :, pattern.environments] = values.transpose(1, 2, 3, 0)
-        found.append(statistics_of(drawn))
-    return np.concatenate(found)
+        studies.append(statistics_of(drawn))
+    return np.concatenate(studies)
+
+
+def shrinkage(density: CollapsedDensity, points: Array) -> Shrinkage | None:
+    """How far each environment's centre was drawn to the trend over environments."""
+    if not density.layout.trend:
+        return None
+    sums = [0.0, 0.0, 0.0]
+    x = density.statistics.x[..., None]
+    for start in range(0, len(points), _CHUNK):
+        scales = density.layout.scales(np.ascontiguousarray(points[start : start + _CHUNK].T))
+        law = density.locations(scales)
+        beta = np.stack(law.mean)
+        # Level and slope are linear in the locations: their mean follows from the locations' mean.
+        alpha, gamma = draw_trend(density, scales, beta)
+        trend = alpha[:, None] + gamma[:, None] * x
+        square = np.square(beta) + np.stack(law.covariance.diagonal())
+        sums = [total + part.sum(axis=-1) for total, part in zip(sums, (beta, trend, square), strict=True)]
+    centre, trend, square = (np.asarray(total) / len(points) for total in sums)
+    raw = np.nanmean(density.statistics.cell_means, axis=0)
+    sd = np.sqrt(np.maximum(square - np.square(centre), 0.0))
+    gap = trend - raw
+    moved = np.divide(centre - raw, gap, out=np.full_like(raw, np.nan), where=np.abs(gap) > _APART * sd)
+    return Shrinkage(raw, centre, trend, sd, moved)
+
+
+def correlation_draws(density: CollapsedDensity, points: Array) -> dict[str, Array]:
+    """Draws of the correlations of stiffness and damping between users."""
+    scales = density.layout.scales(np.ascontiguousarray(points.T))
+    if not isinstance(scales.between, Pair):
+        return {}
+    correlations = {"within": scales.named["rho_w"]}
+    population: Block = scales.between
+    if isinstance(scales.shared, Pair):
+        correlations["shared"] = scales.named["rho_u"]
+        ones = np.ones((len(density.statistics.environments), 1))
+        population = population + scales.shared[None].scaled(ones)
+    return correlations | {"population": _correlation(population).T}
+
+
+def _correlation(block: Block) -> Array:
+    """Slope times the ratio of SDs, from the regression a pair is kept as."""
+    assert isinstance(block, Pair)
+    first, second = block.diagonal()
+    return block.g * np.sqrt(first / second)

@@ -7,8 +7,8 @@ subject's cell means y about the locations, G = V^(-1/2) B and r = y - m,
 
     y | others ~ N(m - B K⁻¹ B'V⁻¹ r, V + B K⁻¹ B'),    K = I - G'G,
 
-so nothing is fitted anew. K is near (1 - 1/N) I whatever the scales; V - BB', its other form, would lose
-all digits where the subject effect dwarfs the rest.
+so no fit is repeated. K is near (1 - 1/N) I whatever the scales; V - BB', its other form, would lose all
+digits where the subject effect dwarfs the rest.
 """
 
 from __future__ import annotations
@@ -47,7 +47,10 @@ class LeftOut:
 
 
 class SubjectDensity:
-    """Densities of subjects' data under a hierarchical model."""
+    """Densities of subjects' data under a hierarchical model.
+
+    Responses are (trials, P), subject and environment of each trial are indices (trials,).
+    """
 
     def __init__(
         self, density: CollapsedDensity, response: Array, subject: Indices, environment: Indices
@@ -59,8 +62,8 @@ class SubjectDensity:
         cell = subject * self.environments + environment
         cells = subjects * self.environments
         self._counts = np.bincount(cell, minlength=cells).reshape(subjects, self.environments)
-        self._trials = _trial_scatter(response - self._means[subject, :, environment], cell, cells)
-        self._trials = [part.reshape(subjects, self.environments) for part in self._trials]
+        scatter = _trial_scatter(response - self._means[subject, :, environment], cell, cells)
+        self._trials = [part.reshape(subjects, self.environments) for part in scatter]
 
     @property
     def subjects(self) -> int:
@@ -71,6 +74,14 @@ class SubjectDensity:
     def degrees(self) -> Array:
         """Numbers a subject contributes: cells times parameters, shape (N,)."""
         return (self._counts > 0).sum(axis=1) * float(self.parameters)
+
+    def batches(self, points: Array) -> Iterator[tuple[slice, Scales]]:
+        """Cut draws (S, d), with the scales of each cut: temporaries stay small in studies of any size."""
+        cells = self.parameters * self.environments
+        step = max(1, _BATCH // (cells * (self.subjects + 4 * cells)))
+        for start in range(0, len(points), step):
+            cut = slice(start, min(start + step, len(points)))
+            yield cut, self.density.layout.scales(np.ascontiguousarray(points[cut].T))
 
     def given_locations(self, scales: Scales, beta: Array) -> Array:
         """Log density of each subject's trials given locations and scales, its own effects integrated out."""
@@ -93,24 +104,25 @@ class SubjectDensity:
 
     def left_out(self, scales: Scales, members: Indices | None = None) -> LeftOut:
         """Predictive law of each subject's data given scales and the other subjects' data."""
-        wanted = np.arange(self.subjects) if members is None else members
+        members = np.arange(self.subjects) if members is None else members
         law = self.density.locations(scales)
         mean, columns = np.stack(law.mean), law.columns()
         width = scales.log_prior.size
-        found = LeftOut(
-            np.empty((width, wanted.size)),
-            np.empty((width, wanted.size)),
-            np.full((width, wanted.size, self.parameters, self.environments), np.nan),
+        predicted = LeftOut(
+            np.empty((width, members.size)),
+            np.empty((width, members.size)),
+            np.full((width, members.size, self.parameters, self.environments), np.nan),
         )
         cells = self.density.cell_blocks(scales)
         for pattern, cell in zip(self.density.statistics.patterns, cells, strict=True):
-            at = np.flatnonzero(np.isin(wanted, pattern.members))
+            at = np.flatnonzero(np.isin(members, pattern.members))
             if at.size:
                 present = pattern.environments
-                apart = self._means[wanted[at]][..., present, None] - mean[:, present]
-                _leave_out(found, at, present, apart, columns[:, :, present], cell, scales.shared)
-        found.log_density[...] += self._between_trials(scales, wanted) - 0.5 * _LOG_2PI * self.degrees[wanted]
-        return found
+                apart = self._means[members[at]][..., present, None] - mean[:, present]
+                _leave_out(predicted, at, present, apart, columns[:, :, present], cell, scales.shared)
+        normalising = 0.5 * _LOG_2PI * self.degrees[members]
+        predicted.log_density[...] += self._between_trials(scales, members) - normalising
+        return predicted
 
     def _between_trials(self, scales: Scales, members: Indices | slice) -> Array | float:
         """Log density of trials about their cell means, and of turning means into trials: (W, I) or zero."""
@@ -132,7 +144,7 @@ class SubjectDensity:
 
 
 def _leave_out(
-    found: LeftOut,
+    predicted: LeftOut,
     at: Indices,
     present: Indices,
     apart: Array,
@@ -142,27 +154,25 @@ def _leave_out(
 ) -> None:
     """Fill in the subjects of one pattern: `apart` (I, P, E, W) and `columns` (R, P, E, W) are r and B."""
     covariance = SharedCovariance(cell, shared)
-    whitened, spread = _whitened(covariance, apart), _whitened(covariance, columns)
-    known = np.matmul(spread.transpose(0, 2, 1), spread)
-    factor, lost = _factor(np.eye(len(columns)) - known)
+    whitened, g = _whitened(covariance, apart), _whitened(covariance, columns)
+    factor, lost = _factor(np.eye(len(columns)) - np.matmul(g.transpose(0, 2, 1), g))
     flat = columns.reshape(len(columns), -1, columns.shape[-1]).transpose(2, 0, 1)
-    right = np.concatenate([np.matmul(spread.transpose(0, 2, 1), whitened), flat], axis=2)
+    right = np.concatenate([np.matmul(g.transpose(0, 2, 1), whitened), flat], axis=2)
     solved = np.linalg.solve(factor, right)
-    pull, root = solved[..., : at.size], solved[..., at.size :]
-    distance = np.square(whitened).sum(axis=1) + np.square(pull).sum(axis=1)
-    log_determinant = covariance.log_determinant() - 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(
-        axis=1
-    )
-    found.log_density[:, at] = -0.5 * (log_determinant[:, None] + distance)
-    found.distance[:, at] = distance
+    shift, root = solved[..., : at.size], solved[..., at.size :]
+    distance = np.square(whitened).sum(axis=1) + np.square(shift).sum(axis=1)
+    log_diagonal = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    log_determinant = covariance.log_determinant() - 2.0 * log_diagonal
+    predicted.log_density[:, at] = -0.5 * (log_determinant[:, None] + distance)
+    predicted.distance[:, at] = distance
     variances = [cell.diagonal()] if shared is None else [cell.diagonal(), shared.diagonal()]
     own = np.stack([np.broadcast_to(sum(parts), apart.shape[2:]) for parts in zip(*variances, strict=True)])
     shape = (len(factor), *apart.shape[1:3], -1)
-    off = apart.transpose(3, 1, 2, 0) + np.matmul(root.transpose(0, 2, 1), pull).reshape(shape)
+    off = apart.transpose(3, 1, 2, 0) + np.matmul(root.transpose(0, 2, 1), shift).reshape(shape)
     variance = own.transpose(2, 0, 1) + np.square(root).sum(axis=1).reshape(shape[:3])
     standard = off / np.sqrt(variance)[..., None]
-    found.standard[:, at[:, None], :, present] = standard.transpose(3, 2, 0, 1)
-    for values in (found.log_density, found.distance, found.standard):
+    predicted.standard[:, at[:, None], :, present] = standard.transpose(3, 2, 0, 1)
+    for values in (predicted.log_density, predicted.distance, predicted.standard):
         values[np.ix_(lost, at)] = np.nan
 
 
@@ -184,14 +194,6 @@ def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:
     pieces = covariance.whiten(tuple(vectors.transpose(1, 0, 2, 3)))
     rows = [part.reshape(count, -1, width) for piece in pieces for part in piece]
     return np.concatenate(rows, axis=1).transpose(2, 1, 0)
-
-
-def batches(draws: int, density: SubjectDensity) -> Iterator[slice]:
-    """Cut draws so that temporaries stay small, however many subjects and environments there are."""
-    cells = density.parameters * density.environments
-    step = max(1, _BATCH // (cells * (density.subjects + 4 * cells)))
-    for start in range(0, draws, step):
-        yield slice(start, min(start + step, draws))
 
 
 def _trial_scatter(deviation: Array, cell: Indices, cells: int) -> list[Array]:

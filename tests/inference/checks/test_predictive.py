@@ -1,43 +1,124 @@
-"""Predictions against quadrature, exact laws of statistics, and simulated studies."""
+"""Priors and statistics against exact laws and simulated studies, pooling against dense twins."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from percept.inference.checks.predictive import predict_left_out, replicate, statistics_of
+from percept.inference.checks.predictive import (
+    GROUPS,
+    correlation_draws,
+    draw_prior,
+    draw_trend,
+    log_prior,
+    replicate,
+    shrinkage,
+    statistics_of,
+)
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity
-from tests.inference.checks import small
-from tests.inference.checks.test_loo import RESPONSE
+from percept.inference.hierarchy.scales import Options
 from tests.inference.checks.test_subjects import prepared
 from tests.inference.hierarchy import designs
+from tests.inference.hierarchy.test_prior import OTHER
 
 
-def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_others():
-    subjects = small.subjects_of(RESPONSE)
-    for i, own in enumerate(RESPONSE):
-        others = small.density_of(np.delete(RESPONSE, i))
-        mass, _ = small.weights(others)
-        keep = mass > 1e-12
-        scales = others.layout.scales(small.GRID[keep][None])
-        law = others.locations(scales)
-        sd = np.sqrt(law.covariance.diagonal()[0][0] + others.population(scales).diagonal()[0][0])
-        standard = (own - law.mean[0][0]) / sd
-        below = np.sum(mass[keep] * stats.norm.cdf(standard))
-        # Draws of the others' posterior, in the coordinates of all: here by weights on a grid.
-        ours = subjects.density(small.GRID[:, None]) - left_out(subjects, i)
-        weight = np.exp(ours - ours.max())
-        found = predict_left_out(
-            subjects, small.GRID[:, None], (weight / weight.sum())[:, None], np.array([i])
+def laws(priors):
+    rho = stats.beta(priors.rho_shape, priors.rho_shape, loc=-1.0, scale=2.0)
+    half = {name: stats.halfnorm(scale=getattr(priors, f"{name}_scale")) for name in ("tau", "sigma_u")}
+    half |= {name: stats.halfnorm(scale=getattr(priors, f"{name}_scale")) for name in ("omega", "omega_e")}
+    log_s = {
+        "s" + e: stats.lognorm(
+            getattr(priors, f"log_s{e}_sd"), scale=np.exp(getattr(priors, f"log_s{e}_mean"))
         )
-        assert found.below[0, 0, 0] == pytest.approx(below, abs=1e-6)
-        # One number: farther is both tails of the same law.
-        tails = np.sum(mass[keep] * 2.0 * stats.norm.sf(np.abs(standard)))
-        assert found.farther[0] == pytest.approx(tails, abs=1e-6)
+        for e in ("", "_e")
+    }
+    kappa = {"kappa" + e: stats.norm(0.0, getattr(priors, f"kappa{e}_sd")) for e in ("", "_e")}
+    return half | log_s | kappa | dict.fromkeys(("rho_w", "rho_u", "rho_e"), rho)
 
 
-def left_out(subjects, i):
-    return subjects.left_out(subjects.density.layout.scales(small.GRID[None])).log_density[:, i]
+@pytest.mark.parametrize("name", ["trials", "one environment", "k only"])
+def test_draws_have_their_priors(name):
+    rng = np.random.default_rng(31)
+    study = designs.study(name, rng)
+    density = CollapsedDensity(study.statistics, OTHER)
+    draws = 20_000
+    named, means, users = draw_prior(density, draws, rng)
+    known = laws(OTHER)
+    for key, (dimensions, value) in named.items():
+        assert len(dimensions) == value.ndim - 1
+        if key in known:
+            assert stats.kstest(value.reshape(draws, -1)[:, 0], known[key].cdf).pvalue > 1e-4, key
+    if name == "one environment":
+        level = stats.lognorm(OTHER.log_s_sd, scale=np.exp(OTHER.log_s_mean))
+        assert stats.kstest(named["sigma"][1][:, 0, 0], level.cdf).pvalue > 1e-4
+        assert stats.kstest(means[:, 0], stats.norm(0.0, OTHER.alpha_sd).cdf).pvalue > 1e-4
+    else:
+        sd = np.sqrt(OTHER.alpha_sd**2 + OTHER.gamma_sd**2 * study.x[0, 0] ** 2 + named["tau"][1][:, 0] ** 2)
+        # Given tau the location is normal; the data, which have other scales, do not enter.
+        assert stats.kstest(means[:, 0] / sd, stats.norm.cdf).pvalue > 1e-4
+        log_sigma = np.log(named["sigma"][1][:, 0, 0])
+        centre = np.log(named["s"][1][:, 0]) + named["kappa"][1][:, 0] * study.x[0, 0]
+        assert stats.kstest((log_sigma - centre) / named["omega"][1][:, 0], stats.norm.cdf).pvalue > 1e-4
+    spread = named["sigma"][1][:, 0, 0] ** 2 + (named["sigma_u"][1][:, 0] ** 2 if "sigma_u" in named else 0.0)
+    assert stats.kstest((users - means)[:, 0] / np.sqrt(spread), stats.norm.cdf).pvalue > 1e-4
+
+
+def test_users_of_one_draw_are_correlated_as_the_draw_says():
+    rng = np.random.default_rng(32)
+    density = CollapsedDensity(designs.study("one environment", rng).statistics)
+    named, means, users = draw_prior(density, 20_000, rng)
+    off = (users - means) / named["sigma"][1][:, :, 0]
+    rho = named["rho_w"][1]
+    left = (off[:, 1] - rho * off[:, 0]) / np.sqrt(1.0 - rho**2)
+    assert stats.kstest(left, stats.norm.cdf).pvalue > 1e-4
+    assert abs(np.corrcoef(left, off[:, 0])[0, 1]) < 5 / np.sqrt(20_000)
+
+
+@pytest.mark.parametrize("name", ["trials", "one environment, trials", "k only"])
+def test_log_prior_is_scipys(name):
+    rng = np.random.default_rng(33)
+    study = designs.study(name, rng)
+    density = CollapsedDensity(study.statistics, OTHER)
+    scales = density.layout.scales(rng.normal(size=(density.dimension, 5)))
+    beta = rng.normal(size=(*study.x.shape, 5))
+    found = log_prior(density, scales, beta, np.random.default_rng(1))
+    known = laws(OTHER)
+    for key, (_, value) in found.items():
+        if key in ("tau", "sigma_u", "omega", "omega_e", "kappa", "kappa_e", "rho_w", "rho_u", "rho_e"):
+            expected = known[key].logpdf(np.moveaxis(scales.named[key], -1, 0))
+        elif key in ("s", "s_e", "sigma", "sigma_e"):
+            end = "_e" if key.endswith("_e") else ""
+            law = stats.norm(getattr(OTHER, f"log_s{end}_mean"), getattr(OTHER, f"log_s{end}_sd"))
+            expected = law.logpdf(np.log(np.moveaxis(scales.named[key], -1, 0)))
+        elif "tau" in scales.named:
+            alpha, gamma = draw_trend(density, scales, beta, np.random.default_rng(1))
+            drawn, sd = (alpha, OTHER.alpha_sd) if key == "alpha" else (gamma, OTHER.gamma_sd)
+            expected = stats.norm.logpdf(drawn.T, 0.0, sd)
+        else:
+            assert key == "alpha"
+            expected = stats.norm.logpdf(beta[:, 0].T, 0.0, OTHER.alpha_sd)
+        np.testing.assert_allclose(value, expected, rtol=1e-10, err_msg=key)
+    assert set(found) <= {key for group in GROUPS.values() for key in group}
+
+
+def test_trend_given_locations_is_the_dense_regression():
+    rng = np.random.default_rng(34)
+    study, density, scales, _ = prepared("balanced", rng, Options(), draws=4)
+    beta = rng.normal(size=(*study.x.shape, 4))
+    alpha, gamma = draw_trend(density, scales, beta)
+    priors = density.priors
+    for p, x in enumerate(study.x):
+        design = np.stack([np.ones_like(x), x], axis=1)
+        for w in range(4):
+            tau = scales.named["tau"][p, w]
+            precision = design.T @ design / tau**2 + np.diag([priors.alpha_sd**-2.0, priors.gamma_sd**-2.0])
+            mean = np.linalg.solve(precision, design.T @ beta[p, :, w] / tau**2)
+            np.testing.assert_allclose([alpha[p, w], gamma[p, w]], mean, rtol=1e-10)
+    many = density.layout.scales(np.zeros((density.dimension, 20_000)))
+    drawn = draw_trend(density, many, np.repeat(beta[..., :1], 20_000, axis=2), rng)
+    tau = many.named["tau"][0, 0]
+    precision = len(study.x[0]) / tau**2 + priors.alpha_sd**-2.0
+    assert drawn[0][0].var() * precision == pytest.approx(1.0, abs=5 * np.sqrt(2.0 / 20_000))
 
 
 def test_statistics_are_those_of_numpy_where_cells_are_missing():
@@ -111,3 +192,84 @@ def test_an_outlier_that_was_planted_is_the_farthest_subject():
     above = (drawn > observed).mean(axis=0)
     assert (above[:, 2] < 0.005).all()
     assert (above[:, [0, 1, 3]] > 0.005).all()
+
+
+def points_at(density, **coordinates):
+    """Two equal points, zero but where a name begins as said."""
+    point = np.zeros(density.dimension)
+    for start, value in coordinates.items():
+        point[[name.startswith(start + "[") for name in density.names]] = value
+    return np.stack([point, point])
+
+
+def test_moved_is_the_weight_of_the_trend():
+    """Without subject effects each centre is a weighted mean of its raw mean and the trend of the others."""
+    rng = np.random.default_rng(41)
+    study = designs.study("k only", rng)
+    density = CollapsedDensity(study.statistics, options=Options(subject_effect=False))
+    for tau in (-3.0, 0.0, 2.0):
+        points = points_at(density, tau=tau)
+        found = shrinkage(density, points)
+        named = density.layout.scales(points.T).named
+        noise = named["sigma"][0, :, 0] ** 2 / len(study.statistics.subjects)
+        weight = noise / (noise + named["tau"][0, 0] ** 2)
+        np.testing.assert_allclose(found.moved[0], weight, rtol=1e-8)
+        np.testing.assert_allclose(found.raw, study.statistics.cell_means.mean(axis=0), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("tau", "expected"), [(-8.0, 1.0), (4.0, 0.0)])
+def test_all_the_way_without_biases_of_their_own_and_nowhere_with_large_ones(tau, expected):
+    rng = np.random.default_rng(42)
+    study = designs.study("balanced", rng)
+    density = CollapsedDensity(study.statistics)
+    moved = shrinkage(density, points_at(density, tau=tau)).moved
+    np.testing.assert_allclose(moved[np.isfinite(moved)], expected, atol=0.02)
+    assert np.isfinite(moved).sum() >= 6
+
+
+def test_nothing_to_move_through_is_no_number():
+    rng = np.random.default_rng(43)
+    study = designs.study("k only", rng)
+    response = 0.3 + 0.0 * study.response + rng.permuted(np.tile([-0.1, 0.1], 12)).reshape(-1, 1)
+    flat = response - np.array([[response[study.environment == j].mean() - 0.0] for j in study.environment])
+    statistics = designs.from_trials(
+        flat,
+        study.subject,
+        study.environment,
+        study.x,
+        parameters=("k",),
+        environments=study.statistics.environments,
+        subjects=study.statistics.subjects,
+    )
+    density = CollapsedDensity(statistics)
+    assert np.isnan(shrinkage(density, points_at(density)).moved).all()
+
+
+def test_one_environment_has_no_trend_and_one_parameter_no_correlation():
+    rng = np.random.default_rng(44)
+    alone = CollapsedDensity(designs.study("one environment", rng).statistics)
+    assert shrinkage(alone, points_at(alone)) is None
+    single = CollapsedDensity(designs.study("k only", rng).statistics)
+    assert correlation_draws(single, points_at(single)) == {}
+
+
+def test_correlations_are_those_of_the_dense_population():
+    rng = np.random.default_rng(45)
+    density = CollapsedDensity(designs.study("balanced", rng).statistics)
+    points = rng.normal(size=(6, density.dimension))
+    scales = density.layout.scales(points.T)
+    found = correlation_draws(density, points)
+    named = scales.named
+    environments = len(density.statistics.environments)
+    for j in range(environments):
+        cross = named["rho_u"] * named["sigma_u"].prod(axis=0)
+        cross = cross + named["rho_w"] * named["sigma"][:, j].prod(axis=0)
+        k, b = named["sigma_u"] ** 2 + named["sigma"][:, j] ** 2
+        expected = cross / np.sqrt(k * b)
+        np.testing.assert_allclose(found["population"][:, j], expected, rtol=1e-10)
+    np.testing.assert_array_equal(found["within"], scales.named["rho_w"])
+    np.testing.assert_array_equal(found["shared"], scales.named["rho_u"])
+    without = CollapsedDensity(density.statistics, options=Options(subject_effect=False))
+    own = correlation_draws(without, rng.normal(size=(6, without.dimension)))
+    np.testing.assert_allclose(own["population"], np.repeat(own["within"][:, None], environments, axis=1))
+    assert "shared" not in own

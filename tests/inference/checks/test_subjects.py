@@ -5,9 +5,8 @@ import pytest
 from scipy import stats
 
 from percept.errors import RefusalError
-from percept.inference.checks.loo import leave_one_out
-from percept.inference.checks.refit import Without
-from percept.inference.checks.subjects import SubjectDensity, batches
+from percept.inference.checks.left_out import Without, leave_one_out
+from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity, Resolution
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import dense_twin, designs
@@ -166,7 +165,8 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
 def test_batches_cover_every_draw_once_and_shrink_with_the_study():
     rng = np.random.default_rng(27)
     *_, subjects = prepared("balanced", rng)
-    cuts = list(batches(100_000, subjects))
+    points = np.zeros((100_000, subjects.density.dimension))
+    cuts = [cut for cut, _ in subjects.batches(points)]
     assert np.array_equal(
         np.concatenate([np.arange(cut.start, cut.stop) for cut in cuts]), np.arange(100_000)
     )

@@ -1,11 +1,11 @@
-"""Leave-one-out against ratios of evidences by quadrature, and against sampling without the subject."""
+"""Leaving subjects out against quadrature, ratios of evidences, and sampling without the subject."""
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from percept.errors import UsageError
-from percept.inference.checks.loo import leave_one_out
-from percept.inference.checks.refit import Without, sample_without
+from percept.inference.checks.left_out import Without, leave_one_out, predict_left_out, sample_without
 from percept.inference.sampling.records import Settings
 from tests.inference.checks import small
 from tests.inference.checks.test_subjects import prepared
@@ -34,31 +34,31 @@ def test_pointwise_densities_are_ratios_of_evidences():
     np.testing.assert_allclose(found.weights.sum(axis=0), 1.0)
 
 
-def test_an_influential_subject_is_rough_until_sampled_anew():
+def test_an_influential_subject_is_rough_until_sampled_without():
     response = np.append(RESPONSE, 1.2)
     subjects = small.subjects_of(response)
     found = leave_one_out(subjects, small.even_draws(subjects.density, 4000), chains=4)
     assert np.flatnonzero(found.influential).tolist() == [8]
     exact = evidence_ratios(response)[8]
     assert abs(found.pointwise[8] - exact) > 0.1
-    anew = sample_without(subjects, 8, "S09", Settings(tolerance=0.05, seed=4))
-    assert anew is not None
-    assert anew.error < 0.2
-    assert anew.log_density == pytest.approx(exact, abs=4 * anew.error)
+    refit = sample_without(subjects, 8, "S09", Settings(tolerance=0.05, seed=4))
+    assert refit is not None
+    assert refit.error < 0.2
+    assert refit.log_density == pytest.approx(exact, abs=4 * refit.error)
     # The draws are those of the others alone: the spread between users by quadrature.
     others = small.density_of(RESPONSE)
     mass, _ = small.weights(others)
     expected = np.sum(mass * np.log(others.layout.scales(small.GRID[None]).named["sigma"][0, 0]))
-    log_sigma = np.log(subjects.density.layout.scales(anew.points.T).named["sigma"][0, 0])
+    log_sigma = np.log(subjects.density.layout.scales(refit.points.T).named["sigma"][0, 0])
     assert log_sigma.mean() == pytest.approx(expected, abs=4 * log_sigma.std() / np.sqrt(log_sigma.size))
 
 
 def test_a_wild_subject_stays_rough_and_nothing_hangs():
     response = np.append(RESPONSE, 30.0)
     subjects = small.subjects_of(response)
-    anew = sample_without(subjects, 8, "S09", Settings(tolerance=0.05, seed=4, most_steps=2000))
-    assert anew is not None
-    assert anew.error > 0.2
+    refit = sample_without(subjects, 8, "S09", Settings(tolerance=0.05, seed=4, most_steps=2000))
+    assert refit is not None
+    assert refit.error > 0.2
 
 
 def test_without_a_subject_is_the_posterior_of_the_others():
@@ -86,3 +86,30 @@ def test_chains_must_divide_the_draws():
     subjects = small.subjects_of(RESPONSE)
     with pytest.raises(UsageError, match="10 draws do not make equal chains"):
         leave_one_out(subjects, np.zeros((10, 1)), chains=4)
+
+
+def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_others():
+    subjects = small.subjects_of(RESPONSE)
+    for i, own in enumerate(RESPONSE):
+        others = small.density_of(np.delete(RESPONSE, i))
+        mass, _ = small.weights(others)
+        keep = mass > 1e-12
+        scales = others.layout.scales(small.GRID[keep][None])
+        law = others.locations(scales)
+        sd = np.sqrt(law.covariance.diagonal()[0][0] + others.population(scales).diagonal()[0][0])
+        standard = (own - law.mean[0][0]) / sd
+        below = np.sum(mass[keep] * stats.norm.cdf(standard))
+        # Draws of the others' posterior, in the coordinates of all: here by weights on a grid.
+        ours = subjects.density(small.GRID[:, None]) - left_out(subjects, i)
+        weight = np.exp(ours - ours.max())
+        found = predict_left_out(
+            subjects, small.GRID[:, None], (weight / weight.sum())[:, None], np.array([i])
+        )
+        assert found.below[0, 0, 0] == pytest.approx(below, abs=1e-6)
+        # One number: farther is both tails of the same law.
+        tails = np.sum(mass[keep] * 2.0 * stats.norm.sf(np.abs(standard)))
+        assert found.farther[0] == pytest.approx(tails, abs=1e-6)
+
+
+def left_out(subjects, i):
+    return subjects.left_out(subjects.density.layout.scales(small.GRID[None])).log_density[:, i]
