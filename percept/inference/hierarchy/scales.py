@@ -17,8 +17,10 @@ from percept.inference.hierarchy.statistics import Statistics
 Array = NDArray[np.float64]
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _TINY = 1e-300
-#: Share of a squared scatter that trials must leave unexplained for the rest to place a coordinate.
-_LEAST_LEFT = 0.05
+#: Of log sigma about its trend, where the rough likelihood is taken, and Newton steps towards that place.
+_TYPICAL_OMEGA, _ROUGH_STEPS = 0.5, 40
+#: Cells that say less than this of log sigma, against a prior's 1, are left to the prior.
+_LEAST_WEIGHT = 0.1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -156,18 +158,35 @@ class Layout:
         sd, df = self.statistics.sd, self.statistics.df
         if self.subject_effect:
             apart, apart_df = _within_subjects(self.statistics.cell_means)
-            # Scatter that is the subjects' own says nothing of sigma, and misplaces its coordinate by as many
-            # units as it is standard errors too large.
-            excess = np.log(np.maximum(sd, _TINY) / np.maximum(apart, _TINY)) * np.sqrt(2.0 * apart_df)
-            less = (apart > 0) & (excess > 5.0)
+            # Scatter that is the subjects' own says nothing of sigma.
+            less = (apart > 0) & (apart < sd)
             sd, df = np.where(less, apart, sd), np.where(less, apart_df, df)
-        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            left = np.where(sd > 0, 1.0 - (self._trial_noise() / sd) ** 2, 0.0)
-        # Trials explain part of the scatter of cell means. A smaller remainder is mostly chance.
-        known = left >= _LEAST_LEFT
-        left = np.where(known, left, 0.0)
-        log_sd = np.log(np.where(known, sd, 1.0)) + 0.5 * np.log(np.where(known, left, 1.0))
-        return log_sd, 2.0 * df * left**2
+        return self._rough_likelihood(sd, df, self._trial_noise() ** 2)
+
+    def _rough_likelihood(self, sd: Array, df: Array, noise: Array) -> tuple[Array, Array]:
+        """Return a normal likelihood of log sigma, mean and weight (P, J), that is right near its mode.
+
+        A scatter sd² with df degrees of freedom has the mean sigma² + noise. Where noise explains most of
+        it, a cell by itself says next to nothing, and its chance remainder would put the coordinate
+        anywhere: the likelihood is taken at the mode that all cells have together.
+        """
+        level, known = self.levels[0], sd > 0
+        loadings = self._loadings(level)
+        spread = _TYPICAL_OMEGA if self.trend else level.log_s_sd
+        prior = np.swapaxes(loadings, 1, 2) @ loadings + spread**2 * np.eye(self.environments)
+        precision = np.linalg.inv(prior)
+        log_sigma = np.full(sd.shape, level.log_s_mean)
+        for _ in range(_ROUGH_STEPS):
+            left = 1.0 / (1.0 + noise * np.exp(-2.0 * log_sigma))
+            weight = np.where(known, 2.0 * df * left * left, 0.0)
+            short = np.where(known, sd * sd * left * np.exp(-2.0 * log_sigma) - 1.0, 0.0)
+            score = df * left * short - (precision @ (log_sigma - level.log_s_mean)[..., None])[..., 0]
+            information = precision + weight[..., None] * np.eye(self.environments)
+            step = np.linalg.solve(information, score[..., None])[..., 0]
+            log_sigma = log_sigma + np.clip(step, -1.0, 1.0)
+        half = np.where(left > 0, 0.5 * short / np.maximum(left, _TINY), 0.0)
+        informed = weight > _LEAST_WEIGHT
+        return np.where(informed, log_sigma + half, 0.0), np.where(informed, weight, 0.0)
 
     def _rough_trial(self) -> tuple[Array, Array]:
         df = np.broadcast_to(self.statistics.trial_df, (self.parameters, self.environments))

@@ -4,20 +4,24 @@ import math
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 from percept.inference.hierarchy import coordinates
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import from_summary, from_trials
 from percept.inference.sampling.records import Settings
 from percept.inference.sampling.run import sample
 
+APART = Options(subject_effect=False)
+TIGHT = {"xatol": 1e-10, "fatol": 1e-15, "maxiter": 10_000}
 #: Deviations of each subject's trials about the subject's mean, in units of d.
 SUBJECTS = ((0.1, (-1, 1)), (0.3, (-1, 1, -1, 1)), (0.5, (-1, 1)))
 
 
-def layout_of(rows, environments=1):
+def layout_of(rows, environments=1, options=None):
     """Layout of the model of k for rows (subject, environment, response)."""
     subject, environment, response = (np.array(column) for column in zip(*rows, strict=True))
     statistics = from_trials(
@@ -25,7 +29,7 @@ def layout_of(rows, environments=1):
         parameters=("k",), environments=tuple(f"VE{j + 1}" for j in range(environments)),
         subjects=tuple(f"S{i + 1}" for i in range(subject.max() + 1)),
     )  # fmt: skip
-    return CollapsedDensity(statistics, Priors()).layout
+    return CollapsedDensity(statistics, Priors(), options).layout
 
 
 def repeated(d, environment=0):
@@ -43,35 +47,74 @@ def weights(layout):
     return [found[name] for name in layout.names if name.startswith("sigma[")]
 
 
+def mode(scatter, df, noise, prior):
+    """Likeliest log sigma (J,) of chi-squared scatter about sigma^2 + noise, log sigma ~ N(log .2, prior)."""
+
+    def short(log_sigma):
+        total = np.exp(2.0 * log_sigma) + noise
+        apart = log_sigma - math.log(0.2)
+        return 0.5 * np.sum(df * (np.log(total) + scatter / total)) + 0.5 * apart @ np.linalg.solve(
+            prior, apart
+        )
+
+    return optimize.minimize(short, np.full(len(df), -2.0), method="Nelder-Mead", options=TIGHT).x
+
+
+def share_left(log_sigma, noise):
+    return 1.0 / (1.0 + noise * np.exp(-2.0 * log_sigma))
+
+
 # Between subjects s^2 = .04. Between trials s_e^2 = 8 d^2 / 5, and 1/r = (1/2 + 1/4 + 1/2)/3 = 5/12.
-# So trials explain 2 d^2 / 3 of s^2 and leave the share 1 - d^2 / .06; 2 nu = 4.
-@pytest.mark.parametrize(
-    ("squared", "share"), [(0.01, 5 / 6), (0.03, 0.5), (0.0564, 0.06), (0.0576, 0.0), (0.09, 0.0)]
-)
-def test_scatter_between_trials_is_subtracted(squared, share):
+# So trials explain 2 d^2 / 3 of s^2; nu = 2.
+@pytest.mark.parametrize("squared", [0.01, 0.03, 0.0564, 0.0576, 0.09])
+def test_the_likelihood_is_taken_where_trials_leave_the_spread(squared):
     layout = layout_of(repeated(math.sqrt(squared)))
-    weight = 4.0 * share**2
-    assert weights(layout) == pytest.approx([weight], rel=1e-9, abs=1e-14)
-    # At zero log sigma is the mean of its prior N(log .2, 1) and of the rough likelihood.
-    middle = math.log(0.2)
-    if share:
-        middle = (middle + weight * 0.5 * math.log(0.04 * share)) / (1.0 + weight)
+    df, noise = np.array([2.0]), np.array([2.0 * squared / 3.0])
+    (wanted,) = mode(np.array([0.04]), df, noise, np.eye(1))
+    assert weights(layout) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-6)
+    # At zero log sigma is the mean of its prior and of the rough likelihood, which is the mode.
     found = layout.scales(np.zeros((layout.dimension, 1))).named["sigma"]
-    assert found.ravel() == pytest.approx([math.exp(middle)], rel=1e-12)
+    assert np.log(found.ravel()) == pytest.approx([wanted], abs=1e-7)
+
+
+def test_a_cell_that_trials_explain_is_left_to_the_prior():
+    layout = layout_of(repeated(3.0))
+    assert weights(layout) == [0.0]
+    found = layout.scales(np.zeros((layout.dimension, 1))).named["sigma"]
+    assert found.ravel() == pytest.approx([0.2], rel=1e-12)
+
+
+def test_environments_inform_each_other():
+    """One environment's scatter is all the trials' own; the other's says how small spreads are."""
+    quiet = [(i, 1, 0.001 * mean + 0.1 * sign) for i, (mean, signs) in enumerate(SUBJECTS) for sign in signs]
+    layout = layout_of([*repeated(0.1), *quiet], environments=2, options=APART)
+    # x is 0 and 1: SD 1 of log s, .5 of kappa, and .5 of each environment about the trend.
+    prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
+    df, noise = np.full(2, 2.0), np.full(2, 2.0 * 0.01 / 3.0)
+    wanted = mode(np.array([0.04, 4e-8]), df, noise, prior)
+    assert weights(layout) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
+    alone = 2.0 * 2.0 * share_left(mode(np.array([4e-8]), df[:1], noise[:1], np.eye(1)), noise[:1]) ** 2
+    assert weights(layout)[1] > 1.05 * alone[0]
 
 
 def test_an_environment_without_repeats_takes_the_trials_of_the_others():
     once = [(i, 1, mean) for i, mean in enumerate((0.1, 0.5, 0.3))]
-    layout = layout_of([*repeated(0.1), *once], environments=2)
-    # s_e^2 = .016 of s^2 = .04 leaves 3/5 where r = 1.
-    assert weights(layout) == pytest.approx([4 * (5 / 6) ** 2, 4 * (3 / 5) ** 2], rel=1e-12)
+    layout = layout_of([*repeated(0.1), *once], environments=2, options=APART)
+    prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
+    # s_e^2 = .016, all of it where r = 1.
+    noise = np.array([2.0 * 0.01 / 3.0, 0.016])
+    wanted = mode(np.full(2, 0.04), np.full(2, 2.0), noise, prior)
+    assert weights(layout) == pytest.approx(4.0 * share_left(wanted, noise) ** 2, rel=1e-5)
 
 
 def test_a_missing_cell_counts_neither_its_subject_nor_its_trials():
     seen = [(i, 1, mean + 0.1 * sign) for i, mean in ((0, 0.1), (2, 0.5)) for sign in (-1, 1)]
     layout = layout_of([*repeated(0.1), *seen], environments=2)
-    # Two subjects: s^2 = .08, s_e^2 = .04/2, r = 2, so trials leave 7/8 of s^2; 2 nu = 2.
-    assert weights(layout) == pytest.approx([4 * (5 / 6) ** 2, 2 * (7 / 8) ** 2], rel=1e-12)
+    prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
+    # Two subjects: s^2 = .08 with one degree of freedom, s_e^2 = .04/2, r = 2.
+    df, noise = np.array([2.0, 1.0]), np.array([2.0 * 0.01 / 3.0, 0.01])
+    wanted = mode(np.array([0.04, 0.08]), df, noise, prior)
+    assert weights(layout) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
 
 
 def test_without_repeats_all_scatter_is_between_subjects():
