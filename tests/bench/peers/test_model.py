@@ -1,14 +1,22 @@
-"""The plain joint density: against scipy's distributions, and against percept's collapsed one."""
+"""The plain joint density against scipy's and percept's collapsed one; limits from draws of known laws."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, special, stats
 
-from percept.bench.peers.joint import PlainDensity, log_joint, population
-from percept.bench.peers.responses import Responses
-from percept.bench.peers.with_percept import estimands_of
+from percept.bench.peers.engines import percept_model
+from percept.bench.peers.model import (
+    CONFIDENCE,
+    SHARE,
+    PlainDensity,
+    Responses,
+    limits_of_draws,
+    log_joint,
+    population,
+    share_half_widths,
+)
 from percept.errors import UsageError
 from percept.inference.hierarchy.scales import Scales
 
@@ -76,7 +84,7 @@ def locations_given_scales(study, one):
 
 def test_percepts_density_is_the_joint_density_with_the_locations_integrated_out(sessions, study, unknowns):
     """Joint density over the locations' conditional one is the collapsed density, at any locations."""
-    density = estimands_of(sessions).model.density
+    density = percept_model(sessions)[0].density
     for draw in range(unknowns["rho_u"].size):
         one = at(unknowns, draw)
         prior, design, noise = locations_given_scales(study, one)
@@ -182,3 +190,49 @@ def test_responses_survive_a_file(tmp_path, study):
     back = Responses.load(tmp_path / "study.npz")
     for name in ("response", "subject", "environment", "decades"):
         assert np.array_equal(getattr(back, name), getattr(study, name))
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9, 0.01, 0.5, 3.0, 40.0])
+@pytest.mark.parametrize("share", [0.5, 0.99, 0.9999])
+def test_share_half_width_is_the_root(off, share):
+    spread = 0.3
+
+    def missing(h):
+        return special.ndtr((off - h) / spread) + special.ndtr((-off - h) / spread) - (1.0 - share)
+
+    expected = optimize.brentq(missing, 0.0, off + 10.0, xtol=1e-15, rtol=1e-15)
+    # Of opposite signs alike, and a numpy array of one is as good as a scalar.
+    found = share_half_widths(np.array([off, -off]), np.array([spread, spread]), share)
+    assert found == pytest.approx([expected, expected], rel=1e-11)
+
+
+def test_limits_of_independent_draws_of_a_known_law():
+    """Means N(0.2, 0.1²), spread 0.5: quantiles are known, and so is the size of the errors."""
+    rng = np.random.default_rng(11)
+    chains, draws, cells = 4, 3000, 20
+    beta = 0.2 + 0.1 * rng.standard_normal((chains, draws, cells))
+    spread = np.full(beta.shape, 0.5) * np.exp(1e-12 * rng.standard_normal(beta.shape))
+    found = limits_of_draws(beta, spread, rng)
+    z = stats.norm.isf(0.005)
+    wide = np.hypot(0.1, 0.5)
+    exact = 0.2 + z * np.array([-0.1, 0.1, -wide, wide])
+    apart = (found.value[:2].reshape(4, cells) - exact[:, None]) / found.error[:2].reshape(4, cells)
+    # 80 standardised errors: their mean square has an SD of sqrt(2/80), and more as they are estimated.
+    assert np.mean(apart**2) == pytest.approx(1.0, abs=5 * 1.2 * np.sqrt(2 / 80))
+    off = stats.norm.isf(0.5 * (1 - CONFIDENCE)) * 0.1
+    half = share_half_widths(np.array(off), np.array(0.5), SHARE)
+    assert np.abs((found.value[2, 1] - found.value[2, 0]) / 2 - half).max() < 5 * found.error[2].max()
+    assert found.effective == pytest.approx(chains * draws, rel=0.2)
+
+
+def test_errors_see_autocorrelation():
+    rng = np.random.default_rng(12)
+    noise = rng.standard_normal((4, 4000, 2))
+    slow = np.zeros_like(noise)
+    for t in range(1, noise.shape[1]):
+        slow[:, t] = 0.9 * slow[:, t - 1] + np.sqrt(1 - 0.81) * noise[:, t]
+    spread = np.exp(0.1 * noise)
+    quick, found = limits_of_draws(noise, spread, rng), limits_of_draws(slow, spread, rng)
+    # The mean of an AR(1) with 0.9 has (1 + 0.9)/(1 - 0.9) = 19 times the variance of independent draws.
+    assert found.effective < quick.effective / 6
+    assert (found.error[0] > 1.7 * quick.error[0]).all()

@@ -1,25 +1,79 @@
-"""The hierarchical model written out: the joint density of data, locations and scales, nothing integrated.
+"""The model every engine samples: a study as plain arrays, the joint density, and limits from raw draws.
 
-For subject i in environment j, with parameter p being k or b and x_jp the reference in decades:
+The joint density is of data, locations and scales, nothing integrated. For subject i in environment j, with
+parameter p being k or b and x_jp the reference in decades:
 y_ij = alpha + gamma x_j + delta_j + u_i + w_ij, delta_jp ~ N(0, tau_p²), u_i ~ N(0, Sigma_u),
 w_ij ~ N(0, Sigma_w,j) with one correlation rho_w and SDs log sigma_jp ~ N(log s_p + kappa_p x_jp, omega_p²).
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
-from percept.bench.peers.responses import Responses
+from percept.errors import UsageError
 
-Array = NDArray[np.float64]
+Array: TypeAlias = NDArray[np.float64]
+KINDS = ("mean", "user", "share")
+LEVEL, SHARE, CONFIDENCE = 0.99, 0.99, 0.95
 _POSITIVE = ("tau", "sigma_u", "omega")
 _CORRELATIONS = ("rho_u", "rho_w")
 _HALF_NORMAL = {"tau": 0.5, "sigma_u": 0.5, "omega": 1.0}
 _NORMAL = {"alpha": (0.0, 1.0), "gamma": (0.0, 0.25), "log_s": (math.log(0.2), 1.0), "kappa": (0.0, 0.5)}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Responses:
+    """Unit-free responses of one study without repeated trials; both parameters."""
+
+    response: Array  # (M, 2) log(adjusted/reference) of k and b, one row per trial
+    subject: NDArray[np.intp]  # (M,)
+    environment: NDArray[np.intp]  # (M,)
+    decades: Array  # (2, J) log10 of each reference over the geometric mean of its parameter's references
+
+    @property
+    def subjects(self) -> int:
+        """Number of subjects."""
+        return int(self.subject.max()) + 1
+
+    @property
+    def environments(self) -> int:
+        """Number of environments."""
+        return self.decades.shape[1]
+
+    @classmethod
+    def of_sessions(cls, path: str | Path) -> Self:
+        """Read a study."""
+        from percept.scene import Scene
+        from percept.sessions import read_sessions
+        from percept.study.responses import trials
+
+        data = trials(read_sessions(path), Scene(), ("k", "b"))
+        cells = np.stack([data.subject, data.environment], axis=1)
+        if len(np.unique(cells, axis=0)) < len(cells):
+            raise UsageError(
+                "a subject has several trials in one environment; the models compared have no trial level.",
+                file=str(path),
+                hint="Compare on a study with one trial per subject and environment.",
+            )
+        return cls(data.response, data.subject, data.environment, data.x)
+
+    def save(self, path: str | Path) -> None:
+        """Write an .npz file, so that a peer's process needs numpy alone to start."""
+        np.savez(path, **{field.name: getattr(self, field.name) for field in dataclasses.fields(self)})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Undo `save`."""
+        with np.load(path) as stored:
+            return cls(**{field.name: stored[field.name] for field in dataclasses.fields(cls)})
 
 
 def shapes(study: Responses) -> dict[str, tuple[int, ...]]:
@@ -116,3 +170,58 @@ def population(values: Mapping[str, Array], decades: Array) -> tuple[Array, Arra
     spread = np.hypot(values["sigma_u"][:, None], np.exp(values["log_sigma"]))
     cells = beta.shape[0] * beta.shape[1]
     return beta.reshape(cells, -1).T, spread.reshape(cells, -1).T
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Limits:
+    """Limits on the response scale."""
+
+    value: Array  # (3, 2, C) Kinds, lower and upper, cells (parameter-major)
+    error: Array  # (3, 2, C) Monte Carlo standard errors
+    effective: float  # Effective draws of the slowest quantity behind them
+
+
+def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
+    """Half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share."""
+    apart = np.abs(off) / spread
+    t = np.maximum(apart + special.ndtri(share), special.ndtri(0.5 * (1.0 + share)))
+    for _ in range(30):
+        missing = special.ndtr(apart - t) + special.ndtr(-apart - t) - (1.0 - share)
+        rate = np.exp(-0.5 * (t - apart) ** 2) + np.exp(-0.5 * (t + apart) ** 2)
+        step = missing * np.sqrt(2.0 * np.pi) / rate
+        t = t + step
+        if np.all(np.abs(step) <= 1e-14 * t):
+            break
+    return t * spread
+
+
+def limits_of_draws(beta: Array, spread: Array, rng: np.random.Generator) -> Limits:
+    """Quantiles of draws."""
+    from arviz_stats.base.array import BaseArray
+
+    array_stats: Any = BaseArray()
+    tails = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
+    user = beta + spread * rng.standard_normal(beta.shape)
+    centre = beta.mean(axis=(0, 1))
+    half = share_half_widths(beta - centre, spread)
+    h = np.quantile(half, CONFIDENCE, axis=(0, 1))
+    quantiles = [np.quantile(draws, tails, axis=(0, 1)) for draws in (beta, user)]
+    value = np.stack([*quantiles, np.stack([centre - h, centre + h])])
+
+    def chains(draws: Array) -> Array:
+        return np.moveaxis(draws, -1, 0)
+
+    def quantile_error(draws: Array, prob: float) -> Array:
+        return np.asarray(array_stats.mcse(chains(draws), method="quantile", prob=prob))
+
+    errors = [[quantile_error(draws, tail) for tail in tails] for draws in (beta, user)]
+    of_share = np.hypot(
+        quantile_error(half, CONFIDENCE), np.asarray(array_stats.mcse(chains(beta), method="mean"))
+    )
+    # 5 and 95 %: the tails whose draws are counted since Vehtari et al. (2021).
+    effective = [
+        np.asarray(array_stats.ess(chains(draws), method=method, **how))
+        for draws in (beta, np.log(spread))
+        for method, how in (("bulk", {}), ("tail", {"prob": (0.05, 0.95)}))
+    ]
+    return Limits(value, np.stack([*errors, [of_share, of_share]]), float(np.nanmin(effective)))

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from percept.bench.peers.joint import log_joint
+from percept.bench.peers.engines import ENGINES, engine, numpyro_model, pymc_model
+from percept.bench.peers.model import log_joint
+from percept.errors import UsageError
 
 #: What PyMC and NumPyro declare, and the Jacobian of each against the unknown it stands for.
 NORMAL = ("alpha", "gamma", "log_s", "kappa")
@@ -45,9 +47,7 @@ def assert_one_constant(study, unknowns, form, log_density):
 @pytest.mark.parametrize("form", ["centred", "noncentred"])
 def test_pymc_model(study, unknowns, form):
     pytest.importorskip("pymc")
-    from percept.bench.peers.with_pymc import build
-
-    model = build(study, form=form)
+    model = pymc_model(study, form=form)
     density = model.compile_logp(jacobian=False)
 
     def log_density(values):
@@ -71,7 +71,11 @@ def test_numpyro_model(study, unknowns, form):
     numpyro.enable_x64()
     from numpyro.infer.util import log_density as of_model
 
-    from percept.bench.peers.with_numpyro import build
-
-    model = build(study, form=form)
+    model = numpyro_model(study, form=form)
     assert_one_constant(study, unknowns, form, lambda values: float(of_model(model, (), {}, values)[0]))
+
+
+def test_engines_are_found_by_name():
+    assert all(engine(one.name) is one for one in ENGINES)
+    with pytest.raises(UsageError, match="no such engine; they are percept, percept-stretch"):
+        engine("stan")
