@@ -21,7 +21,6 @@ from percept.haptics import (
     design_couplings,
     magnitude_envelope,
     max_coupling_stiffness,
-    qualifying_region,
 )
 from percept.reproduce.published import Array, Published, Wall
 
@@ -181,11 +180,11 @@ def adapted_couplings(published: Published, *, points: int = 61) -> Adapted:
     boundaries = next_user_boundaries(published, device, omega)
     design = design_couplings(omega, device, boundaries, published.period)
     line = np.array([float(published.tuned.damping)])
-    static = []
-    for boundary in boundaries:
-        region = qualifying_region(omega, device, [boundary], published.period, damping=line)
-        tuned = published.tuned.stiffness
-        static.append(any(low <= tuned <= high for low, high in region.intervals[0].tolist()))
+    tuned = design_couplings(omega, device, boundaries, published.period, damping=line)
+    static = (
+        any(low <= published.tuned.stiffness <= high for low, high in region.intervals[0].tolist())
+        for region in tuned.each
+    )
     return Adapted(device, design, tuple(static))
 
 
@@ -227,10 +226,9 @@ def _softest(published: Published, damping: float, rows: Sequence[int]) -> float
     omega = published.omega(_RANGE)
     boundaries = next_user_boundaries(published, device, omega)
     lines = 8 * damping * np.sin(np.linspace(0.0, np.pi / 2, _LINES)) ** 2
-    region = qualifying_region(
-        omega, device, [boundaries[row] for row in rows], published.period, damping=lines
-    )
-    return float("nan") if region.softest is None else float(region.softest.stiffness)
+    some = [boundaries[row] for row in rows]
+    softest = design_couplings(omega, device, some, published.period, damping=lines).common.softest
+    return float("nan") if softest is None else float(softest.stiffness)
 
 
 def _least(published: Published, rows: Sequence[int], bracket: tuple[float, float]) -> float:

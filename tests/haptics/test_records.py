@@ -11,7 +11,6 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
-    FrequencyResponse,
     Mode,
     TabulatedDevice,
     device_impedance,
@@ -106,19 +105,6 @@ def test_limits_may_be_negative_but_not_reversed():
         magnitude_envelope(1.0, Device(1, 5), (5.0, -10.0), (-1.0, 1.0), 1e-3)
     with pytest.raises(UsageError, match=r"limits of damping must be a pair"):
         magnitude_envelope(1.0, Device(1, 5), (-10.0, 5.0), 1.0, 1e-3)
-
-
-def test_frequency_response_derives_and_refuses():
-    omega = np.array([1.0, 10.0])
-    response = FrequencyResponse(omega, [3 - 4j, 1 + 0j], 1e-3)
-    np.testing.assert_allclose(response.magnitude, [5.0, 1.0])
-    np.testing.assert_allclose(response.phase, [-np.arctan2(4, 3), 0.0])
-    np.testing.assert_allclose(response.damping, [3.0, 1.0])
-    np.testing.assert_allclose(response.stiffness, [4 * 2000 * np.tan(0.0005), 0.0])
-    with pytest.raises(UsageError, match="value holds NaN"):
-        FrequencyResponse(omega, [np.nan, 1.0], 1e-3)
-    with pytest.raises(UsageError, match="do not broadcast"):
-        FrequencyResponse(omega, [1.0, 2.0, 3.0], 1e-3)
 
 
 @pytest.mark.parametrize("choice", ["hold", "discretization"])

@@ -12,11 +12,12 @@ from percept.errors import UsageError
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.intp]
 Scalars: TypeAlias = float | FloatArray
 
-# Beyond these no device exists, and products of a few parameters would leave the range of a double.
+# Beyond this no device exists, and products of a few parameters would leave the range of a double.
 LARGEST = 1e100
-SHORTEST_PERIOD = 1e-100
+_SHORTEST_PERIOD = 1e-100
 
 
 def real_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
@@ -69,6 +70,18 @@ def complex_array(value: ArrayLike, name: str) -> ComplexArray:
     return array
 
 
+def checked_period(period: float) -> float:
+    """Return T as a float, or refuse it."""
+    value = real_array(period, "period", "s")
+    if value.ndim or not value >= _SHORTEST_PERIOD:
+        raise UsageError(
+            "period must be one positive number of seconds.",
+            value=period,
+            hint=f"Give the sampling period, {_SHORTEST_PERIOD:g} to {LARGEST:g} s.",
+        )
+    return float(value)
+
+
 def ordered_limits(
     limits: tuple[ArrayLike, ArrayLike], name: str, unit: str
 ) -> tuple[FloatArray, FloatArray]:
@@ -77,10 +90,8 @@ def ordered_limits(
         low, high = limits
     except (TypeError, ValueError):
         raise UsageError(f"limits of {name} must be a pair (low, high) in {unit}.", value=limits) from None
-    low, high = (
-        real_array(low, f"lower limit of {name}", unit),
-        real_array(high, f"upper limit of {name}", unit),
-    )
+    low = real_array(low, f"lower limit of {name}", unit)
+    high = real_array(high, f"upper limit of {name}", unit)
     if np.any(low > high):
         raise UsageError(f"lower limit of {name} is above its upper limit.", hint="Give (low, high).")
     return low, high

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import (
+from percept.haptics.arrays import (
     LARGEST,
     ComplexArray,
     FloatArray,
