@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,11 +63,11 @@ class EnvironmentBoundary:
             raise UsageError("the limits of an EnvironmentBoundary are numbers.") from error
         if lower.ndim != 1 or lower.shape != upper.shape:
             raise UsageError(
-                "an EnvironmentBoundary needs two arrays of one length.",
-                value=(lower.shape, upper.shape),
+                "an EnvironmentBoundary needs two arrays of one length.", value=(lower.shape, upper.shape)
             )
-        if not ((lower >= 0) & (lower <= upper)).all():
-            where = int(np.flatnonzero(~((lower >= 0) & (lower <= upper)))[0])
+        wrong = np.flatnonzero(~((lower >= 0) & (lower <= upper)))
+        if wrong.size:
+            where = int(wrong[0])
             raise UsageError(
                 f"a boundary must satisfy 0 <= lower <= upper; it does not at position {where}.",
                 value=(float(lower[where]), float(upper[where])),
@@ -181,10 +181,20 @@ def design_couplings(
     )
     if b_c.ndim != 1 or not b_c.size:
         raise UsageError("damping must be a list of one value or more.", value=b_c.shape)
-    problem = _Problem(device, period, hold, tuple(_Walls.of(grid, device, b, hold) for b in boundaries))
-    lines = problem.at(np.unique(b_c))
-    each = tuple(_region(problem.only(i), lines.only(i)) for i in range(len(boundaries)))
-    common = each[0] if len(each) == 1 else _region(problem, lines)
+    walls = tuple(_Walls.of(grid, device, boundary, hold) for boundary in boundaries)
+
+    def region(walls: tuple[_Walls, ...]) -> QualifyingRegion:
+        def gaps(damping: FloatArray) -> Gaps:
+            cuts = np.concatenate([wall.forbidden(damping) for wall in walls], axis=1)
+            return Gaps.of(stable_stiffness(device, damping, period, hold), cuts)
+
+        lines = np.unique(b_c)
+        on_lines = gaps(lines)
+        largest, softest = _extremes(gaps, lines, on_lines.costs())
+        return QualifyingRegion(lines, on_lines.lines(), largest, softest)
+
+    each = tuple(region((wall,)) for wall in walls)
+    common = each[0] if len(each) == 1 else region(walls)
     return CouplingDesign(each=each, common=common, frequencies=grid.omega.size)
 
 
@@ -235,42 +245,6 @@ class _Walls:
             cut = where_positive(side * np.broadcast_to(a, c.shape), side * half_b, side * c)
             cuts.append(np.where(bounded[:, None], cut, np.nan))
         return np.concatenate(cuts, axis=1).reshape(lines.size, -1, 2)
-
-
-@dataclass(frozen=True, eq=False)
-class _Lines:
-    """What is known of some lines of b_c: the stable k_c, and what each boundary forbids."""
-
-    damping: FloatArray  # (lines,) b_c, N·s/m
-    ceiling: FloatArray  # (lines,) largest stable k_c, N/m
-    forbidden: tuple[FloatArray, ...]  # (lines, cuts, 2) per boundary, N/m
-
-    def only(self, boundary: int) -> _Lines:
-        """Return the lines as one boundary alone leaves them."""
-        return _Lines(self.damping, self.ceiling, (self.forbidden[boundary],))
-
-    def gaps(self) -> Gaps:
-        """Return what qualifies on each line."""
-        return Gaps.of(self.ceiling, np.concatenate(self.forbidden, axis=1))
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """The question put to each line of b_c."""
-
-    device: AnyDevice
-    period: float
-    hold: str
-    walls: tuple[_Walls, ...]
-
-    def only(self, boundary: int) -> _Problem:
-        """Ask for one boundary alone."""
-        return replace(self, walls=(self.walls[boundary],))
-
-    def at(self, damping: FloatArray) -> _Lines:
-        """Look at lines of b_c, shape (n,), N·s/m."""
-        ceiling = stable_stiffness(self.device, damping, self.period, self.hold)
-        return _Lines(damping, ceiling, tuple(wall.forbidden(damping) for wall in self.walls))
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,14 +302,8 @@ def where_positive(a: FloatArray, half_b: FloatArray, c: FloatArray) -> FloatArr
     return ends
 
 
-def _region(problem: _Problem, lines: _Lines) -> QualifyingRegion:
-    gaps = lines.gaps()
-    largest, softest = _extremes(problem, lines.damping, gaps.costs())
-    return QualifyingRegion(damping=lines.damping, intervals=gaps.lines(), largest=largest, softest=softest)
-
-
 def _extremes(
-    problem: _Problem, lines: FloatArray, costs: FloatArray
+    gaps: Callable[[FloatArray], Gaps], lines: FloatArray, costs: FloatArray
 ) -> tuple[Coupling | None, Coupling | None]:
     """Return the couplings at the largest and the smallest k_c, also between the lines beside the best."""
     best = costs.argmin(axis=1)
@@ -344,13 +312,13 @@ def _extremes(
 
     def cost(damping: FloatArray) -> FloatArray:
         # Both searches in one call: the first column is the one for the largest k_c.
-        both = problem.at(damping.ravel()).gaps().costs().reshape(2, *damping.shape)
+        both = gaps(damping.ravel()).costs().reshape(2, *damping.shape)
         return np.stack([both[0, :, 0], both[1, :, 1]], axis=1)
 
     low, high = lines[np.maximum(best - 1, 0)], lines[np.minimum(best + 1, lines.size - 1)]
     candidates = np.stack([section_minimum(cost, low, high), lines[best]])
     damping = candidates[cost(candidates).argmin(axis=0), [0, 1]]
-    on_largest, on_softest = problem.at(damping).gaps().lines()
+    on_largest, on_softest = gaps(damping).lines()
     low_k, high_k = on_largest[-1]
     largest = Coupling(float(high_k - _inset(low_k, high_k)), float(damping[0]))
     low_k, high_k = on_softest[0]

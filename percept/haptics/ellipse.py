@@ -26,12 +26,9 @@ from percept.haptics.search import rising_root
 # On the scale where the larger of distance and ellipse is one: an axis shorter than the first counts as zero,
 # a point nearer to the short axis than the second as this far off it.
 _FLAT, _OFF_AXIS = 1e-150, 1e-20
-# The curve of a log-ellipse is looked at every degree, in cells of five.
-_CELLS, _PER_CELL = 72, 5
-_STEP = 2 * np.pi / (_CELLS * _PER_CELL)
-_ANGLES = np.asarray(_STEP * np.arange(_CELLS * _PER_CELL), dtype=np.float64)
-# The first angle of every cell, the last one's before and the first one's after.
-_COARSE = _PER_CELL * np.r_[-1, :_CELLS, 0]
+# The curve of a log-ellipse is looked at every degree.
+_STEP = 2 * np.pi / 360
+_ANGLES = np.asarray(_STEP * np.arange(360), dtype=np.float64)
 
 
 def magnitude_envelope_ellipse(
@@ -42,7 +39,6 @@ def magnitude_envelope_ellipse(
     radius: float,
     period: float,
     *,
-    mass: float = 0.0,
     hold: str = "average",
 ) -> tuple[FloatArray, FloatArray]:
     """Return the exact lowest and highest abs(Z_h) over an ellipse of (k, b).
@@ -64,8 +60,6 @@ def magnitude_envelope_ellipse(
         Dimensionless, zero or more.
     period : float
         Sampling period T, s.
-    mass : float, optional
-        m_e, kg.
     hold : {"average", "true"}
         Eq. 8, or the true zero-order hold.
 
@@ -82,7 +76,7 @@ def magnitude_envelope_ellipse(
     """
     k, b = _checked_centre(centre, "(k, b)")
     factor = _checked_factor(shape, radius, "(k, b)")
-    plane = _plane(omega, device, period, mass, hold)
+    plane = _plane(omega, device, period, hold)
     lower, upper = np.full((2, plane.across.size), np.inf)
     seen = plane.finite
     lower[seen], upper[seen] = _extremes(plane.at(seen), k, b, factor)
@@ -114,8 +108,8 @@ class _Plane:
         return _Plane(gain, per_rate, across, along, gain.shape)
 
 
-def _plane(omega: ArrayLike, device: AnyDevice, period: float, mass: float, hold: str) -> _Plane:
-    across, along, held = distance_axes(warp(omega, period), device, real_array(mass, "mass", "kg"), hold)
+def _plane(omega: ArrayLike, device: AnyDevice, period: float, hold: str) -> _Plane:
+    across, along, held = distance_axes(warp(omega, period), device, hold)
     parts = np.broadcast_arrays(held.gain, held.per_rate, across, along)
     gain, per_rate, across, along = (part.ravel() for part in parts)
     return _Plane(gain, per_rate, across, along, parts[0].shape)
@@ -253,7 +247,6 @@ def magnitude_envelope_log_ellipse(
     radius: float,
     period: float,
     *,
-    mass: float = 0.0,
     hold: str = "average",
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and highest abs(Z_h) over an ellipse of (log k, log b).
@@ -285,7 +278,7 @@ def magnitude_envelope_log_ellipse(
             hint="centre and shape are of natural logarithms of k and b.",
         )
     curve = _Curve(log_k, log_b, factor)
-    plane = _plane(omega, device, period, mass, hold)
+    plane = _plane(omega, device, period, hold)
     lower, upper = np.full((2, plane.across.size), np.inf)
     seen = plane.finite
     lower[seen], upper[seen] = _extremes_along(curve, plane.at(seen))
@@ -356,28 +349,16 @@ def _extremes_along(curve: _Curve, plane: _Plane) -> tuple[FloatArray, FloatArra
 def _turning_points(plane: _Plane, k: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     """Return where distances turn on the grid: which ω, which angle, and 1 for a dip or -1 for a peak.
 
-    All are refined: on the grid the wrong one may look better. Cells of five angles are passed over where the
-    square of the distance changes by more than its changes do.
+    All are refined: on the grid the wrong one may look better.
     """
-
-    def square(at: _Plane, k: FloatArray, b: FloatArray) -> FloatArray:
-        x = at.gain[:, None] * b + at.across[:, None]
-        y = at.along[:, None] - at.per_rate[:, None] * k
-        return x * x + y * y
-
-    coarse = square(plane, k[_COARSE], b[_COARSE])
-    change = np.diff(coarse, axis=1)  # over the last cell before zero, then from zero on
-    bend = np.abs(np.diff(change, axis=1))
-    bend = np.maximum(bend, np.roll(bend, -1, axis=1))
-    # Half as much bend lets the slope vanish within a cell.
-    point, cell = np.divmod(np.flatnonzero(np.abs(change[:, 1:]) <= bend), _CELLS)
-    angles = (_PER_CELL * cell[:, None] + np.arange(-1, _PER_CELL + 1)) % _ANGLES.size
-    fine = square(plane.at(point), k[angles], b[angles])
-    rises, falls = fine[:, 1:] >= fine[:, :-1], fine[:, 1:] <= fine[:, :-1]
-    dips = np.flatnonzero(falls[:, :-1] & rises[:, 1:])
-    peaks = np.flatnonzero(rises[:, :-1] & falls[:, 1:])
-    row, index = np.divmod(np.concatenate([dips, peaks]), _PER_CELL)
-    return point[row], _PER_CELL * cell[row] + index, np.repeat([1.0, -1.0], [dips.size, peaks.size])
+    x = plane.gain[:, None] * b + plane.across[:, None]
+    y = plane.along[:, None] - plane.per_rate[:, None] * k
+    square = x * x + y * y
+    before, after = np.roll(square, 1, axis=1), np.roll(square, -1, axis=1)
+    dips = np.nonzero((square <= before) & (square <= after))
+    peaks = np.nonzero((square >= before) & (square >= after))
+    turns, index = np.concatenate([dips, peaks], axis=1)
+    return turns, index, np.repeat([1.0, -1.0], [dips[0].size, peaks[0].size])
 
 
 def _holds_origin(curve: _Curve, plane: _Plane) -> BoolArray:

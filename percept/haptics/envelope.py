@@ -21,13 +21,12 @@ def corner_curves(
     damping: Limits,
     period: float,
     *,
-    mass: ArrayLike = 0.0,
     hold: str = "average",
 ) -> tuple[FloatArray, FloatArray]:
     """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
 
     Where the device's mass outweighs the stiffness the second curve runs below the first
-    (`corner_crossings`). Parameters are those of `magnitude_envelope`, the true range over the box.
+    (`corner_crossings`). Parameters are those of `magnitude_envelope`, which gives the true range.
 
     Returns
     -------
@@ -41,8 +40,8 @@ def corner_curves(
     """
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    at_low = perceived_magnitude(omega, device, k_low, b_low, period, mass=mass, hold=hold)
-    return at_low, perceived_magnitude(omega, device, k_high, b_high, period, mass=mass, hold=hold)
+    at_low = perceived_magnitude(omega, device, k_low, b_low, period, hold=hold)
+    return at_low, perceived_magnitude(omega, device, k_high, b_high, period, hold=hold)
 
 
 def magnitude_envelope(
@@ -89,7 +88,7 @@ def magnitude_envelope(
     grid = warp(omega, period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
+    across, along, held = distance_axes(grid, device, hold, real_array(mass, "mass", "kg"))
     p_low, p_high = held.gain * b_low + across, held.gain * b_high + across
     # g/Ω changes sign with ω.
     q_ends = along - times(k_low, held.per_rate), along - times(k_high, held.per_rate)
@@ -105,12 +104,7 @@ def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def corner_crossings(
-    device: Device,
-    stiffness: tuple[float, float],
-    damping: tuple[float, float],
-    period: float,
-    *,
-    mass: float = 0.0,
+    device: Device, stiffness: tuple[float, float], damping: tuple[float, float], period: float
 ) -> FloatArray:
     """Return the ω at which the two corner curves of a rigid device cross, so that the band there is empty.
 
@@ -124,8 +118,6 @@ def corner_crossings(
         (low, high) of k, N/m, and b, N·s/m; may be negative.
     period : float
         Sampling period T, s.
-    mass : float, optional
-        m_e, kg.
 
     Returns
     -------
@@ -140,14 +132,12 @@ def corner_crossings(
     period = checked_period(period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    if not isinstance(device, Device):
-        raise UsageError("corner crossings are for one rigid device and one box of (k, b).", value=device)
-    m, b_d, m_e = np.asarray(device.mass), np.asarray(device.damping), real_array(mass, "mass", "kg")
-    if device.modes or any(array.ndim for array in (m, b_d, m_e, k_low, k_high, b_low, b_high)):
+    m, b_d = np.asarray(device.mass), np.asarray(device.damping)
+    if device.modes or any(array.ndim for array in (m, b_d, k_low, k_high, b_low, b_high)):
         raise UsageError("corner crossings are for one rigid device and one box of (k, b).", value=device)
     dk, db = k_high - k_low, b_high - b_low
     square = -m * period * db
-    linear = db * (b_low + b_high + 2 * b_d) - 2 * dk * (m + m_e + b_d * period / 2)
+    linear = db * (b_low + b_high + 2 * b_d) - 2 * dk * (m + b_d * period / 2)
     roots = np.roots([square, linear, dk * (k_low + k_high)])
     roots = np.sort(roots.real[(roots.imag == 0) & (roots.real > 0)])
     return (2 / period) * np.arctan(np.sqrt(roots) * period / 2)

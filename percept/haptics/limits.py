@@ -224,17 +224,15 @@ def stable_region(
     Raises
     ------
     UsageError
-        A damping that is negative or not one number, T not positive, fewer than 2 points, an unknown hold.
+        A damping that is negative or not one number, T not positive, an unknown hold.
     """
     period = checked_period(period)
     one_of(hold, "hold", HOLDS)
     b = nonnegative_array(device_damping, "device damping", "N·s/m")
     if b.ndim:
         raise UsageError("a stable region is for one device damping.", value=device_damping)
-    if points < 2 or points != int(points):
-        raise UsageError("points must be a whole number of at least 2.", value=points)
     # Half-cosine spacing: the edge leaves both ends like a square root.
-    fraction = np.sin(np.linspace(0, np.pi / 2, int(points))) ** 2
+    fraction = np.sin(np.linspace(0, np.pi / 2, points)) ** 2
     if hold == "true":
         # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the whole edge.
         damping = np.pi * b * fraction

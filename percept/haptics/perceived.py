@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics.arrays import ComplexArray, FloatArray, complex_from, real_array, times
+from percept.haptics.arrays import ComplexArray, FloatArray, Scalars, complex_from, real_array, times
 from percept.haptics.impedance import (
     Element,
     Held,
@@ -232,7 +232,7 @@ def perceived_magnitude(
     """
     grid = warp(omega, period)
     k, b = real_array(stiffness, "stiffness", "N/m"), real_array(damping, "damping", "N·s/m")
-    across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
+    across, along, held = distance_axes(grid, device, hold, real_array(mass, "mass", "kg"))
     arrays = (k, b, held.gain, held.per_rate, across, along)
     shape = np.broadcast_shapes(*(array.shape for array in arrays))
     if out is None:
@@ -274,7 +274,7 @@ def perceived_magnitude(
 
 
 def distance_axes(
-    grid: Warp, device: AnyDevice, mass: FloatArray, hold: str
+    grid: Warp, device: AnyDevice, hold: str, mass: Scalars = 0.0
 ) -> tuple[FloatArray, FloatArray, Held]:
     """Return across, along and the hold such that abs(Z_h) = hypot(g·b + across, along − k·g/Ω)."""
     held = grid.held(hold)

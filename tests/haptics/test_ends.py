@@ -269,7 +269,7 @@ def test_never_nan_and_negative_omega_is_the_conjugate(log_period, place, p, kin
     numbers = [
         perceived_magnitude(omega, device, -p[5], p[6], period, mass=p[7], **options),
         *magnitude_envelope(omega, device, *box, period, mass=p[7], **options),
-        *magnitude_envelope_ellipse(omega, device, (p[8], p[9]), shape, 1.5, period, mass=p[7], **options),
+        *magnitude_envelope_ellipse(omega, device, (p[8], p[9]), shape, 1.5, period, **options),
         required_damping_at(omega, coupling, period, discretization=discretization, **options),
         stability_margin(omega, device, coupling, period, discretization=discretization, **options),
         required_damping(coupling, period, discretization=discretization, **options).damping,

@@ -220,8 +220,6 @@ def test_own_model_is_where_the_real_part_stays_positive(stretch, damping, inert
             lambda: passivity_damping(Environment(1.0, 1.0), T, model="minsky"),
             "model must be one of 'colgate', 'tustin'",
         ),
-        (lambda: stable_region(1.0, T, points=1), "points must be a whole number of at least 2"),
-        (lambda: stable_region(1.0, T, points=2.5), "points must be a whole number of at least 2"),
         (lambda: stable_region(1.0, T, hold="zoh"), "hold must be one of"),
     ],
 )
