@@ -5,7 +5,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from percept.bench.haptics import magnitude_cost
 from percept.haptics import (
     Coupling,
     Device,
@@ -138,10 +137,3 @@ def test_scratch_does_not_grow_with_the_request():
     assert given.base is out or given is out
     assert peak < out.nbytes / 10
     np.testing.assert_array_equal(out, perceived_magnitude(omega, Device(1.0, 5.0), stiffness, damping, T))
-
-
-def test_scratch_is_small_beside_the_result():
-    cost = magnitude_cost(omegas=100, environments=5, draws=4000, repeats=1)
-    assert cost.result_bytes == 100 * 5 * 4000 * 8
-    assert cost.scratch_bytes < cost.result_bytes / 8
-    assert cost.ratio == cost.seconds / cost.hypot_seconds
