@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from percept import haptics
-from percept.boundary.membership import depth_membership, magnitude_membership
+from percept.boundary.curves import depth_membership, magnitude_membership
 from percept.boundary.realism import Realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
