@@ -87,7 +87,7 @@ def propagation_costs(
     def adaptive(draws: int, bound: float) -> Grid:
         ensemble = DrawCurves(device, stiffness[:draws], damping[:draws], period, level=level)
 
-        def curves(_: Array, omega: Array) -> Array:
+        def curves(_: NDArray[np.intp], omega: Array) -> Array:
             bands = ensemble.at(omega)
             out = 3.0 * bands.sd
             return np.stack([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
