@@ -22,8 +22,8 @@ from pydantic import (
 )
 
 from percept.errors import UsageError
+from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
-from percept.notebook import fields_html
 
 __all__ = [
     "ChecksTable",

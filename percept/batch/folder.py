@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from percept.batch.rows import SCHEMA, Outcome, Status
-from percept.durable import exclusive, remove_abandoned, whole_file, write_whole
 from percept.errors import UsageError
+from percept.files import exclusive, remove_abandoned, whole_file, write_whole
 
 #: All studies in one table, in the order they were asked for.
 TABLE_NAME = "batch.parquet"

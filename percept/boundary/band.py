@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import elementwise
 
 from percept.errors import RefusalError, UsageError
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
 

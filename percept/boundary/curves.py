@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -13,7 +13,7 @@ from pathlib import Path
 from percept.cache.entry import DamagedEntry, decode, encode
 from percept.cache.folder import cache_limit
 from percept.cache.key import run_key
-from percept.durable import exclusive, remove_abandoned, shared, write_whole
+from percept.files import exclusive, remove_abandoned, shared, write_whole
 from percept.inference.sampling.records import Run
 
 _SUFFIX = ".run"

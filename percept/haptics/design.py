@@ -29,7 +29,7 @@ from percept.haptics.limits import stable_stiffness
 from percept.haptics.records import AnyDevice, Coupling, Environment, refuse_arrays
 from percept.haptics.search import search_grid, section_minimum
 from percept.haptics.stability import demands
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 
 # An edge is pulled inside by this much, so that the coupling returned passes the test it came from.
 _INSIDE = 1e-11

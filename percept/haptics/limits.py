@@ -27,7 +27,7 @@ from percept.haptics.impedance import DISCRETIZATIONS, HOLDS, device_parts, warp
 from percept.haptics.records import AnyDevice, Device, Environment
 from percept.haptics.search import rising_root, search_grid, section_minimum
 from percept.haptics.stability import demands
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 
 _MODELS = ("colgate", "tustin")
 # β/b of the cheapest coupling: where ∂K/∂β = 0, β² − 5.5·bβ − 2b² = 0.

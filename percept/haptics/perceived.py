@@ -22,7 +22,7 @@ from percept.haptics.impedance import (
     warp,
 )
 from percept.haptics.records import AnyDevice, Coupling, Environment
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 
 # Elements handled at once by `perceived_magnitude`: its scratch stays in the cache, whatever the request.
 _BLOCK = 1 << 14

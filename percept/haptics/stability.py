@@ -25,7 +25,7 @@ from percept.haptics.arrays import (
 from percept.haptics.impedance import HOLDS, Warp, device_parts, tustin_damping, warp
 from percept.haptics.records import AnyDevice, Coupling, TabulatedDevice, refuse_arrays
 from percept.haptics.search import covers_range, local_minima, search_grid
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 
 # How near to 1 a margin, or the modulus of a pole, counts as on the limit.
 _ROUNDING = 1e-12

@@ -18,8 +18,8 @@ import numpy as np
 from markupsafe import Markup, escape
 
 import percept
+from percept.files import filled_folder
 from percept.inference import prediction_interval, tolerance_interval
-from percept.report.folder import filled_folder
 from percept.report.plain import dumps, plain
 from percept.reproduce import claims_coupling as coupling
 from percept.reproduce import claims_figures as figures

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import stdtrit
 
-from percept.durable import write_whole
 from percept.errors import RefusalError, UsageError
+from percept.files import write_whole
 from percept.sessions import Sessions
 from percept.simulate.model import PARAMETERS, SOURCE, Design, Parameter, correlated_normal, session_table
 

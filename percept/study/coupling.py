@@ -16,7 +16,7 @@ from percept.boundary.realism import Realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.haptics import Coupling, Environment
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 from percept.study.apparatus import Apparatus
 from percept.study.regions import Region
 

@@ -10,8 +10,8 @@ import pytest
 
 from percept.cache import PosteriorCache, cache_folder, cache_limit
 from percept.cache.entry import decode, encode
-from percept.durable import exclusive
 from percept.errors import UsageError
+from percept.files import exclusive
 
 KEYS = [f"{i:064x}" for i in range(8)]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from percept.durable import write_whole
+from percept.files import write_whole
 from tests.survival.kill import Survival, check_whole
 
 

@@ -18,8 +18,8 @@ from percept.bench.measure import machine
 from percept.bench.peers.engines import ENGINES, Engine, engine
 from percept.bench.peers.processes import Comparison, Measured, Startup, Whole, comparisons
 from percept.bench.peers.reference import Reference
+from percept.files import filled_folder
 from percept.report.figures.canvas import COLOURS, Axes, Drawing, Figure, legend_below, panels
-from percept.report.folder import filled_folder
 from percept.report.plain import dumps, plain
 from percept.report.plates import draw_plates
 from percept.report.standalone import render_standalone

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.classical.moments import Moments, check_option, finite_values, plain, tail_of
 from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.record import Family, FloatOrArray, Interval, Joint, Kind, Side, percent
-from percept.notebook import NotebookRecord
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.classical.moments import (
     Moments,
     check_option,
@@ -17,7 +18,6 @@ from percept.inference.classical.moments import (
     sample,
 )
 from percept.inference.record import Family
-from percept.notebook import NotebookRecord
 
 _SHAPIRO_MOST = 5000  # beyond, the published approximation of its p-value is not valid
 

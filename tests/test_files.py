@@ -1,3 +1,4 @@
+import hashlib
 import subprocess
 import sys
 import threading
@@ -5,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from percept.durable import exclusive, remove_abandoned, shared, whole_file, write_whole
+from percept.files import exclusive, filled_folder, remove_abandoned, shared, whole_file, write_whole
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
 
@@ -70,7 +71,7 @@ def test_one_holds_a_folder_alone_or_many_together(tmp_path):
 @posix
 def test_a_lock_ends_with_its_process(tmp_path):
     code = (
-        "import os, sys, signal\nfrom pathlib import Path\nfrom percept.durable import exclusive\n"
+        "import os, sys, signal\nfrom pathlib import Path\nfrom percept.files import exclusive\n"
         "with exclusive(Path(sys.argv[1])):\n    os.kill(os.getpid(), signal.SIGKILL)"
     )
     ran = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
@@ -107,3 +108,36 @@ def test_a_file_system_without_locks_is_told_and_not_an_error(tmp_path, monkeypa
     monkeypatch.setattr(fcntl, "flock", refuse)
     with exclusive(tmp_path, wait=False) as held:
         assert not held
+
+
+def test_what_an_earlier_run_wrote_goes_unless_somebody_changed_it(tmp_path):
+    def fill(*names):
+        with filled_folder(tmp_path / "out", last="page.html") as folder:
+            for name in names:
+                (folder / name).write_text(f"{name} of the program")
+
+    fill("page.html", "posterior.nc", "old.csv", "edited.csv")
+    (tmp_path / "out" / "edited.csv").write_text("mine now")
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    fill("page.html", "new.csv")
+    found = {path.name: path.read_text() for path in (tmp_path / "out").iterdir()}
+    assert found.pop("page.sha256").count("\n") == 2
+    assert found == {
+        "page.html": "page.html of the program",
+        "new.csv": "new.csv of the program",
+        "edited.csv": "mine now",
+        "notes.txt": "mine",
+    }
+
+
+def test_a_list_that_points_outside_its_folder_is_not_followed(tmp_path):
+    outside = tmp_path / "outside.txt"
+    outside.write_text("mine")
+    digest = hashlib.sha256(b"mine").hexdigest()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "page.sha256").write_text(
+        f"{digest}  ../outside.txt\n{digest}  {outside}\nnonsense\n"
+    )
+    with filled_folder(tmp_path / "out", last="page.html") as folder:
+        (folder / "page.html").write_text("x")
+    assert outside.read_text() == "mine"

@@ -1,29 +1,130 @@
-"""A folder of results: filled aside, moved into place file by file, nothing of the user's touched."""
+"""Files that are whole or not there, folders that one run holds, and folders of results moved into place."""
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import os
+import secrets
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from percept.durable import exclusive, shared
 from percept.errors import UsageError
 
+_SUFFIX = ".part"
 _ASIDE = ".percept-unfinished-"
 _HINT = "Rename it, or choose another folder."
+# What a file system says that has no locks; those of NFS before version 4 among them.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
+
+    `path` is never seen in part, whatever stops the process or the machine: the bytes go to the disk first.
+    """
+    path = path.resolve()
+    aside = path.with_name(f".{path.name}-{secrets.token_hex(8)}{_SUFFIX}")
+    aside.touch(exist_ok=False)  # with the permissions any new file has, which `tempfile` would not give
+    try:
+        yield aside
+        _sync(aside, os.O_RDWR)
+        aside.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            aside.unlink()
+        raise
+    _sync_folder(path.parent)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file by `whole_file`."""
+    with whole_file(path) as aside:
+        aside.write_bytes(data)
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove what `whole_file` left in a folder when its process was killed.
+
+    To be called by the one who holds the folder by `exclusive`: nobody is writing then.
+    """
+    for path in folder.glob(f".*-*{_SUFFIX}"):
+        with suppress(OSError):
+            path.unlink()
+
+
+@contextmanager
+def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
+    """Hold a folder alone, among those who ask by this function or `shared`.
+
+    The operating system locks the folder itself, so the lock ends with the process however that ends.
+    """
+    with _locked(folder, alone=True, wait=wait) as held:
+        yield held
+
+
+@contextmanager
+def shared(folder: Path) -> Iterator[bool]:
+    """Hold a folder together with others; `exclusive` waits, or fails, as long as it lasts."""
+    with _locked(folder, alone=False, wait=True) as held:
+        yield held
+
+
+def _sync(path: Path, mode: int) -> None:
+    handle = os.open(path, mode)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+if sys.platform == "win32":
+
+    @contextmanager
+    def _locked(folder: Path, *, alone: bool, wait: bool) -> Iterator[bool]:
+        yield False
+
+    def _sync_folder(folder: Path) -> None:
+        """Do nothing: a folder cannot be opened here."""
+
+else:
+    import fcntl
+
+    @contextmanager
+    def _locked(folder: Path, *, alone: bool, wait: bool) -> Iterator[bool]:
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            how = fcntl.LOCK_EX if alone else fcntl.LOCK_SH
+            try:
+                fcntl.flock(handle, how if wait else how | fcntl.LOCK_NB)
+                held = True
+            except BlockingIOError:
+                raise
+            except OSError as error:
+                if error.errno not in _NO_LOCKS:
+                    raise
+                held = False
+            yield held
+        finally:
+            os.close(handle)
+
+    def _sync_folder(folder: Path) -> None:
+        with suppress(OSError):  # some network file systems refuse it
+            _sync(folder, os.O_RDONLY)
 
 
 @contextmanager
 def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
-    """Give an empty folder to write into; what stands in it at the end is moved to `out_dir`.
+    """Give an empty folder to write into; its files move to `out_dir` at the end, `last` as the last of them.
 
-    An error inside leaves `out_dir` as it was. A list of the files and their hashes, in the form of
-    ``sha256sum`` and named after `last`, goes with them: a file of an earlier list that is not written again
-    is removed if it still is what was written then. Every other file stays. Of two runs into one folder the
-    one that ends later leaves all its files; what a killed run left goes with the next one.
+    An error inside leaves `out_dir` as it was. A list of the files and their hashes goes with them, in the
+    form of ``sha256sum`` and named after `last`. A file of an earlier list that is not written again goes,
+    unless somebody changed it. Every other file stays. Of two runs into one folder the later one wins.
     """
     if not str(out_dir):
         raise UsageError("the name of the folder to write is empty.", hint="Name one, or leave it out.")
