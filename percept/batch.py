@@ -180,7 +180,9 @@ def encode(
 ) -> Outcome:
     """Encode the rows of a study: one per interval, or one without any."""
     shared = {"study": study, "key": key, "status": status, "message": message, **found}
-    rows = [{}] if intervals is None or intervals.empty else intervals.to_dict("records")
+    rows: list[dict[Any, Any]] = (
+        [{}] if intervals is None or intervals.empty else intervals.to_dict("records")
+    )
     columns = {
         field.name: pa.array(
             [{**row, **shared}.get(field.name) for row in rows], field.type, from_pandas=True

@@ -145,7 +145,7 @@ def require_same_code(client: Client, version: str | None = None) -> None:
     # All of percept's code: a worker that differs in any of it is not asked whether the difference counts.
     ours = version or numbers_version(".")
 
-    class SameCode(WorkerPlugin):
+    class SameCode(WorkerPlugin):  # type: ignore[misc]
         name = f"percept {ours}"
 
         def setup(self, worker: object) -> None:

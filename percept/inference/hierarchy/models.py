@@ -72,8 +72,13 @@ class Pooled:
     def identity(self) -> tuple[object, ...]:
         """Everything that decides density and locations: statistics, priors, options, resolution."""
         density = self.density
-        records = (density.statistics, density.priors, density.layout.options, density.resolution)
-        return ("pooled", *map(dataclasses.astuple, records))
+        return (
+            "pooled",
+            dataclasses.astuple(density.statistics),
+            dataclasses.astuple(density.priors),
+            dataclasses.astuple(density.layout.options),
+            dataclasses.astuple(density.resolution),
+        )
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
