@@ -19,8 +19,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from percept.cache import digest, numbers_version
-from percept.files import exclusive, remove_abandoned, whole_file, write_whole
 from percept.errors import PerceptError, RefusalError, UsageError
+from percept.files import exclusive, remove_abandoned, whole_file, write_whole
 from percept.scene import Scene
 from percept.sessions import ReadOptions, read_sessions
 from percept.sessions.sources import expand, fitting, is_pattern, may_be_study

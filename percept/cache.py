@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 import percept
-from percept.files import exclusive, remove_abandoned, shared, write_whole
 from percept.errors import UsageError
+from percept.files import exclusive, remove_abandoned, shared, write_whole
 from percept.inference.sampling.estimands import Estimates
 from percept.inference.sampling.records import Gate, Run, Settings
 

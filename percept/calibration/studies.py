@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from percept.files import exclusive
 from percept.errors import RefusalError, UsageError
+from percept.files import exclusive
 from percept.workers import Mapper, in_process
 
 Result = TypeVar("Result")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from percept.cache import PosteriorCache, cache_folder, cache_limit, decode, encode
-from percept.files import exclusive
 from percept.errors import UsageError
+from percept.files import exclusive
 
 
 @pytest.fixture
