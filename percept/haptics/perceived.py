@@ -69,18 +69,7 @@ def effective_impedance(
 ) -> EffectiveImpedance:
     """Return what environment and coupling in series show at each ω.
 
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    environment : Environment
-        Z_e; its parameters broadcast against ω.
-    coupling : Coupling
-        Z_c; its parameters broadcast against ω.
-    period : float
-        Sampling period T, s.
-    discretization : {"tustin", "backward"}
-        Of the coupling: Eq. 12's form (default) or Eq. 6's.
+    Parameters are those of `perceived_impedance`.
 
     Returns
     -------
@@ -90,7 +79,7 @@ def effective_impedance(
     Raises
     ------
     UsageError
-        ω above Nyquist, T not positive, a value that is not finite, an unknown discretization.
+        As `perceived_impedance`.
     """
     grid = warp(omega, period)
     shown = _through_coupling(grid, environment, coupling, discretization)

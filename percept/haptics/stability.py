@@ -99,16 +99,7 @@ def required_damping(
 ) -> RequiredDamping:
     """Return the damping a rigid device needs for a coupling, in closed form (Eq. 10 over all ω).
 
-    Parameters
-    ----------
-    coupling : Coupling
-        Its parameters may be arrays.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    Parameters are those of `stability_margin`; the coupling's may be arrays.
 
     Returns
     -------
@@ -251,18 +242,7 @@ def absolute_stability(
     resolves each mode, and refined; a table is searched over the range it covers, and cannot show stability
     where that is not all of it.
 
-    Parameters
-    ----------
-    device : Device or TabulatedDevice
-        The device, Z_d.
-    coupling : Coupling
-        One coupling, Z_c.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    Parameters are those of `stability_margin`, for one device and one coupling.
 
     Returns
     -------
