@@ -132,14 +132,18 @@ def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float |
     last = int(np.flatnonzero(true)[-1])
     if last == candidates.size - 1:
         return float("inf")
-    low, high = candidates[last], candidates[last + 1]
-    while high - low > 1e-12 * high:
-        middle = np.sqrt(low * high)
-        if true_at(np.array([middle]))[0]:
-            low = middle
-        else:
-            high = middle
-    return float(low)
+    low, _ = _halved(lambda x: bool(true_at(np.array([x]))[0]), *candidates[last : last + 2], rtol=1e-12)
+    return low
+
+
+def _halved(
+    low_side: Callable[[float], bool], low: float, high: float, *, rtol: float
+) -> tuple[float, float]:
+    """Halve an interval on the logarithmic scale, keeping a change of side inside, until it is narrow."""
+    while high > low * (1 + rtol):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if low_side(middle) else (low, middle)
+    return float(low), float(high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,12 +236,7 @@ def _softest(published: Published, damping: float, rows: Sequence[int]) -> float
 
 
 def _least(published: Published, rows: Sequence[int], bracket: tuple[float, float]) -> float:
-    """Return the smallest b_d with a coupling for some environments, by bisection."""
-    low, high = bracket
-    while np.isfinite(high) and high > low * (1 + _DIGITS):
-        middle = float(np.sqrt(low * high))
-        if np.isnan(_softest(published, middle, rows)):
-            low = middle
-        else:
-            high = middle
-    return high
+    """Return the smallest b_d with a coupling for some environments; inf without any."""
+    if not np.isfinite(bracket[1]):
+        return bracket[1]
+    return _halved(lambda b: bool(np.isnan(_softest(published, b, rows))), *bracket, rtol=_DIGITS)[1]
