@@ -23,7 +23,7 @@ from percept.errors import PerceptError, RefusalError, UsageError
 from percept.files import exclusive, remove_abandoned, whole_file, write_whole
 from percept.scene import Scene
 from percept.sessions import ReadOptions, read_sessions
-from percept.sessions.sources import expand, fitting, is_pattern, may_be_study
+from percept.sessions.files import expand, fitting, is_pattern, may_be_study
 from percept.study import Study
 from percept.workers import Mapper
 

@@ -67,7 +67,7 @@ def open_study(
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene).with_groups(groups)
     sessions = read_sessions(*arguments.sessions, options=options)
     if not arguments.quiet:
-        _tell((*sessions.doubts, *sessions.notices))
+        _tell((*sessions.warnings, *sessions.notices))
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
     if scene.device is not None and scene.device.response:
         _ = study.device

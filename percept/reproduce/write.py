@@ -25,7 +25,7 @@ from percept.reproduce import claims_figures as figures
 from percept.reproduce import claims_table as table
 from percept.reproduce.devices import Adapted, TradeOff, adapted_couplings, trade_off
 from percept.reproduce.published import Claim, Published
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 
 PAGE = "reproduction.html"
 SCHEMA = "percept-reproduction/1"

@@ -16,7 +16,7 @@ from percept.inference.checks.predictive import STATISTICS, replicate, statistic
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress, Settings
 from percept.scene import Scene
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
 from percept.study.streams import Stream, generator

@@ -10,12 +10,12 @@ from typing import Any
 
 from percept.errors import PerceptError, printable
 from percept.sessions.columns import resolve
+from percept.sessions.files import expand, load
 from percept.sessions.options import CANONICAL, ReadOptions
-from percept.sessions.problems import ReadError
-from percept.sessions.read import read_grid_of, read_sessions
-from percept.sessions.records import Exclusion, Notice, Sessions, Source
-from percept.sessions.sources import expand, load
-from percept.sessions.units import UNITS
+from percept.sessions.read import Sessions, read_sessions
+from percept.sessions.records import Exclusion, Notice, ReadError, Source
+from percept.sessions.table import open_blocks
+from percept.sessions.values import UNITS
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Validation:
     form : {"trials", "summary"}, optional
         None where nothing could be read.
     sources, notices, exclusions : tuple
-        As in :class:`~percept.sessions.records.Sessions`.
+        As in :class:`~percept.sessions.Sessions`.
     counts : mapping of str to int
     problems : tuple of PerceptError
         All that were kept; `total` counts them all.
@@ -68,7 +68,7 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
     Parameters
     ----------
     *paths : str or Path
-        As for :func:`~percept.sessions.read.read_sessions`.
+        As for :func:`~percept.sessions.read_sessions`.
     options : ReadOptions, optional
         How to read them.
 
@@ -88,7 +88,7 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
         exit_code=1 if refused else 0,
         form=sessions.form,
         sources=sessions.sources,
-        notices=sessions.notices + sessions.doubts + refused,
+        notices=sessions.notices + sessions.warnings + refused,
         exclusions=sessions.exclusions,
         counts=sessions.counts,
     )
@@ -159,7 +159,7 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
     """
     options = options or ReadOptions()
     entry = next(load(expand([path]).files[0]))
-    grid = read_grid_of(entry, options, [])
+    grid = next(open_blocks(entry, options, [])).grid()
     try:
         rules = resolve(grid.header, options.columns, file=entry.name).rules
         doubt = ""
