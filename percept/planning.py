@@ -14,10 +14,10 @@ import numpy as np
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.classical.moments import check_option, tail_of
 from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.record import Family, Joint, Kind, percent
-from percept.notebook import NotebookRecord
 
 _MOST_SUBJECTS = 10_000_000
 

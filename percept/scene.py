@@ -5,14 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    ConfigDict,
     Field,
     PrivateAttr,
     StrictBool,
@@ -22,8 +19,9 @@ from pydantic import (
 )
 
 from percept.errors import UsageError
+from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
-from percept.notebook import fields_html
+from percept.sessions.options import Columns, Environments, SessionsTable, Table, said
 
 __all__ = [
     "ChecksTable",
@@ -54,11 +52,7 @@ Kind = Literal["mean", "user", "share"]
 _NYQUIST_ANGLE = math.pi - 1e-9
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ModeTable(_Table):
+class ModeTable(Table):
     """A flexible mode: a mass (kg) on a spring (N/m) and damper (N·s/m)."""
 
     mass: Positive
@@ -66,7 +60,7 @@ class ModeTable(_Table):
     damping: NonNegative = 0.0
 
 
-class DeviceTable(_Table):
+class DeviceTable(Table):
     """The haptic device: mass (kg) and damping (N·s/m) with flexible modes, or a measured response.
 
     `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m), from the folder of the
@@ -89,14 +83,14 @@ class DeviceTable(_Table):
         return self
 
 
-class CouplingTable(_Table):
+class CouplingTable(Table):
     """The virtual coupling: stiffness (N/m) and damping (N·s/m)."""
 
     stiffness: Positive
     damping: NonNegative
 
 
-class FrequencyTable(_Table):
+class FrequencyTable(Table):
     """The perceivable range, rad/s, and how many frequencies a curve has: by default as many as it needs."""
 
     lower: Positive = 0.1
@@ -116,7 +110,7 @@ class FrequencyTable(_Table):
         return usual if self.lower <= usual <= self.upper else math.sqrt(self.lower * self.upper)
 
 
-class InferenceTable(_Table):
+class InferenceTable(Table):
     """Levels, family and accuracy of the intervals; `share` defaults to `level`."""
 
     level: Probability = 0.99
@@ -149,7 +143,7 @@ class InferenceTable(_Table):
         return self.level if self.share is None else self.share
 
 
-class ModelTable(_Table):
+class ModelTable(Table):
     """The hierarchical model: pooling, priors and simpler variants.
 
     `scale` gives a parameter whose references include zero a unit to divide by (normal family);
@@ -186,7 +180,7 @@ class ModelTable(_Table):
         return self
 
 
-class ChecksTable(_Table):
+class ChecksTable(Table):
     """Checks of the hierarchical model beside its fit; none without this table.
 
     `refit` samples the posterior anew without each subject that reweighting cannot leave out; `compare`
@@ -197,7 +191,7 @@ class ChecksTable(_Table):
     compare: StrictBool = False
 
 
-class ReportTable(_Table):
+class ReportTable(Table):
     """What the page shows: zoom windows (rad/s) per environment."""
 
     zoom: dict[str, tuple[Positive, Positive]] = Field(default_factory=dict)
@@ -211,11 +205,11 @@ class ReportTable(_Table):
         return zoom
 
 
-class Scene(_Table):
+class Scene(Table):
     """An analysis: every table is optional, and what depends on a missing one is skipped.
 
     Parameters are keyword arguments named after the tables of the TOML form. `columns`, `sessions`
-    and `environments` are handed to the session reader, which checks them.
+    and `environments` say how session files are read.
     """
 
     device: DeviceTable | None = None
@@ -225,16 +219,16 @@ class Scene(_Table):
     model: ModelTable = ModelTable()
     checks: ChecksTable | None = None
     report: ReportTable = ReportTable()
-    columns: dict[str, Any] = Field(default_factory=dict)
-    sessions: dict[str, Any] = Field(default_factory=dict)
-    environments: dict[str, Any] = Field(default_factory=dict)
+    columns: Columns = Field(default_factory=dict)
+    sessions: SessionsTable = SessionsTable()
+    environments: Environments = Field(default_factory=dict)
     _folder: Path = PrivateAttr(default=Path())
 
     def __init__(self, /, **tables: Any) -> None:
         try:
             super().__init__(**tables)
         except ValidationError as error:
-            raise _told(type(self), error) from error
+            raise said(type(self), error) from error
 
     @model_validator(mode="after")
     def _below_nyquist(self) -> Self:
@@ -335,36 +329,3 @@ class Scene(_Table):
         changed = Scene.from_tables(self.model_dump(exclude_none=True) | tables)
         changed._folder = self._folder
         return changed
-
-
-def _keys_at(table: type[BaseModel], place: Sequence[str | int]) -> list[str]:
-    """Return the keys of the table in which a place lies."""
-    for name in place[:-1]:
-        if isinstance(name, str):
-            table = next(_tables_in(table.model_fields[name].annotation))
-    return list(table.model_fields)
-
-
-def _tables_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for part in get_args(annotation):
-        yield from _tables_in(part)
-
-
-def _told(scene: type[BaseModel], error: ValidationError) -> UsageError:
-    """Say the first thing that is wrong, and where."""
-    first = error.errors(include_url=False)[0]
-    cause = first.get("ctx", {}).get("error")
-    if not first["loc"] and isinstance(cause, UsageError):
-        return cause
-    message, value = first["msg"].removeprefix("Value error, "), first["input"]
-    if first["type"] == "missing":
-        message, value = "is missing", None
-    elif first["type"] == "extra_forbidden":
-        message = f"there is no such key; there are {', '.join(_keys_at(scene, first['loc']))}"
-    return UsageError(
-        f"{message[:1].lower()}{message[1:]}".removesuffix(".") + ".",
-        key=".".join(str(part) for part in first["loc"]) or None,
-        value=None if isinstance(value, dict) else value,
-    )

@@ -9,37 +9,36 @@ import pytest
 import percept
 
 ROOT = Path(percept.__file__).parent
-_ANALYSIS = {"study", "boundary", "haptics", "inference", "sessions", "scene", "errors", "notebook"}
+_ANALYSIS = {"study", "boundary", "haptics", "inference", "sessions", "scene", "errors", "html"}
 #: Of percept's parts, those a part may import beside itself.
 ALLOWED = {
     "errors": set(),
-    "notebook": set(),
+    "html": {"errors"},
     "cores": set(),
-    "durable": set(),
-    "browser": set(),
-    "haptics": {"notebook", "errors"},
-    "inference": {"notebook", "errors"},
-    "boundary": {"haptics", "inference", "notebook", "errors"},
-    "sessions": {"cores", "errors"},
-    "scene": {"inference", "notebook", "errors"},
+    "files": {"errors"},
+    "haptics": {"html", "errors"},
+    "inference": {"html", "errors"},
+    "boundary": {"haptics", "inference", "html", "errors"},
+    "sessions": {"errors"},
+    "scene": {"sessions", "inference", "html", "errors"},
     "study": _ANALYSIS - {"study"},
-    "cache": {"inference", "durable", "errors"},
+    "cache": {"inference", "files", "errors"},
     "workers": {"cache", "cores", "errors"},
-    "planning": {"inference", "notebook", "errors"},
-    "simulate": {"sessions", "inference", "durable", "errors"},
-    "calibration": _ANALYSIS | {"simulate", "workers", "durable"},
-    "batch": {"study", "sessions", "scene", "workers", "cache", "durable", "errors"},
-    "report": _ANALYSIS | {"durable", "browser", "__version__"},
-    "reproduce": _ANALYSIS | {"report", "simulate"},
+    "planning": {"inference", "html", "errors"},
+    "simulate": {"sessions", "inference", "files", "errors"},
+    "calibration": _ANALYSIS | {"simulate", "workers", "files"},
+    "batch": {"study", "sessions", "scene", "workers", "cache", "files", "errors"},
+    "report": _ANALYSIS | {"files", "__version__"},
+    "reproduce": _ANALYSIS | {"files", "report", "simulate"},
 }
 #: The ends, which may import everything, and which nothing but an end imports.
 ENDS = {"cli", "commands", "bench", "__main__", "__init__"}
 #: Packages that are not Python's own, for the parts that have to stay light or pure.
 OUTSIDE = {
     "errors": set(),
-    "notebook": set(),
+    "html": set(),
     "cores": set(),
-    "durable": set(),
+    "files": set(),
     "haptics": {"numpy"},
     "inference": {"numpy", "scipy", "emcee", "arviz_base", "arviz_stats", "xarray"},
     "boundary": {"numpy", "scipy", "pandas"},

@@ -92,25 +92,45 @@ def test_a_file_that_is_not_there(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ({"columns": {"stiff": "k"}}, "columns.stiff: no such column in [columns]; the names are subject"),
-        ({"sessions": {"comma": ","}}, "sessions.comma: unknown key in [sessions]; the keys are decimal"),
-        ({"sessions": {"decimal": "x"}}, 'sessions.decimal = \'x\': must be "." or ",".'),
-        ({"environments": {"A": {"k": 3}}}, "environments.A.k = 3: an environment has the numbers k_ref"),
-        ({"environments": {"A": 3}}, "value 3: [environments.A] must be a table."),
+        ({"columns": {"stiff": "k"}}, "columns.stiff: there is no such key; there are subject, session,"),
+        (
+            {"sessions": {"comma": ","}},
+            "sessions.comma = ',': there is no such key; there are decimal, delimiter",
+        ),
+        ({"sessions": {"decimal": "x"}}, "sessions.decimal = 'x': input should be '.' or ','."),
+        (
+            {"environments": {"A": {"k": 3}}},
+            "environments.A.k: there is no such key; there are k_ref, b_ref.",
+        ),
+        ({"environments": {"A": 3}}, "environments.A = 3: must be a table."),
+        (
+            {"columns": {"b_ref": {"name": "b", "unit": "N/m"}}},
+            "columns.b_ref.unit = 'N/m': not a unit of damp",
+        ),
     ],
 )
-def test_tables_of_the_reader_name_the_scene_they_stand_in(tables, said):
+def test_how_sessions_are_read_is_checked_with_the_scene(tables, said):
+    for build in (Scene.from_tables, ReadOptions.from_mapping):
+        with pytest.raises(UsageError) as caught:
+            build(tables, file="scene.toml")
+        assert str(caught.value).startswith(f"scene.toml, {said}")
+
+
+def test_a_scene_hands_its_tables_to_the_reader():
+    tables = {
+        "columns": {"k_adj": "final", "b_adj": {"name": "b", "unit": "N·s/mm"}},
+        "sessions": {"decimal": ",", "exclude": [{"column": "rt", "above": 60}], "groups": "hand"},
+        "environments": {"A": {"stiffness": 10}},
+    }
     scene = Scene.from_tables(tables)
-    with pytest.raises(UsageError) as caught:
-        ReadOptions.from_mapping(dict(scene), file="scene.toml")
-    assert str(caught.value).startswith("scene.toml, ")
-    assert said in str(caught.value)
+    assert ReadOptions.from_mapping(dict(scene)) == ReadOptions.from_mapping(tables)
+    assert Scene.from_tables(scene.to_dict()) == scene
 
 
 def test_replacing_a_setting_keeps_the_rest_and_checks_it():
     scene = Scene.from_tables({"inference": {"level": 0.9, "seed": 4}, "sessions": {"decimal": ","}})
     changed = scene.with_inference(level=0.95, tolerance=None)
-    assert (changed.inference.level, changed.inference.seed, changed.sessions) == (0.95, 4, {"decimal": ","})
+    assert (changed.inference.level, changed.inference.seed, changed.sessions.decimal) == (0.95, 4, ",")
     assert scene.inference.level == 0.9
     with pytest.raises(UsageError, match=r"inference\.tolerance = 2"):
         scene.with_inference(tolerance=2)

@@ -27,7 +27,6 @@ from percept.haptics import (
     required_damping,
     required_damping_at,
     stability_margin,
-    velocity_ratio,
 )
 
 PROMISE = 1e-13  # largest relative error per unit of the formula's condition
@@ -183,11 +182,6 @@ QUANTITIES: dict[str, Check] = {
     ),
     "ZOH, Eq. 8": _check(lambda v: hold(v["omega"], v["period"]), twin.hold_average, _W),
     "ZOH, true": _check(lambda v: hold(v["omega"], v["period"], kind="true"), twin.hold_true, _W),
-    "v_e/v_h": _check(
-        lambda v: velocity_ratio(v["omega"], _environment(v), _coupling(v), v["period"]),
-        twin.velocity_ratio,
-        _SEEN,
-    ),
     "Z_eff": _check(lambda v: _effective(v).value, twin.effective, _SEEN),
     "Re Z_eff": _check(lambda v: _effective(v).damping, lambda p: p.mp.mpc(twin.effective(p)).real, _SEEN),
     "Z_h": _check(

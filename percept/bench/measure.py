@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from percept import __version__
-from percept.report.folder import filled_folder
+from percept.files import filled_folder
 from percept.report.plain import dumps, plain
 
 SCHEMA = "percept-measurement-1"

@@ -154,12 +154,6 @@ def hold_true(p: Any) -> Number:
     return (1 - 1 / p.z) / (p.mp.j * p.theta)
 
 
-def velocity_ratio(p: Any) -> Number:
-    """Eq. 12."""
-    z_c = coupling_tustin(p)
-    return 0 if z_c == 0 else z_c / (environment(p) + z_c)
-
-
 def effective(p: Any) -> Number:
     """Environment seen through its coupling."""
     return series(environment(p), coupling_tustin(p))

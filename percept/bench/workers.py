@@ -38,9 +38,8 @@ def batch_costs(
     studies: int = 200, *, workers: Sequence[int] = (1, 2), tolerance: float = 0.1
 ) -> list[BatchCost]:
     """Run a batch of small studies on each number of workers."""
-    from percept.batch import run_batch, sources
-    from percept.batch.work import analyse
-    from percept.workers import OnCluster, connected
+    from percept.batch import analyse, run_batch, sources
+    from percept.workers import connected, on_cluster
 
     costs: list[BatchCost] = []
     with tempfile.TemporaryDirectory(prefix="percept-workers-") as root:
@@ -51,7 +50,7 @@ def batch_costs(
                 client.run(analyse, batch[0].read())  # imports, on every worker
                 before = sum(client.run(time.process_time).values())
                 here, started = time.process_time(), time.perf_counter()
-                run_batch(batch, Path(root) / f"out-{count}", OnCluster(client))
+                run_batch(batch, Path(root) / f"out-{count}", on_cluster(client))
                 wall, here = time.perf_counter() - started, time.process_time() - here
                 worked = sum(client.run(time.process_time).values()) - before
             gain = costs[0].wall_s / wall if costs else 1.0

@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-from percept.boundary.draws import pointwise_band
 from percept.boundary.records import Boundary
 from percept.haptics import corner_curves, magnitude_envelope, magnitude_envelope_ellipse
 
-__all__ = [
-    "Boundary",
-    "corner_curves",
-    "magnitude_envelope",
-    "magnitude_envelope_ellipse",
-    "pointwise_band",
-]
+__all__ = ["Boundary", "corner_curves", "magnitude_envelope", "magnitude_envelope_ellipse"]

@@ -1,4 +1,8 @@
-"""The band against the environment's impedance: how wide, and by what law."""
+"""The band against the environment's impedance: how wide, and by what law.
+
+Three laws are fitted on the log scale to many sets of bands at once. Weber: w|Z|. Offset: c + w|Z|, c ≥ 0.
+Power: w|Z|^p. Each is a model of its own: a few environments cannot tell all of c, w and p apart.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,18 @@ import math
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import elementwise
 
-from percept.boundary.band_fit import LAWS, fit_law, leave_one_out
-from percept.errors import RefusalError
-from percept.notebook import NotebookRecord
+from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
-# Without an environment an offset counts as gone below this share of what it was.
+
+# Parameters of each law, in order.
+LAWS: dict[str, tuple[str, ...]] = {"weber": ("w",), "offset": ("c", "w"), "power": ("w", "p")}
+_NAMES = {"weber": "Weber's law", "offset": "the law with an offset", "power": "the power law"}
+_GRID = 61
+# Without an environment an offset counts as gone below this fraction of what it was.
 _GONE = 0.1
 # Log of the factor a law may be off by and still be said to predict anything.
 _OF_NO_USE = math.log(10.0)
@@ -160,9 +169,6 @@ def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> st
     return environments[int(gone[0])] if gone.size == 1 else None
 
 
-_NAMES = {"weber": "Weber's law", "offset": "the law with an offset", "power": "the power law"}
-
-
 def _sentence(
     law: str, parameters: dict[str, Estimate], errors: dict[str, float], carried_by: str | None
 ) -> str:
@@ -176,11 +182,7 @@ def _sentence(
     if law == "weber":
         return f"The band is {parameters['w'].value:.3g} times the impedance. {error}"
     if law == "offset":
-        on = (
-            f" Only {carried_by} speaks for the offset: without it there is none to be seen."
-            if carried_by
-            else ""
-        )
+        on = f" The offset rests on {carried_by} alone." if carried_by else ""
         c, w = parameters["c"], parameters["w"]
         if c.value == 0.0:
             return f"The offset vanishes, and the band is {w.value:.3g} times the impedance. {error}"
@@ -191,3 +193,82 @@ def _sentence(
         return f"The exponent's interval holds 1: Weber's law is not ruled out. {error}"
     growing = "faster" if p.lower > 1.0 else "slower"
     return f"The band grows {growing} than the impedance: the exponent's interval does not hold 1. {error}"
+
+
+def fit_law(law: str, impedance: Array, bands: Array) -> Array:
+    """Fit a law by least squares on the logarithms."""
+    if not ((impedance > 0).all() and (bands > 0).all()):
+        raise UsageError("impedances and bands must be positive.")
+    if impedance.size < len(LAWS[law]) or (law != "weber" and np.ptp(impedance) == 0):
+        raise RefusalError(
+            f"{impedance.size} environment(s) cannot determine {' and '.join(LAWS[law])}.",
+            hint="Add reference environments of other impedance.",
+        )
+    y = np.log(bands)
+    if law == "weber":
+        return np.exp((y - np.log(impedance)).mean(axis=1))[:, None]
+    if law == "power":
+        x = np.log(impedance)
+        centred = x - x.mean()
+        exponent = y @ centred / (centred @ centred)
+        return np.stack([np.exp(y.mean(axis=1) - exponent * x.mean()), exponent], axis=1)
+    return _fit_offset(impedance, y)
+
+
+def law_band(law: str, parameters: Array, impedance: Array) -> Array:
+    """Bands of fitted laws, shape (S, J)."""
+    named = dict(zip(LAWS[law], parameters.T[..., None], strict=True))
+    return named.get("c", 0.0) + named["w"] * impedance ** named.get("p", 1.0)
+
+
+def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Array]:
+    """Predict each environment's band from the others."""
+    errors, fits = [], []
+    for j in range(impedance.size):
+        kept = np.arange(impedance.size) != j
+        fitted = fit_law(law, impedance[kept], bands[:, kept])
+        errors.append(np.log(law_band(law, fitted, impedance[[j]])[:, 0] / bands[:, j]))
+        fits.append(fitted)
+    return np.stack(errors, axis=1), np.stack(fits)
+
+
+def _fit_offset(impedance: Array, y: Array) -> Array:
+    """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
+    # From e^16 on, c + w|Z| is constant to the digits a band has.
+    low, high = np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 16.0
+    grid = np.concatenate([[-np.inf], np.linspace(low, high, _GRID)])
+    # The grid is the same for all sets: of the squared distances only the product with it differs. The
+    # digits this loses could at most choose a neighbouring step, which the brackets hold as well.
+    curves = np.log(np.exp(grid)[:, None] + impedance)
+    curves -= curves.mean(axis=1, keepdims=True)
+    best = (np.einsum("gj,gj->g", curves, curves) - 2.0 * y @ curves.T).argmin(axis=1)
+    step = (high - low) / (_GRID - 1)
+    centre = np.where(np.isfinite(grid[best]), grid[best], low)
+    every = np.arange(len(y))
+
+    def slope(log_ratio: Array, which: NDArray[np.intp]) -> Array:
+        """Half the derivative of the summed squares; their own minimum is flat, and gives half the digits."""
+        offset = np.exp(log_ratio)[:, None]
+        off = _centred(y[which] - np.log(offset + impedance))
+        return -np.einsum("sj,sj->s", off, offset / (offset + impedance))
+
+    left, right = centre - step, centre + step
+    rises, falls = slope(left, every) >= 0, slope(right, every) <= 0
+    minimum = np.where(rises, left, right)
+    turns = np.flatnonzero(~rises & ~falls)
+    if turns.size:
+        minimum[turns] = elementwise.find_root(slope, (left[turns], right[turns]), args=(turns,)).x
+    # No offset at all may fit best: the search runs in the logarithm, which never gets there.
+    none = _cost(np.full(len(y), -np.inf), impedance, y) <= _cost(minimum, impedance, y)
+    ratio = np.where(none, 0.0, np.exp(minimum))
+    w = np.exp((y - np.log(ratio[:, None] + impedance)).mean(axis=1))
+    return np.stack([ratio * w, w], axis=1)
+
+
+def _cost(log_ratio: Array, impedance: Array, y: Array) -> Array:
+    off = _centred(y - np.log(np.exp(log_ratio)[:, None] + impedance))
+    return np.einsum("sj,sj->s", off, off) / off.shape[1]
+
+
+def _centred(values: Array) -> Array:
+    return values - (values.sum(axis=1) / values.shape[1])[:, None]

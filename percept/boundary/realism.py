@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, magnitude_envelope
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
 _BLOCK_VALUES = 1 << 18

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from percept.durable import exclusive
 from percept.errors import RefusalError, UsageError
-from percept.workers import InProcess, Job, Mapper
+from percept.files import exclusive
+from percept.workers import Mapper, in_process
 
 Result = TypeVar("Result")
 # How every line starts: what is left of one cut short is told from a file of something else.
@@ -75,20 +75,19 @@ class Checkpoint(Generic[Result]):
         results = self.read(studies)
         stop = None if seconds is None else time.monotonic() + seconds
 
-        def jobs() -> Iterator[Job[int]]:
+        def wanted() -> Iterator[int]:
             for index in sorted(set(range(studies)) - results.keys()):
                 if stop is not None and time.monotonic() >= stop:
                     return
-                yield Job(f"{self._what}-{self._plan}-{index}", index)
+                yield index
 
         errors: dict[int, Exception] = {}
-        for answer in (mapper or InProcess()).map(study, jobs()):
-            index = answer.job.argument
-            if isinstance(answer.result, Exception):
-                errors[index] = answer.result
+        for index, result in (mapper or in_process)(study, wanted()):
+            if isinstance(result, Exception):
+                errors[index] = result
                 continue
-            results[index] = answer.result
-            self.append(index, answer.result)
+            results[index] = result
+            self.append(index, result)
             if progress:
                 progress(len(results), studies)
         if errors:

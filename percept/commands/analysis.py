@@ -43,6 +43,12 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress, no notices")
 
 
+def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add `--workers` and `--scheduler`, as `percept.workers.open_mapper` takes them."""
+    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (all cores)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a running dask scheduler, in their place")
+
+
 def settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the keys of `[inference]` as `add_setting_arguments` parsed them, None where not given."""
     return {name: getattr(arguments, name) for name in ("seed", "tolerance", "level", "family", "method")}
@@ -61,7 +67,7 @@ def open_study(
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene).with_groups(groups)
     sessions = read_sessions(*arguments.sessions, options=options)
     if not arguments.quiet:
-        _tell((*sessions.doubts, *sessions.notices))
+        _tell((*sessions.warnings, *sessions.notices))
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
     if scene.device is not None and scene.device.response:
         _ = study.device

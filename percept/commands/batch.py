@@ -14,8 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from percept.commands.analysis import add_setting_arguments, settings
-from percept.commands.workers import add_worker_arguments
+from percept.commands.analysis import add_setting_arguments, add_worker_arguments, settings
 
 if TYPE_CHECKING:
     from percept.batch import Summary

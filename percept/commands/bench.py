@@ -147,7 +147,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
 _WRITERS: dict[str, Callable[[argparse.Namespace], Any]] = {
     "peers": lambda given: _bench("peers.run", "run_benchmark")(
         given.out or _OUT, engines=given.engines, seconds=given.seconds,
-        starts=given.starts, repeats=given.repeats, quick=given.quick, told=_log,
+        starts=given.starts, repeats=given.repeats, quick=given.quick, log=_log,
     ),
-    "reference": lambda given: _bench("peers.run", "run_reference")(given.out or _OUT, told=_log),
+    "reference": lambda given: _bench("peers.run", "run_reference")(given.out or _OUT, log=_log),
 }  # fmt: skip

@@ -20,8 +20,8 @@ def run(arguments: argparse.Namespace) -> int:
     import sys
 
     from percept import __version__
-    from percept.browser import find_browser
     from percept.commands.dependencies import dependencies, unmet
+    from percept.html import find_browser
 
     found = list(dependencies())
     broken = unmet(found)

@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _left_out(study: Study, arguments: argparse.Namespace) -> int:
-    from percept.report.folder import filled_folder
+    from percept.files import filled_folder
     from percept.report.left_out import left_out_document, left_out_markdown
     from percept.report.plain import dumps
     from percept.study.left_out import leave_one_environment_out

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from percept.commands.workers import add_worker_arguments
+from percept.commands.analysis import add_worker_arguments
 
 EXAMPLE = "percept sbc --fits 1000 --out reports/calibration"
 

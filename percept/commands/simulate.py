@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate and write; prints the path."""
     from percept.scene import Scene
     from percept.sessions import ReadOptions, read_sessions
-    from percept.simulate import simulate_like, write_sessions
+    from percept.simulate.like import simulate_like, write_sessions
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene)

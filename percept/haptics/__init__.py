@@ -6,16 +6,8 @@ numbers are those of "The effect of static virtual couplings on realistic perfor
 
 from __future__ import annotations
 
-from percept.haptics.coupled import EffectiveImpedance, effective_impedance, velocity_ratio
-from percept.haptics.design import (
-    BestDamping,
-    StableRegion,
-    best_coupling_damping,
-    max_coupling_stiffness,
-    max_coupling_stiffness_at,
-    stable_region,
-)
-from percept.haptics.ellipse import magnitude_envelope_ellipse
+from percept.haptics.design import CouplingDesign, EnvironmentBoundary, QualifyingRegion, design_couplings
+from percept.haptics.ellipse import magnitude_envelope_ellipse, magnitude_envelope_log_ellipse
 from percept.haptics.envelope import corner_crossings, corner_curves, magnitude_envelope
 from percept.haptics.impedance import (
     coupling_admittance,
@@ -24,22 +16,21 @@ from percept.haptics.impedance import (
     environment_impedance,
     hold,
 )
-from percept.haptics.llewellyn import AbsoluteStability, TwoPort, absolute_stability, llewellyn, two_port
-from percept.haptics.log_ellipse import magnitude_envelope_log_ellipse
-from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment, Mode, TabulatedDevice
-from percept.haptics.passivity import passivity_damping
-from percept.haptics.perceived import perceived_impedance, perceived_magnitude
-from percept.haptics.phase import phase_envelope, phase_envelope_ellipse
-from percept.haptics.qualify import (
-    CouplingDesign,
-    EnvironmentBoundary,
-    QualifyingRegion,
-    design_couplings,
-    qualifying_region,
+from percept.haptics.limits import (
+    best_coupling_damping,
+    max_coupling_stiffness,
+    passivity_damping,
+    stable_region,
 )
-from percept.haptics.response import FrequencyResponse
+from percept.haptics.perceived import (
+    EffectiveImpedance,
+    effective_impedance,
+    perceived_impedance,
+    perceived_magnitude,
+)
+from percept.haptics.records import AnyDevice, Coupling, Device, Environment, Mode, TabulatedDevice
 from percept.haptics.stability import (
-    RequiredDamping,
+    absolute_stability,
     coupling_bound,
     required_damping,
     required_damping_at,
@@ -47,22 +38,16 @@ from percept.haptics.stability import (
 )
 
 __all__ = [
-    "AbsoluteStability",
     "AnyDevice",
-    "BestDamping",
     "Coupling",
     "CouplingDesign",
     "Device",
     "EffectiveImpedance",
     "Environment",
     "EnvironmentBoundary",
-    "FrequencyResponse",
     "Mode",
     "QualifyingRegion",
-    "RequiredDamping",
-    "StableRegion",
     "TabulatedDevice",
-    "TwoPort",
     "absolute_stability",
     "best_coupling_damping",
     "corner_crossings",
@@ -75,22 +60,15 @@ __all__ = [
     "effective_impedance",
     "environment_impedance",
     "hold",
-    "llewellyn",
     "magnitude_envelope",
     "magnitude_envelope_ellipse",
     "magnitude_envelope_log_ellipse",
     "max_coupling_stiffness",
-    "max_coupling_stiffness_at",
     "passivity_damping",
     "perceived_impedance",
     "perceived_magnitude",
-    "phase_envelope",
-    "phase_envelope_ellipse",
-    "qualifying_region",
     "required_damping",
     "required_damping_at",
     "stability_margin",
     "stable_region",
-    "two_port",
-    "velocity_ratio",
 ]

@@ -1,308 +1,331 @@
-"""Couplings a rigid device can carry: the stiffest, the cheapest, and the whole stable region (Eq. 10).
-
-With b the device's damping, β the coupling's in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over all ω
-reads K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above; below 1/8 nothing
-is stable.
-Under the true hold it is K² ≤ 16bβ and β ≤ πb.
-"""
+"""Couplings that are stable and keep Z_h_vc inside a boundary: for one environment, and for all."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import FloatArray, Scalars, nonnegative_array, one_of, ratio, stored, times
-from percept.haptics._warp import HOLDS, checked_period, warp
-from percept.haptics.impedance import DISCRETIZATIONS, device_parts
-from percept.haptics.parameters import AnyDevice
+from percept.haptics.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    complex_from,
+    nonnegative_array,
+    ratio,
+)
+from percept.haptics.impedance import (
+    Warp,
+    device_impedance,
+    device_parts,
+    environment_impedance,
+    warp,
+)
+from percept.haptics.impedance import hold as zero_order_hold
+from percept.haptics.limits import stable_stiffness
+from percept.haptics.records import AnyDevice, Coupling, Environment, refuse_arrays
+from percept.haptics.search import search_grid, section_minimum
 from percept.haptics.stability import demands
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 
-# β/b of the cheapest coupling: where ∂K/∂β = 0, β² − 5.5·bβ − 2b² = 0.
-_CHEAPEST = (11 + np.sqrt(153)) / 4
-# b_c/b up to which the limit is set at DC under the backward difference (β = 5b there).
-_DC_LIMIT = 5 - 2 * np.sqrt(5)
-
-
-def max_coupling_stiffness(
-    device_damping: ArrayLike,
-    coupling_damping: ArrayLike,
-    period: float,
-    *,
-    discretization: str = "backward",
-    hold: str = "average",
-) -> FloatArray:
-    """Return the largest k_c with which a rigid device is stable.
-
-    Parameters
-    ----------
-    device_damping : array_like
-        b_d, N·s/m, zero or more.
-    coupling_damping : array_like
-        b_c, N·s/m, zero or more.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
-
-    Returns
-    -------
-    ndarray
-        N/m, of the broadcast shape; 0 where no positive stiffness is stable.
-
-    Raises
-    ------
-    UsageError
-        A negative damping, T not positive, a value that is not finite, an unknown discretization or hold.
-    """
-    period = checked_period(period)
-    one_of(discretization, "discretization", DISCRETIZATIONS)
-    one_of(hold, "hold", HOLDS)
-    b, b_c = np.broadcast_arrays(
-        nonnegative_array(device_damping, "device damping", "N·s/m"),
-        nonnegative_array(coupling_damping, "coupling damping", "N·s/m"),
-    )
-    if discretization == "tustin":
-        return (_stretch(b, b_c, hold) / period)[()]
-    at_dc = 4 * np.sqrt(b) * (np.sqrt(b) + np.sqrt(b + b_c))
-    if hold == "true":
-        stretch = np.minimum(at_dc, np.maximum(0.0, 2 * (np.pi * b - b_c)))
-    else:
-        c = ratio(b_c, b, empty=np.inf)
-        interior = (c > _DC_LIMIT) & (c < 8)
-        stretch = np.where(c > _DC_LIMIT, 0.0, at_dc)
-        room = np.where(interior, ratio(8 * b - b_c, b, empty=0.0), 1.0)
-        stretch = np.where(interior, 2 * b * _interior_root(np.where(interior, c, 7.0), room), stretch)
-    return (stretch / period)[()]
-
-
-def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
-    """Return the largest K = k_c·T at a damping β in Tustin's form, N·s/m; 0 where there is none."""
-    if hold == "true":
-        return np.where(beta <= np.pi * b, 4 * np.sqrt(b) * np.sqrt(beta), 0.0)
-    rho = ratio(b, beta, empty=0.0)
-    inner = np.clip(rho, 0.125, 0.2)
-    # 8ρ − 1 as (8b − β)/β, which keeps its digits next to the limit.
-    left = np.where(rho > 0.2, 0.6, np.maximum(0.0, ratio(8 * b - beta, beta, empty=0.0)))
-    kappa = np.sqrt(left / 27) * (1 + inner) / inner
-    return np.where(rho > 0.2, 4 * np.sqrt(b) * np.sqrt(beta), 2 * beta * kappa)
-
-
-def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
-    """Return δ = K/2b of the backward difference: 27δ² = (c + δ)(e − δ)(1 + c + δ)², e = `room` = 8 − c.
-
-    The difference of the two sides is convex between the root and e: Newton from e falls onto the root
-    without overshooting.
-    """
-    delta = room.copy()
-    for _ in range(60):
-        beta, left = c + delta, room - delta
-        value = 27 * delta**2 - beta * left * (1 + beta) ** 2
-        slope = 54 * delta - (1 + beta) ** 2 * (left - beta) - 2 * beta * left * (1 + beta)
-        step = value / slope
-        delta = delta - step
-        if (np.abs(step) <= 2e-16 * delta).all():
-            break
-    return delta
-
-
-def max_coupling_stiffness_at(
-    omega: ArrayLike,
-    device: AnyDevice,
-    coupling_damping: ArrayLike,
-    period: float,
-    *,
-    discretization: str = "backward",
-    hold: str = "average",
-) -> FloatArray:
-    """Return the largest k_c that Eq. 10 allows at each ω, for any device: a quadratic in k_c.
-
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        The device, Z_d.
-    coupling_damping : array_like
-        b_c, N·s/m, zero or more; broadcasts against ω.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
-
-    Returns
-    -------
-    ndarray
-        N/m; 0 where no positive stiffness is allowed, inf where any is. The smallest over all ω is the limit.
-
-    Raises
-    ------
-    UsageError
-        ω above Nyquist or outside a device's table, a negative damping, T not positive, a value that is not
-        finite, an unknown discretization or hold.
-    """
-    one_of(discretization, "discretization", DISCRETIZATIONS)
-    grid = warp(omega, period)
-    b_c = nonnegative_array(coupling_damping, "coupling damping", "N·s/m")
-    available, _ = device_parts(grid, device)
-    # Eq. 10 is viscous·β² + elastic·K² ≤ available·β.
-    viscous, elastic = demands(grid, hold)
-    spare = available - viscous * b_c
-    if discretization == "tustin":
-        stretch = times(np.sqrt(b_c), np.sqrt(ratio(np.maximum(spare, 0.0), elastic, empty=np.inf)))
-        return (np.where(spare < 0, 0.0, stretch) / grid.period)[()]
-    a, half_b = viscous / 4 + elastic, (viscous * b_c - available / 2) / 2
-    # a·K² + 2·half_b·K − b_c·spare = 0, in the form that adds terms of one sign.
-    root = np.hypot(half_b, np.sqrt(a) * np.sqrt(b_c) * np.sqrt(np.maximum(spare, 0.0)))
-    falling = ratio(root - half_b, a, empty=np.inf)
-    rising = ratio(b_c * spare, root + half_b, empty=0.0)
-    stretch = np.where(half_b <= 0, falling, rising)
-    return (np.where((spare < 0) | (available < 0), 0.0, stretch) / grid.period)[()]
-
-
-@dataclass(frozen=True)
-class BestDamping(NotebookRecord):
-    """The coupling damping with which a stiffness asks least of the device.
-
-    Attributes
-    ----------
-    coupling_damping : float or ndarray
-        b_c, N·s/m.
-    device_damping : float or ndarray
-        The b_d a rigid device then needs, N·s/m.
-    """
-
-    coupling_damping: Scalars
-    device_damping: Scalars
-
-
-def best_coupling_damping(
-    stiffness: ArrayLike, period: float, *, discretization: str = "backward", hold: str = "average"
-) -> BestDamping:
-    """Return the b_c with which a coupling of given stiffness needs the least device damping.
-
-    Parameters
-    ----------
-    stiffness : array_like
-        k_c, N/m, zero or more.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
-
-    Returns
-    -------
-    BestDamping
-        For Eq. 8 with the backward difference about 0.1248·k_cT, needing 0.10695·k_cT.
-
-    Raises
-    ------
-    UsageError
-        A negative stiffness, T not positive, a value that is not finite, an unknown discretization or hold.
-    """
-    period = checked_period(period)
-    one_of(discretization, "discretization", DISCRETIZATIONS)
-    one_of(hold, "hold", HOLDS)
-    stretch = nonnegative_array(stiffness, "stiffness", "N/m") * period
-    least = 0.5 if discretization == "backward" else 0.0
-    if hold == "true":
-        # K²/16β falls and β/π rises: best where they meet, if the discretization lets β be that small.
-        beta = max(np.sqrt(np.pi) / 4, least)
-        needed = max(1 / (16 * beta), beta / np.pi)
-    else:
-        needed = 1 / (_CHEAPEST * 2 * np.sqrt((8 / _CHEAPEST - 1) / 27) * (1 + _CHEAPEST))
-        beta = _CHEAPEST * needed
-    return BestDamping(
-        coupling_damping=stored((beta - least) * stretch), device_damping=stored(needed * stretch)
-    )
+# An edge is pulled inside by this much, so that the coupling returned passes the test it came from.
+_INSIDE = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class StableRegion(NotebookRecord):
-    """Every coupling a rigid device can carry, as a polygon in the plane of (k_c, b_c).
-
-    Attributes
-    ----------
-    stiffness, damping : ndarray, shape (n,)
-        Vertices, N/m and N·s/m, in order around the region; the last joins the first. All but the corner at
-        the origin lie exactly on the region's edge.
-    device_damping : float
-        b_d, N·s/m.
-    """
-
-    stiffness: FloatArray
-    damping: FloatArray
-    device_damping: float
-
-
-def stable_region(
-    device_damping: float,
-    period: float,
-    *,
-    discretization: str = "backward",
-    hold: str = "average",
-    points: int = 257,
-) -> StableRegion:
-    """Return the region of (k_c, b_c) that Eq. 10 allows a rigid device.
+class EnvironmentBoundary:
+    """What a coupled environment has to stay inside of.
 
     Parameters
     ----------
-    device_damping : float
-        b_d, N·s/m, zero or more.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
-    points : int
-        Vertices along the curved edge, at least 2.
-
-    Returns
-    -------
-    StableRegion
+    environment : Environment
+        Z_e, one environment.
+    lower, upper : array_like, shape (n,)
+        Limits of abs(Z_h_vc) at each ω of the analysis, N·s/m; inf in `upper` sets no limit.
 
     Raises
     ------
     UsageError
-        A damping that is negative or not one number, T not positive, fewer than 2 points, an unknown
-        discretization or hold.
+        Where a limit is NaN or negative, or lower is above upper; such a boundary can never be met.
     """
-    period = checked_period(period)
-    one_of(discretization, "discretization", DISCRETIZATIONS)
-    one_of(hold, "hold", HOLDS)
-    b = nonnegative_array(device_damping, "device damping", "N·s/m")
-    if b.ndim:
-        raise UsageError("a stable region is for one device damping.", value=device_damping)
-    if points < 2 or points != int(points):
-        raise UsageError("points must be a whole number of at least 2.", value=points)
-    points = int(points)
-    backward = discretization == "backward"
-    largest = np.pi if hold == "true" else 8.0
-    # Half-cosine spacing: the edge leaves both ends like a square root.
-    share = np.sin(np.linspace(0, np.pi / 2, points)) ** 2
-    if hold == "true" and backward:
-        # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the whole edge.
-        damping = np.pi * b * share
-        stretch = 2 * np.pi * b * (1 - share)
-    else:
-        beta = b * (4.0 + (largest - 4.0) * share if backward else largest * share)
-        stretch = _stretch(np.broadcast_to(b, beta.shape), beta, hold)
-        damping = np.maximum(beta - stretch / 2, 0.0) if backward else beta
-    if backward:
-        stretch, damping = np.append(stretch, 0.0), np.append(damping, 0.0)
-    elif stretch[-1]:
-        # Tustin's edge starts at the origin; under the true hold it ends beside the axis of b_c.
-        stretch, damping = np.append(stretch, 0.0), np.append(damping, damping[-1])
-    stiffness = stretch / period
-    stiffness.flags.writeable = damping.flags.writeable = False
-    return StableRegion(stiffness=stiffness, damping=damping, device_damping=float(b))
+
+    environment: Environment
+    lower: FloatArray
+    upper: FloatArray
+
+    def __post_init__(self) -> None:
+        try:
+            lower, upper = (np.array(limit, dtype=np.float64) for limit in (self.lower, self.upper))
+        except (TypeError, ValueError) as error:
+            raise UsageError("the limits of an EnvironmentBoundary are numbers.") from error
+        if lower.ndim != 1 or lower.shape != upper.shape:
+            raise UsageError(
+                "an EnvironmentBoundary needs two arrays of one length.", value=(lower.shape, upper.shape)
+            )
+        wrong = np.flatnonzero(~((lower >= 0) & (lower <= upper)))
+        if wrong.size:
+            where = int(wrong[0])
+            raise UsageError(
+                f"a boundary must satisfy 0 <= lower <= upper; it does not at position {where}.",
+                value=(float(lower[where]), float(upper[where])),
+                hint="Corner curves cross; give the envelope.",
+            )
+        parts = (self.environment.stiffness, self.environment.damping, self.environment.mass)
+        if any(np.ndim(part) for part in parts):
+            raise UsageError(
+                "an EnvironmentBoundary is for one environment, without arrays.", value=self.environment
+            )
+        for name, limit in (("lower", lower), ("upper", upper)):
+            limit.flags.writeable = False
+            object.__setattr__(self, name, limit)
+
+
+@dataclass(frozen=True, eq=False)
+class QualifyingRegion(NotebookRecord):
+    """Every (k_c, b_c) that is stable and inside, one line of b_c at a time.
+
+    Attributes
+    ----------
+    damping : ndarray, shape (n,)
+        b_c of each line, N·s/m.
+    intervals : tuple of ndarray, each of shape (m, 2)
+        The k_c that qualify on each line, (low, high) in N/m; exact at the ω of the analysis.
+    largest, softest : Coupling or None
+        The qualifying coupling with the largest and with the smallest k_c, searched between the lines too;
+        None where nothing qualifies.
+    """
+
+    damping: FloatArray = field(repr=False)
+    intervals: tuple[FloatArray, ...] = field(repr=False)
+    largest: Coupling | None
+    softest: Coupling | None
+
+
+@dataclass(frozen=True, eq=False)
+class CouplingDesign(NotebookRecord):
+    """Couplings that qualify for each environment, and for all of them at once.
+
+    Attributes
+    ----------
+    each : tuple of QualifyingRegion
+        In the order of the boundaries.
+    common : QualifyingRegion
+        For all boundaries together.
+    frequencies : int
+        At how many ω a coupling was checked; between them it may leave a boundary.
+    """
+
+    each: tuple[QualifyingRegion, ...]
+    common: QualifyingRegion
+    frequencies: int
+
+
+def design_couplings(
+    omega: ArrayLike,
+    device: AnyDevice,
+    boundaries: Sequence[EnvironmentBoundary],
+    period: float,
+    *,
+    hold: str = "average",
+    damping: ArrayLike | None = None,
+) -> CouplingDesign:
+    """Return the couplings that are stable (Eq. 6) and keep each environment, and all, inside (Eq. 12).
+
+    For a fixed b_c each limit of abs(Z_h_vc) is a quadratic inequality in k_c, and stability an upper limit
+    of k_c: the qualifying k_c are intervals found without search.
+
+    Parameters
+    ----------
+    omega : array_like, shape (n,)
+        rad/s, where the boundaries are given; above 0 and below π/T.
+    device : Device or TabulatedDevice
+        The device, Z_d.
+    boundaries : sequence of EnvironmentBoundary
+        At least one.
+    period : float
+        Sampling period T, s.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+    damping : array_like, shape (m,), optional
+        The lines of b_c, N·s/m; by default some 160 of them up to the largest that is stable.
+
+    Returns
+    -------
+    CouplingDesign
+
+    Raises
+    ------
+    UsageError
+        No boundary, a boundary of another length than ω, ω not strictly between 0 and Nyquist or outside a
+        device's table, a device with arrays as parameters, T not positive, an unknown hold; a damping that
+        is negative or no list.
+    """
+    if not boundaries:
+        raise UsageError("a coupling needs at least one boundary to stay inside of.")
+    grid = warp(omega, period)
+    if grid.omega.ndim != 1 or (grid.sin <= 0).any() or (grid.cos <= 0).any():
+        raise UsageError("omega must be a list strictly between 0 and Nyquist.", value=grid.omega.shape)
+    for boundary in boundaries:
+        if boundary.lower.shape != grid.omega.shape:
+            raise UsageError(
+                "a boundary and omega differ in length.", value=(boundary.lower.shape, grid.omega.shape)
+            )
+    refuse_arrays(device, Coupling(0.0, 0.0))
+    b_c = (
+        _usual_lines(device, period, hold)
+        if damping is None
+        else nonnegative_array(damping, "damping", "N·s/m")
+    )
+    if b_c.ndim != 1 or not b_c.size:
+        raise UsageError("damping must be a list of one value or more.", value=b_c.shape)
+    walls = tuple(_Walls.of(grid, device, boundary, hold) for boundary in boundaries)
+
+    def region(walls: tuple[_Walls, ...]) -> QualifyingRegion:
+        def gaps(damping: FloatArray) -> Gaps:
+            cuts = np.concatenate([wall.forbidden(damping) for wall in walls], axis=1)
+            return Gaps.of(stable_stiffness(device, damping, period, hold), cuts)
+
+        lines = np.unique(b_c)
+        on_lines = gaps(lines)
+        largest, softest = _extremes(gaps, lines, on_lines.costs())
+        return QualifyingRegion(lines, on_lines.lines(), largest, softest)
+
+    each = tuple(region((wall,)) for wall in walls)
+    common = each[0] if len(each) == 1 else region(walls)
+    return CouplingDesign(each=each, common=common, frequencies=grid.omega.size)
+
+
+def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
+    """Return b_c from 0 to the largest that is stable at all."""
+    everywhere = warp(search_grid(device, period), period)
+    available, _ = device_parts(everywhere, device)
+    viscous, _ = demands(everywhere, hold)
+    largest = float(np.maximum(ratio(available, viscous, empty=np.inf), 0.0).min())
+    return np.concatenate([largest * np.linspace(0, 1, 81), largest * np.geomspace(1e-4, 1, 81)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Walls:
+    """What one boundary asks at each ω.
+
+    With Z_c = b_c + k_c·ζ, Z_h_vc = (Z_dZ_e + Z_cZ_h)/(Z_e + Z_c): both are linear in k_c.
+    """
+
+    z_e: ComplexArray  # (n,)
+    z_h: ComplexArray  # (n,)
+    uncoupled: ComplexArray  # (n,) Z_dZ_e
+    zeta: ComplexArray  # (n,)
+    boundary: EnvironmentBoundary
+
+    @classmethod
+    def of(cls, grid: Warp, device: AnyDevice, boundary: EnvironmentBoundary, hold: str) -> _Walls:
+        z_e = environment_impedance(grid.omega, boundary.environment, grid.period)
+        z_d = device_impedance(grid.omega, device, grid.period)
+        z_h = z_d + zero_order_hold(grid.omega, grid.period, kind=hold) * z_e
+        return cls(z_e, z_h, z_d * z_e, complex_from(0.0, -grid.inverse_rate), boundary)
+
+    def forbidden(self, lines: FloatArray) -> FloatArray:
+        """Return the open intervals of k_c that leave the boundary, shape (lines, cuts, 2)."""
+        zeta, z_h, b_c = self.zeta, self.z_h, lines[:, None]
+        top0, top1 = self.uncoupled + b_c * z_h, zeta * z_h
+        under0, under1 = self.z_e + b_c, zeta
+        over, under = np.abs(top0), np.abs(under0)
+        along, across = (top0 * np.conj(top1)).real, (under0 * np.conj(under1)).real
+        cuts = []
+        for limit, side in ((self.boundary.upper, 1.0), (self.boundary.lower, -1.0)):
+            bounded = np.isfinite(limit)
+            u = np.where(bounded, limit, 0.0)
+            # Products of sum and difference, where squares of near numbers would cancel.
+            a = np.abs(zeta) ** 2 * (np.abs(z_h) - u) * (np.abs(z_h) + u)
+            half_b = along - u**2 * across
+            c = (over - u * under) * (over + u * under)
+            cut = where_positive(side * np.broadcast_to(a, c.shape), side * half_b, side * c)
+            cuts.append(np.where(bounded[:, None], cut, np.nan))
+        return np.concatenate(cuts, axis=1).reshape(lines.size, -1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """Qualifying intervals of k_c on lines of b_c; where `kept`, `low` to `high`, increasing, N/m."""
+
+    low: FloatArray
+    high: FloatArray
+    kept: BoolArray
+
+    @classmethod
+    def of(cls, ceiling: FloatArray, forbidden: FloatArray) -> Gaps:
+        """Take open intervals (lines, cuts, 2) out of [0, ceiling] of each line; NaN forbids nothing."""
+        absent = np.isnan(forbidden).any(axis=2)
+        starts = np.where(absent, np.inf, forbidden[..., 0])
+        ends = np.where(absent, -np.inf, forbidden[..., 1])
+        order = starts.argsort(axis=1)
+        starts, ends = np.take_along_axis(starts, order, axis=1), np.take_along_axis(ends, order, axis=1)
+        none = np.zeros((ceiling.size, 1))
+        high = np.minimum(np.concatenate([starts, none + np.inf], axis=1), ceiling[:, None])
+        low = np.maximum.accumulate(np.concatenate([none, ends], axis=1), axis=1)
+        # After an interval that forbids nothing the same gap would stand again.
+        again = np.concatenate([none > 0, high[:, 1:] == high[:, :-1]], axis=1)
+        return cls(low, high, (high > low) & ~again & (ceiling > 0)[:, None])
+
+    def lines(self) -> tuple[FloatArray, ...]:
+        """Return the intervals of each line, shape (m, 2)."""
+        pairs = np.stack([self.low[self.kept], self.high[self.kept]], axis=1)
+        return tuple(np.split(pairs, np.cumsum(self.kept.sum(axis=1))[:-1]))
+
+    def costs(self) -> FloatArray:
+        """Return −(largest k_c) and the smallest k_c of each line, shape (2, lines); inf without any."""
+        largest = np.where(self.kept, -self.high, np.inf).min(axis=1)
+        return np.stack([largest, np.where(self.kept, self.low, np.inf).min(axis=1)])
+
+
+def where_positive(a: FloatArray, half_b: FloatArray, c: FloatArray) -> FloatArray:
+    """Return where a·k² + 2·half_b·k + c > 0: two open intervals, NaN where absent; shape (..., 4)."""
+    # A line counts as a parabola that bends down, with its other root at infinity.
+    a = np.where(a == 0, -0.0, a)
+    always = (a == 0) & (half_b == 0) & (c > 0)
+    discriminant = half_b**2 - a * c
+    real = discriminant > 0
+    root = half_b + np.copysign(np.sqrt(np.where(real, discriminant, 0.0)), half_b)
+    one, other = ratio(-root, a, empty=np.nan), ratio(-c, root, empty=np.nan)
+    low, high = np.fmin(one, other), np.fmax(one, other)
+    convex = a > 0
+    outside, between = convex & real, ~convex & real
+    ends = np.empty((*low.shape, 4))
+    ends[..., 0] = np.where(convex | always, -np.inf, np.where(between, low, np.nan))
+    ends[..., 1] = np.where(convex | always, np.inf, np.where(between, high, np.nan))
+    ends[outside, 1] = low[outside]
+    ends[..., 2] = np.where(outside, high, np.nan)
+    ends[..., 3] = np.where(outside, np.inf, np.nan)
+    return ends
+
+
+def _extremes(
+    gaps: Callable[[FloatArray], Gaps], lines: FloatArray, costs: FloatArray
+) -> tuple[Coupling | None, Coupling | None]:
+    """Return the couplings at the largest and the smallest k_c, also between the lines beside the best."""
+    best = costs.argmin(axis=1)
+    if not np.isfinite(costs.min()):
+        return None, None
+
+    def cost(damping: FloatArray) -> FloatArray:
+        # Both searches in one call: the first column is the one for the largest k_c.
+        both = gaps(damping.ravel()).costs().reshape(2, *damping.shape)
+        return np.stack([both[0, :, 0], both[1, :, 1]], axis=1)
+
+    low, high = lines[np.maximum(best - 1, 0)], lines[np.minimum(best + 1, lines.size - 1)]
+    candidates = np.stack([section_minimum(cost, low, high), lines[best]])
+    damping = candidates[cost(candidates).argmin(axis=0), [0, 1]]
+    on_largest, on_softest = gaps(damping).lines()
+    low_k, high_k = on_largest[-1]
+    largest = Coupling(float(high_k - _inset(low_k, high_k)), float(damping[0]))
+    low_k, high_k = on_softest[0]
+    # k_c = 0 needs no inset: nothing is cut there.
+    softest = low_k + _inset(low_k, high_k) if low_k else 0.0
+    return largest, Coupling(float(softest), float(damping[1]))
+
+
+def _inset(low: float, high: float) -> float:
+    return min(_INSIDE * high, (high - low) / 2)

@@ -1,4 +1,4 @@
-"""Exact range of abs(Z_h) over an ellipse of (k, b): nearest and farthest point, one root each."""
+"""Range of abs(Z_h) over an ellipse of (k, b), exact by one root each, or of (log k, log b), by angle."""
 
 from __future__ import annotations
 
@@ -8,12 +8,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import BoolArray, FloatArray, nonnegative_array, ratio, real_array
-from percept.haptics._warp import warp
-from percept.haptics.parameters import AnyDevice
+from percept.haptics.arrays import (
+    LARGEST,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    nonnegative_array,
+    ratio,
+    real_array,
+    times,
+)
+from percept.haptics.impedance import warp
 from percept.haptics.perceived import distance_axes
+from percept.haptics.records import AnyDevice
+from percept.haptics.search import rising_root
 
-_STEPS = 80
+# On the scale where the larger of distance and ellipse is one: an axis shorter than the first counts as zero,
+# a point nearer to the short axis than the second as this far off it.
+_FLAT, _OFF_AXIS = 1e-150, 1e-20
+# The curve of a log-ellipse is looked at every degree.
+_STEP = 2 * np.pi / 360
+_ANGLES = np.asarray(_STEP * np.arange(360), dtype=np.float64)
 
 
 def magnitude_envelope_ellipse(
@@ -24,7 +39,6 @@ def magnitude_envelope_ellipse(
     radius: float,
     period: float,
     *,
-    mass: float = 0.0,
     hold: str = "average",
 ) -> tuple[FloatArray, FloatArray]:
     """Return the exact lowest and highest abs(Z_h) over an ellipse of (k, b).
@@ -46,8 +60,6 @@ def magnitude_envelope_ellipse(
         Dimensionless, zero or more.
     period : float
         Sampling period T, s.
-    mass : float, optional
-        m_e, kg.
     hold : {"average", "true"}
         Eq. 8, or the true zero-order hold.
 
@@ -62,72 +74,48 @@ def magnitude_envelope_ellipse(
         A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table, T
         not positive, a value that is not finite, an unknown hold.
     """
-    region = plane_ellipse(omega, device, centre, shape, radius, period, mass=mass, hold=hold)
-    p, q = region.centre
-    longer, shorter, towards_long, towards_short = _principal(*region.images)
-    w1 = np.abs(towards_long[0] * p + towards_long[1] * q)
-    w2 = np.abs(towards_short[0] * p + towards_short[1] * q)
-    # Everything is scaled to one, so that squares stay in range.
-    scale = np.maximum(np.maximum(w1, w2), longer)
-    scale = np.where(scale == 0, 1.0, scale)
-    scaled = longer / scale, shorter / scale, w1 / scale, w2 / scale
-    lower = np.where(region.far, np.inf, scale * _nearest(*scaled))
-    upper = np.where(region.far, np.inf, scale * _farthest(*scaled))
-    if region.at_dc.any():
-        first, last = _range_at_dc(region)
-        lower, upper = np.where(region.at_dc, first, lower), np.where(region.at_dc, last, upper)
-    return lower[()], upper[()]
+    k, b = _checked_centre(centre, "(k, b)")
+    factor = _checked_factor(shape, radius, "(k, b)")
+    plane = _plane(omega, device, period, hold)
+    lower, upper = np.full((2, plane.across.size), np.inf)
+    seen = plane.finite
+    lower[seen], upper[seen] = _extremes(plane.at(seen), k, b, factor)
+    at_dc = np.isinf(plane.per_rate)
+    lower[at_dc], upper[at_dc] = _range_at_dc(plane.across[at_dc], k, b, factor)
+    return lower.reshape(plane.shape)[()], upper.reshape(plane.shape)[()]
 
 
 @dataclass(frozen=True)
-class PlaneEllipse:
-    """An ellipse of (k, b) as Z_h·e^{jh} in the complex plane."""
+class _Plane:
+    """Where abs(Z_h) is hypot(gain·b + across, along − per_rate·k), one element for each ω and device."""
 
-    centre: tuple[FloatArray, FloatArray]  # Real and imaginary part, N·s/m
-    images: tuple[FloatArray, FloatArray, FloatArray]
-    far: BoolArray
-    at_dc: BoolArray
-    across: FloatArray  # Real part that the device alone contributes, N·s/m
-    chord: tuple[float, float] | None  # Lowest and highest b of the ellipse at k = 0, N·s/m
-    stiffness: tuple[float, float]  # Centre and half-width in k, N/m
+    gain: FloatArray
+    per_rate: FloatArray  # s/rad
+    across: FloatArray  # N·s/m
+    along: FloatArray  # N·s/m
+    shape: tuple[int, ...]  # before the arrays were raveled
 
+    @property
+    def finite(self) -> BoolArray:
+        """Where no term is infinite, as k is at DC and a mass at Nyquist."""
+        return np.isfinite(self.per_rate) & np.isfinite(self.across) & np.isfinite(self.along)
 
-def plane_ellipse(
-    omega: ArrayLike,
-    device: AnyDevice,
-    centre: tuple[float, float],
-    shape: ArrayLike,
-    radius: float,
-    period: float,
-    *,
-    mass: float,
-    hold: str,
-) -> PlaneEllipse:
-    """Map an ellipse of (k, b) to where Z_h·e^{jh} can be at each ω."""
-    k, b = checked_centre(centre)
-    factor = checked_factor(shape, radius)
-    grid = warp(omega, period)
-    across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
-    across, along = np.broadcast_arrays(across, along)
-    at_dc = np.isinf(np.broadcast_to(held.per_rate, across.shape))
-    per_rate = np.where(at_dc, 1.0, held.per_rate)
-    p, q = held.gain * b + across, along - per_rate * k
-    far = np.isinf(p) | np.isinf(q)
-    # Of an infinite mass term only the direction is left.
-    p, q = (np.where(far, np.where(np.isinf(part), np.sign(part), 0.0), part) for part in (p, q))
-    gain, per_rate = np.where(far, 0.0, held.gain), np.where(far, 0.0, per_rate)
-    return PlaneEllipse(
-        centre=(p, q),
-        images=(gain * factor[1, 0], gain * factor[1, 1], -per_rate * factor[0, 0]),
-        far=far,
-        at_dc=at_dc,
-        across=across,
-        chord=_chord_at_zero_stiffness(k, b, factor),
-        stiffness=(k, float(factor[0, 0])),
-    )
+    def at(self, which: IntArray | BoolArray) -> _Plane:
+        """Return some of the elements."""
+        gain, per_rate, across, along = (
+            part[which] for part in (self.gain, self.per_rate, self.across, self.along)
+        )
+        return _Plane(gain, per_rate, across, along, gain.shape)
 
 
-def checked_centre(centre: tuple[float, float], pair: str = "(k, b)") -> tuple[float, float]:
+def _plane(omega: ArrayLike, device: AnyDevice, period: float, hold: str) -> _Plane:
+    across, along, held = distance_axes(warp(omega, period), device, hold)
+    parts = np.broadcast_arrays(held.gain, held.per_rate, across, along)
+    gain, per_rate, across, along = (part.ravel() for part in parts)
+    return _Plane(gain, per_rate, across, along, parts[0].shape)
+
+
+def _checked_centre(centre: tuple[float, float], pair: str) -> tuple[float, float]:
     """Return a pair, such as (k, b), or refuse it."""
     values = real_array(centre, f"the centre {pair}", "N/m and N·s/m")
     if values.shape != (2,):
@@ -135,11 +123,11 @@ def checked_centre(centre: tuple[float, float], pair: str = "(k, b)") -> tuple[f
     return float(values[0]), float(values[1])
 
 
-def checked_factor(shape: ArrayLike, radius: float, pair: str = "(k, b)") -> FloatArray:
+def _checked_factor(shape: ArrayLike, radius: float, pair: str) -> FloatArray:
     """Return the lower triangular L, radius included, with L·Lᵀ = radius²·shape."""
     matrix = real_array(shape, "shape", "squares and products of N/m and N·s/m")
-    reach = nonnegative_array(radius, "radius", "standard deviations")
-    if matrix.shape != (2, 2) or reach.ndim:
+    radius_array = nonnegative_array(radius, "radius", "standard deviations")
+    if matrix.shape != (2, 2) or radius_array.ndim:
         raise UsageError("an ellipse needs a 2-by-2 shape and one radius.", value=(matrix.shape, radius))
     kk, kb, bk, bb = matrix.ravel()
     size = np.sqrt(max(kk, 0.0)) * np.sqrt(max(bb, 0.0))
@@ -153,14 +141,26 @@ def checked_factor(shape: ArrayLike, radius: float, pair: str = "(k, b)") -> Flo
     sd_k, sd_b = np.sqrt(kk), np.sqrt(bb)
     # (1 − ρ)(1 + ρ) keeps the digits that 1 − ρ² would lose.
     rest = np.sqrt((1 - correlation) * (1 + correlation))
-    return float(reach) * np.array([[sd_k, 0.0], [correlation * sd_b, rest * sd_b]])
+    return float(radius_array) * np.array([[sd_k, 0.0], [correlation * sd_b, rest * sd_b]])
 
 
-Axis = tuple[FloatArray, FloatArray]
+def _extremes(plane: _Plane, k: float, b: float, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest distance from the origin to an ellipse of (k, b), at every ω."""
+    p, q = plane.gain * b + plane.across, plane.along - plane.per_rate * k
+    images = plane.gain * factor[1, 0], plane.gain * factor[1, 1], -plane.per_rate * factor[0, 0]
+    a1, a2, (cos, sin) = _principal(*images)
+    w1, w2 = np.abs(cos * p + sin * q), np.abs(cos * q - sin * p)
+    # Everything is scaled to one, so that squares stay in range.
+    scale = np.maximum(np.maximum(w1, w2), a1)
+    scale = np.where(scale == 0, 1.0, scale)
+    scaled = a1 / scale, a2 / scale, w1 / scale, w2 / scale
+    return scale * _nearest(*scaled), scale * _farthest(*scaled)
 
 
-def _principal(b1: FloatArray, b2: FloatArray, k1: FloatArray) -> tuple[FloatArray, FloatArray, Axis, Axis]:
-    """Return the semi-axes, longer first, and their directions, of [[b1, b2], [k1, 0]]·(unit disc)."""
+def _principal(
+    b1: FloatArray, b2: FloatArray, k1: FloatArray
+) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+    """Return both semi-axes of [[b1, b2], [k1, 0]]·(unit disc), the longer first, and its direction."""
     # The sum and difference of the singular values are lengths, their product is |b2·k1|.
     longer = (np.hypot(b1, np.abs(b2) + np.abs(k1)) + np.hypot(b1, np.abs(b2) - np.abs(k1))) / 2
     unit = np.where(longer == 0, 1.0, longer)
@@ -172,27 +172,18 @@ def _principal(b1: FloatArray, b2: FloatArray, k1: FloatArray) -> tuple[FloatArr
     tilt = np.arctan2(2 * b1 * k1, np.abs(excess)) / 2
     cos, sin = np.cos(tilt), np.sin(tilt)
     along_damping = excess >= 0
-    towards_long = np.where(along_damping, cos, sin), np.where(along_damping, sin, cos)
-    return longer, shorter, towards_long, (-towards_long[1], towards_long[0])
+    return longer, shorter, (np.where(along_damping, cos, sin), np.where(along_damping, sin, cos))
 
 
 def _nearest(a1: FloatArray, a2: FloatArray, w1: FloatArray, w2: FloatArray) -> FloatArray:
     """Return how far a point (w1, w2) ≥ 0 is from the full ellipse of semi-axes a1 ≥ a2.
 
-    The nearest point is aᵢ²wᵢ/(t + aᵢ²), with t > 0 the root of Σ(aᵢwᵢ/(t + aᵢ²))² = 1. One over the root of
-    that sum is concave and increasing in t: Newton from the left never overshoots.
+    The nearest point is aᵢ²wᵢ/(t + aᵢ²), with t > 0 the root of Σ(aᵢwᵢ/(t + aᵢ²))² = 1.
     """
     a1, a2 = np.where(a1 < _FLAT, 0.0, a1), np.where(a2 < _FLAT, 0.0, a2)
     outside = np.hypot(ratio(w1, a1, empty=0.0), ratio(w2, a2, empty=0.0)) > 1
-    t = np.maximum(0.0, np.maximum(a1 * (w1 - a1), a2 * (w2 - a2)))
-    for _ in range(_STEPS):
-        d1, d2 = t + a1**2, t + a2**2
-        x1, x2 = ratio(a1 * w1, d1, empty=0.0), ratio(a2 * w2, d2, empty=0.0)
-        step = _secular_step(x1, x2, d1, d2)
-        step = np.where(outside, np.maximum(step, 0.0), 0.0)
-        t = t + step
-        if (step <= _SETTLED * t).all():
-            break
+    least = np.maximum(0.0, np.maximum(a1 * (w1 - a1), a2 * (w2 - a2)))
+    t = _secular_root(np.where(outside, a1 * w1, 0.0), np.where(outside, a2 * w2, 0.0), a1**2, a2**2, least)
     # wᵢ minus the nearest point is t·wᵢ/(t + aᵢ²): no difference of near numbers is formed.
     gap1, gap2 = w1 * ratio(t, t + a1**2, empty=1.0), w2 * ratio(t, t + a2**2, empty=1.0)
     return np.where(outside, np.hypot(gap1, gap2), 0.0)
@@ -207,46 +198,175 @@ def _farthest(a1: FloatArray, a2: FloatArray, w1: FloatArray, w2: FloatArray) ->
     a1 = np.where(a1 < _FLAT, 0.0, a1)
     spread = (a1 - a2) * (a1 + a2)
     # On the short axis itself t is 0 and x1 is lost; this far off it the distance is the same.
-    off = np.maximum(w1, _OFF_AXIS * a1)
-    t = np.maximum(a1 * off, a2 * w2 - spread)
-    for _ in range(_STEPS):
-        d1, d2 = t, t + spread
-        x1, x2 = ratio(a1 * off, d1, empty=0.0), ratio(a2 * w2, d2, empty=0.0)
-        step = np.maximum(_secular_step(x1, x2, d1, d2), 0.0)
-        t = t + step
-        if (step <= _SETTLED * t).all():
-            break
+    n1, n2 = a1 * np.maximum(w1, _OFF_AXIS * a1), a2 * w2
+    t = _secular_root(n1, n2, np.zeros_like(n1), spread, np.maximum(n1, n2 - spread))
+    x1, x2 = ratio(n1, t, empty=0.0), ratio(n2, t + spread, empty=0.0)
     size = np.hypot(x1, x2)
     return np.hypot(w1 + a1 * ratio(x1, size, empty=0.0), w2 + a2 * ratio(x2, size, empty=0.0))
 
 
-_FLAT, _OFF_AXIS, _SETTLED = 1e-150, 1e-20, 4e-16
+def _secular_root(
+    n1: FloatArray, n2: FloatArray, d1: FloatArray, d2: FloatArray, least: FloatArray
+) -> FloatArray:
+    """Return t at or above `least` with (n1/(t + d1))² + (n2/(t + d2))² = 1.
+
+    One over the root of that sum is concave and rises in t: Newton from the left never overshoots.
+    """
+
+    def short_of_one(which: IntArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        e1, e2 = t + d1[which], t + d2[which]
+        x1, x2 = ratio(n1[which], e1, empty=0.0), ratio(n2[which], e2, empty=0.0)
+        size = np.hypot(x1, x2)
+        falls = ratio(x1**2, e1, empty=0.0) + ratio(x2**2, e2, empty=0.0)
+        return 1 - size, ratio(falls, size**2, empty=1.0)
+
+    return rising_root(short_of_one, least, least, np.maximum(least, 2 * np.maximum(n1, n2)))
 
 
-def _secular_step(x1: FloatArray, x2: FloatArray, d1: FloatArray, d2: FloatArray) -> FloatArray:
-    """Return Newton's step in t for 1/|x| = 1, where x1 and x2 fall as 1/d1 and 1/d2."""
-    size = np.hypot(x1, x2)
-    return ratio((size - 1) * size**2, ratio(x1**2, d1, empty=0.0) + ratio(x2**2, d2, empty=0.0), empty=0.0)
-
-
-def _range_at_dc(region: PlaneEllipse) -> Axis:
+def _range_at_dc(across: FloatArray, k: float, b: float, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the limits as ω goes to 0: only the points with k = 0 stay at a finite distance."""
-    everywhere = np.full_like(region.across, np.inf)
-    if region.chord is None:
+    everywhere = np.full_like(across, np.inf)
+    half_width = factor[0, 0]
+    if abs(k) > half_width:
         return everywhere, everywhere
-    low, high = region.across + region.chord[0], region.across + region.chord[1]
-    upper = everywhere if region.stiffness[1] else np.maximum(np.abs(low), np.abs(high))
+    if half_width == 0:
+        middle, half = b, np.hypot(factor[1, 0], factor[1, 1])
+    else:
+        u = -k / half_width
+        middle, half = b + factor[1, 0] * u, factor[1, 1] * np.sqrt((1 - u) * (1 + u))
+    low, high = across + (middle - half), across + (middle + half)
+    upper = everywhere if half_width else np.maximum(np.abs(low), np.abs(high))
     return np.maximum(0.0, np.maximum(low, -high)), upper
 
 
-def _chord_at_zero_stiffness(k: float, b: float, factor: FloatArray) -> tuple[float, float] | None:
-    """Return the lowest and highest b of the ellipse at k = 0, None where it does not reach so far."""
-    reach = factor[0, 0]
-    if abs(k) > reach:
-        return None
-    if reach == 0:
-        middle, half = b, np.hypot(factor[1, 0], factor[1, 1])
-    else:
-        u = -k / reach
-        middle, half = b + factor[1, 0] * u, factor[1, 1] * np.sqrt((1 - u) * (1 + u))
-    return float(middle - half), float(middle + half)
+def magnitude_envelope_log_ellipse(
+    omega: ArrayLike,
+    device: AnyDevice,
+    centre: tuple[float, float],
+    shape: ArrayLike,
+    radius: float,
+    period: float,
+    *,
+    hold: str = "average",
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and highest abs(Z_h) over an ellipse of (log k, log b).
+
+    abs(Z_h) is a distance in the plane of (g·b, g·k/Ω), so over any region its extremes lie on the edge,
+    except the value 0 where the region holds the point it is measured from.
+
+    Parameters are those of `magnitude_envelope_ellipse`, with `centre` the natural logarithms of k in N/m and
+    b in N·s/m, and `shape` such as their covariance.
+
+    Returns
+    -------
+    lower, upper : ndarray
+        N·s/m, of the broadcast shape of ω and the device's parameters. Every extreme seen on a grid of one
+        degree is refined to the precision of a double.
+
+    Raises
+    ------
+    UsageError
+        As `magnitude_envelope_ellipse`, and for an ellipse that reaches beyond 1e±100.
+    """
+    log_k, log_b = _checked_centre(centre, "(log k, log b)")
+    factor = _checked_factor(shape, radius, "(log k, log b)")
+    reach = max(abs(log_k) + abs(factor[0, 0]), abs(log_b) + float(np.hypot(*factor[1])))
+    if reach > np.log(LARGEST):
+        raise UsageError(
+            f"the ellipse reaches beyond {LARGEST:g} or below its inverse.",
+            value=reach,
+            hint="centre and shape are of natural logarithms of k and b.",
+        )
+    curve = _Curve(log_k, log_b, factor)
+    plane = _plane(omega, device, period, hold)
+    lower, upper = np.full((2, plane.across.size), np.inf)
+    seen = plane.finite
+    lower[seen], upper[seen] = _extremes_along(curve, plane.at(seen))
+    lower[_holds_origin(curve, plane)] = 0.0
+    return lower.reshape(plane.shape)[()], upper.reshape(plane.shape)[()]
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """Edge of the ellipse: k and b by angle."""
+
+    log_k: float
+    log_b: float
+    factor: FloatArray
+
+    def at(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return k and b."""
+        along_k, along_b, cross = self.factor[0, 0], self.factor[1, 1], self.factor[1, 0]
+        cos, sin = np.cos(angle), np.sin(angle)
+        return np.exp(self.log_k + along_k * cos), np.exp(self.log_b + cross * cos + along_b * sin)
+
+    def slopes(self, angle: FloatArray) -> tuple[FloatArray, ...]:
+        """Return first and second derivative of log k, then of log b."""
+        along_k, along_b, cross = self.factor[0, 0], self.factor[1, 1], self.factor[1, 0]
+        cos, sin = np.cos(angle), np.sin(angle)
+        return -along_k * sin, -along_k * cos, along_b * cos - cross * sin, -cross * cos - along_b * sin
+
+
+def _extremes_along(curve: _Curve, plane: _Plane) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest distance along the curve, at every ω."""
+    k, b = curve.at(_ANGLES)
+    # Squares of numbers near one neither overflow nor vanish where they decide.
+    size = np.max(
+        [np.frexp(part)[1] for part in (plane.gain * b.max(), plane.across, plane.along)]
+        + [np.frexp(plane.per_rate)[1] + np.frexp(k.max())[1]],
+        axis=0,
+    )
+    gain, per_rate, across, along = (
+        np.ldexp(part, -size) for part in (plane.gain, plane.per_rate, plane.across, plane.along)
+    )
+    scaled = _Plane(gain, per_rate, across, along, plane.shape)
+    turns, index, sign = _turning_points(scaled, k, b)
+    near, there = scaled.at(turns), plane.at(turns)
+
+    def slopes(which: IntArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        local = near.at(which)
+        k, b = curve.at(angle)
+        k1, k2, b1, b2 = curve.slopes(angle)
+        spring, damper = local.per_rate * k, local.gain * b
+        x, y = damper + local.across, local.along - spring
+        b1, k1, b2, k2 = damper * b1, spring * k1, damper * (b2 + b1 * b1), spring * (k2 + k1 * k1)
+        first = x * b1 - y * k1
+        second = b1 * b1 + k1 * k1 + x * b2 - y * k2
+        return sign[which] * first, sign[which] * second
+
+    seen = _ANGLES[index]
+    lower, upper = np.full(plane.gain.size, np.inf), np.zeros(plane.gain.size)
+    # An angle of the grid stays where its refinement is worse in the last digits.
+    for angle in (seen, rising_root(slopes, seen, seen - _STEP, seen + _STEP)):
+        k, b = curve.at(angle)
+        with np.errstate(over="ignore"):
+            distance = np.hypot(there.gain * b + there.across, there.along - there.per_rate * k)
+        np.minimum.at(lower, turns, distance)
+        np.maximum.at(upper, turns, distance)
+    return lower, upper
+
+
+def _turning_points(plane: _Plane, k: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return where distances turn on the grid: which ω, which angle, and 1 for a dip or -1 for a peak.
+
+    All are refined: on the grid the wrong one may look better.
+    """
+    x = plane.gain[:, None] * b + plane.across[:, None]
+    y = plane.along[:, None] - plane.per_rate[:, None] * k
+    square = x * x + y * y
+    before, after = np.roll(square, 1, axis=1), np.roll(square, -1, axis=1)
+    dips = np.nonzero((square <= before) & (square <= after))
+    peaks = np.nonzero((square >= before) & (square >= after))
+    turns, index = np.concatenate([dips, peaks], axis=1)
+    return turns, index, np.repeat([1.0, -1.0], [dips[0].size, peaks[0].size])
+
+
+def _holds_origin(curve: _Curve, plane: _Plane) -> BoolArray:
+    """Say where the region holds the (k, b) at which Z_h vanishes."""
+    k, b = ratio(plane.along, plane.per_rate, empty=-1.0), ratio(-plane.across, plane.gain, empty=-1.0)
+    positive = (k > 0) & (b > 0) & np.isfinite(k) & np.isfinite(b)
+    d_k = np.log(np.where(positive, k, 1.0)) - curve.log_k
+    d_b = np.log(np.where(positive, b, 1.0)) - curve.log_b
+    u1 = ratio(d_k, curve.factor[0, 0], empty=0.0)
+    u2 = ratio(d_b - times(curve.factor[1, 0], u1), curve.factor[1, 1], empty=0.0)
+    return positive & (np.hypot(u1, u2) <= 1)

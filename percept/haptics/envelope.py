@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import FloatArray, ordered_limits, real_array, times
-from percept.haptics._warp import checked_period, warp
-from percept.haptics.parameters import AnyDevice, Device
+from percept.haptics.arrays import FloatArray, checked_period, ordered_limits, real_array, times
+from percept.haptics.impedance import warp
 from percept.haptics.perceived import distance_axes, perceived_magnitude
+from percept.haptics.records import AnyDevice, Device
 
 Limits = tuple[ArrayLike, ArrayLike]
 
@@ -21,28 +21,12 @@ def corner_curves(
     damping: Limits,
     period: float,
     *,
-    mass: ArrayLike = 0.0,
     hold: str = "average",
 ) -> tuple[FloatArray, FloatArray]:
     """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
 
     Where the device's mass outweighs the stiffness the second curve runs below the first
-    (`corner_crossings`); for the true range over the box use `magnitude_envelope`.
-
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        The device, Z_d.
-    stiffness, damping : pair of array_like
-        (low, high) of k, N/m, and b, N·s/m; may be negative.
-    period : float
-        Sampling period T, s.
-    mass : array_like, optional
-        m_e, kg.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    (`corner_crossings`). Parameters are those of `magnitude_envelope`, which gives the true range.
 
     Returns
     -------
@@ -52,13 +36,12 @@ def corner_curves(
     Raises
     ------
     UsageError
-        A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, a
-        value that is not finite, an unknown hold.
+        As `magnitude_envelope`.
     """
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    at_low = perceived_magnitude(omega, device, k_low, b_low, period, mass=mass, hold=hold)
-    return at_low, perceived_magnitude(omega, device, k_high, b_high, period, mass=mass, hold=hold)
+    at_low = perceived_magnitude(omega, device, k_low, b_low, period, hold=hold)
+    return at_low, perceived_magnitude(omega, device, k_high, b_high, period, hold=hold)
 
 
 def magnitude_envelope(
@@ -102,34 +85,17 @@ def magnitude_envelope(
         A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, a
         value that is not finite, an unknown hold.
     """
-    (p_low, p_high), (q_low, q_high) = plane_box(
-        omega, device, stiffness, damping, period, mass=mass, hold=hold
-    )
-    lower = np.hypot(_gap(p_low, p_high), _gap(q_low, q_high))
-    upper = np.hypot(np.maximum(np.abs(p_low), np.abs(p_high)), np.maximum(np.abs(q_low), np.abs(q_high)))
-    return lower[()], upper[()]
-
-
-def plane_box(
-    omega: ArrayLike,
-    device: AnyDevice,
-    stiffness: Limits,
-    damping: Limits,
-    period: float,
-    *,
-    mass: ArrayLike,
-    hold: str,
-) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return the ranges of Re and Im of Z_h·e^{jh} over the box, N·s/m."""
     grid = warp(omega, period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
-    p = (held.gain * b_low + across, held.gain * b_high + across)
+    across, along, held = distance_axes(grid, device, hold, real_array(mass, "mass", "kg"))
+    p_low, p_high = held.gain * b_low + across, held.gain * b_high + across
     # g/Ω changes sign with ω.
     q_ends = along - times(k_low, held.per_rate), along - times(k_high, held.per_rate)
-    q = np.minimum(*q_ends), np.maximum(*q_ends)
-    return p, q
+    q_low, q_high = np.minimum(*q_ends), np.maximum(*q_ends)
+    lower = np.hypot(_gap(p_low, p_high), _gap(q_low, q_high))
+    upper = np.hypot(np.maximum(np.abs(p_low), np.abs(p_high)), np.maximum(np.abs(q_low), np.abs(q_high)))
+    return lower[()], upper[()]
 
 
 def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
@@ -138,12 +104,7 @@ def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def corner_crossings(
-    device: Device,
-    stiffness: tuple[float, float],
-    damping: tuple[float, float],
-    period: float,
-    *,
-    mass: float = 0.0,
+    device: Device, stiffness: tuple[float, float], damping: tuple[float, float], period: float
 ) -> FloatArray:
     """Return the ω at which the two corner curves of a rigid device cross, so that the band there is empty.
 
@@ -157,8 +118,6 @@ def corner_crossings(
         (low, high) of k, N/m, and b, N·s/m; may be negative.
     period : float
         Sampling period T, s.
-    mass : float, optional
-        m_e, kg.
 
     Returns
     -------
@@ -173,29 +132,12 @@ def corner_crossings(
     period = checked_period(period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    if not isinstance(device, Device):
-        raise UsageError("corner crossings are for one rigid device and one box of (k, b).", value=device)
-    m, b_d, m_e = np.asarray(device.mass), np.asarray(device.damping), real_array(mass, "mass", "kg")
-    if device.modes or any(array.ndim for array in (m, b_d, m_e, k_low, k_high, b_low, b_high)):
+    m, b_d = np.asarray(device.mass), np.asarray(device.damping)
+    if device.modes or any(array.ndim for array in (m, b_d, k_low, k_high, b_low, b_high)):
         raise UsageError("corner crossings are for one rigid device and one box of (k, b).", value=device)
     dk, db = k_high - k_low, b_high - b_low
     square = -m * period * db
-    linear = db * (b_low + b_high + 2 * b_d) - 2 * dk * (m + m_e + b_d * period / 2)
-    roots = _positive_roots(float(square), float(linear), float(dk * (k_low + k_high)))
+    linear = db * (b_low + b_high + 2 * b_d) - 2 * dk * (m + b_d * period / 2)
+    roots = np.roots([square, linear, dk * (k_low + k_high)])
+    roots = np.sort(roots.real[(roots.imag == 0) & (roots.real > 0)])
     return (2 / period) * np.arctan(np.sqrt(roots) * period / 2)
-
-
-def _positive_roots(a: float, b: float, c: float) -> FloatArray:
-    """Return the positive roots of a·u² + b·u + c, increasing, in the form free of cancellation."""
-    # By powers of two, so that the discriminant stays in range and every digit as it is.
-    size = int(np.frexp(max(abs(a), abs(b), abs(c)))[1])
-    a, b, c = (float(np.ldexp(part, -size)) for part in (a, b, c))
-    if a == 0:
-        roots = [-c / b] if b else []
-    else:
-        discriminant = b * b - 4 * a * c
-        if discriminant < 0:
-            return np.empty(0)
-        larger = -(b + np.copysign(np.sqrt(discriminant), b)) / 2
-        roots = [larger / a, c / larger] if larger else [0.0]
-    return np.array(sorted(root for root in roots if root > 0))

@@ -1,16 +1,177 @@
-"""Impedances of the parts: device, environment, coupling and hold (Eqs 5 to 8)."""
+"""Tustin's frequency axis, and the impedances of device, environment, coupling and hold (Eqs 5 to 8)."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.haptics._arrays import ComplexArray, FloatArray, complex_from, one_of, ratio, times
-from percept.haptics._series import Element, reactance, series
-from percept.haptics._warp import Warp, warp
-from percept.haptics.parameters import AnyDevice, Coupling, Device, Environment, TabulatedDevice
+from percept.errors import UsageError
+from percept.haptics.arrays import (
+    ComplexArray,
+    FloatArray,
+    Scalars,
+    checked_period,
+    complex_from,
+    one_of,
+    ratio,
+    real_array,
+    times,
+)
+from percept.haptics.records import AnyDevice, Coupling, Device, Environment, TabulatedDevice
 
+HOLDS = ("average", "true")
 DISCRETIZATIONS = ("tustin", "backward")
+
+# π is _PI + _PI_LOW to 107 bits, so that π − ωT keeps its digits next to Nyquist.
+_PI = float(np.pi)
+_PI_LOW = 1.2246467991473532e-16
+# A smaller ωT counts as zero: nothing below then overflows on its way to the limit.
+_DC_SLACK = 1e-100
+_NYQUIST_SLACK = 4 * float(np.spacing(np.pi))
+
+
+@dataclass(frozen=True)
+class Held:
+    """The hold's gain g and its products with Ω, each with its limit at DC and Nyquist."""
+
+    gain: FloatArray  # g = abs(ZOH), cos h for the averaging hold (Eq. 8)
+    rate: FloatArray  # g·Ω, rad/s
+    per_rate: FloatArray  # g/Ω, s/rad
+
+
+@dataclass(frozen=True)
+class Warp:
+    """Angles of a set of ω under sampling with period T, h = ωT/2, accurate from DC to Nyquist."""
+
+    omega: FloatArray  # rad/s
+    period: float  # T, s
+    half: FloatArray  # h, rad
+    sin: FloatArray  # sin h
+    cos: FloatArray  # cos h
+
+    @property
+    def rate(self) -> FloatArray:
+        """Ω = (2/T)·tan h, so that Tustin's s is jΩ; infinite at Nyquist."""
+        with np.errstate(divide="ignore"):
+            return (2 / self.period) * self.sin / self.cos
+
+    @property
+    def inverse_rate(self) -> FloatArray:
+        """1/Ω = (T/2)·cot h; infinite at DC."""
+        with np.errstate(divide="ignore"):
+            return (self.period / 2) * self.cos / self.sin
+
+    @property
+    def one_minus_cos(self) -> FloatArray:
+        """1 − cos h, without the cancellation."""
+        return 2 * np.sin(self.half / 2) ** 2
+
+    def spring(self, stiffness: ArrayLike) -> FloatArray:
+        """Return Im(k/s) = −k/Ω."""
+        return -times(stiffness, self.inverse_rate)
+
+    def held(self, hold: str) -> Held:
+        """Return the gain of `hold` ("average", Eq. 8, or "true") and its products with Ω."""
+        one_of(hold, "hold", HOLDS)
+        with np.errstate(divide="ignore"):
+            if hold == "average":
+                per_rate = (self.period / 2) * self.cos**2 / self.sin
+                return Held(self.cos, (2 / self.period) * self.sin, per_rate)
+            gain = np.sinc(self.half / np.pi)
+            return Held(gain, gain * self.rate, gain * self.inverse_rate)
+
+
+def warp(omega: ArrayLike, period: float) -> Warp:
+    """Check ω and T and return their angles."""
+    period = checked_period(period)
+    omega = real_array(omega, "omega", "rad/s")
+    theta = omega * period
+    size = np.abs(theta)
+    above = size > _PI + _NYQUIST_SLACK
+    if above.any():
+        raise UsageError(
+            f"omega is above the Nyquist frequency, {_PI / period:.17g} rad/s at a period of {period:g} s.",
+            value=float(omega[above][0]),
+            hint="Lower omega, or shorten the period.",
+        )
+    theta = np.where(size < _DC_SLACK, 0.0 * theta, theta)
+    half = theta / 2
+    # π − θ is exact where θ is near π, and its sine then keeps every digit that ωT has.
+    cos = np.where(size > np.pi / 2, np.sin(((_PI - size) + _PI_LOW) / 2), np.cos(half))
+    at_nyquist = size >= _PI - _NYQUIST_SLACK
+    cos = np.where(at_nyquist, 0.0, cos)
+    sin = np.where(at_nyquist, np.sign(theta), np.sin(half))
+    return Warp(omega=omega, period=period, half=half, sin=sin, cos=cos)
+
+
+@dataclass(frozen=True)
+class Element:
+    """m·s + b + k/s, of numbers or arrays that broadcast; of either sign."""
+
+    stiffness: Scalars  # k, N/m
+    damping: Scalars  # b, N·s/m
+    mass: Scalars = 0.0  # m, kg
+
+
+def series(grid: Warp, first: Element, second: Element) -> Element:
+    """Return the damping Re Z and the stiffness −Ω·Im Z of Z = Z₁Z₂/(Z₁ + Z₂); `second` has no mass.
+
+    Z₁Z₂/(Z₁ + Z₂) = a₂²Z₁ + a₁²Z₂ with aᵢ = |Zᵢ|/|Z₁ + Z₂|: both weights are positive, so a passive pair
+    keeps every digit of its damping. In the stiffness what springs and masses add to the weights is drawn
+    together to k₁k₂(k₁ + k₂): left in them, it would be a difference of large numbers near a resonance,
+    k₁ = −k₂. At an undamped resonance the stiffness is +inf (a pole has no sign).
+    """
+    r1, x1 = _scaled_parts(grid, first)
+    r2, x2 = _scaled_parts(grid, second)
+    total = np.hypot(r1 + r2, x1 + x2)
+    w1 = ratio(np.hypot(r2, x2), total, empty=0.0) ** 2
+    w2 = ratio(np.hypot(r1, x1), total, empty=0.0) ** 2
+    at_dc, at_nyquist = grid.sin == 0, grid.cos == 0
+    # The rate at Nyquist is not used there; 0 keeps it finite.
+    inertia = np.multiply(first.mass, np.where(at_nyquist, 0.0, grid.rate) ** 2)
+    with np.errstate(invalid="ignore"):
+        k1, k2 = first.stiffness - inertia, np.asarray(second.stiffness)
+        stiffness = (
+            times(ratio(r2, total, empty=0.0) ** 2, k1)
+            + times(ratio(r1, total, empty=0.0) ** 2, k2)
+            + times(ratio(x1, total, empty=0.0) * ratio(x2, total, empty=0.0), k1 + k2)
+        )
+    pole = (total == 0) & (x1 != 0)
+    stiffness = np.where(np.isfinite(stiffness) & ~pole, stiffness, np.inf)
+    damping = times(w1, first.damping) + times(w2, second.damping)
+    if not (at_dc | at_nyquist).any():
+        return Element(stiffness, damping)
+
+    # At DC stiffness outgrows damping, at Nyquist damping outgrows stiffness and a mass outgrows both. Next
+    # to Nyquist a mass takes b₂²/m off the stiffness.
+    stiffnesses, dampings = (first.stiffness, second.stiffness), (first.damping, second.damping)
+    heavy = np.asarray(first.mass) > 0
+    light1, light2 = _end_weights(dampings, stiffnesses)
+    nyquist = np.where(heavy, 0.0, light1), np.where(heavy, 1.0, light2)
+    taken = np.where(heavy, ratio(np.square(second.damping), first.mass, empty=0.0), 0.0)
+    ends = (at_dc, _end_weights(stiffnesses, dampings), 0.0), (at_nyquist, nyquist, taken)
+    for there, (a1, a2), less in ends:
+        stiffness = np.where(there, a1**2 * first.stiffness + a2**2 * second.stiffness - less, stiffness)
+        damping = np.where(there, a1**2 * first.damping + a2**2 * second.damping, damping)
+    return Element(stiffness, damping)
+
+
+def _scaled_parts(grid: Warp, element: Element) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of Z·sin h·cos h, which is finite from DC to Nyquist."""
+    inertia = np.multiply(element.mass, (2 / grid.period) * grid.sin**2)
+    spring = np.multiply(element.stiffness, (grid.period / 2) * grid.cos**2)
+    return np.multiply(element.damping, grid.sin * grid.cos), inertia - spring
+
+
+def _end_weights(
+    leading: tuple[Scalars, Scalars], following: tuple[Scalars, Scalars]
+) -> tuple[FloatArray, FloatArray]:
+    """Return Z₂/(Z₁ + Z₂) and Z₁/(Z₁ + Z₂) where one kind of parameter leads, if there is any of it."""
+    led = np.add(*leading) > 0
+    first, second = np.where(led, leading[0], following[0]), np.where(led, leading[1], following[1])
+    return ratio(second, first + second, empty=0.0), ratio(first, first + second, empty=0.0)
 
 
 def device_impedance(omega: ArrayLike, device: AnyDevice, period: float) -> ComplexArray:
@@ -56,9 +217,8 @@ def rotated_device(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArra
     else:
         # Ω·cos h is formed as (2/T)·sin h, which stays finite at Nyquist.
         push = (2 / grid.period) * grid.sin
-        rigid_real = device.damping * grid.cos - times(
-            device.mass, ratio(push * grid.sin, grid.cos, empty=0.0)
-        )
+        swing = times(device.mass, ratio(push * grid.sin, grid.cos, empty=0.0))
+        rigid_real = device.damping * grid.cos - swing
         rigid_imag = device.damping * grid.sin + device.mass * push
         damping, flexible = _modes(grid, device)
     real = rigid_real + (damping * grid.cos - flexible * grid.sin)
@@ -70,8 +230,7 @@ def _modes(grid: Warp, device: Device) -> tuple[FloatArray, FloatArray]:
     damping = flexible = np.zeros_like(grid.omega)
     for mode in device.modes:
         shown = series(grid, Element(0.0, 0.0, mode.mass), Element(mode.stiffness, mode.damping))
-        damping = damping + shown.damping
-        flexible = flexible + reactance(grid, shown.stiffness)
+        damping, flexible = damping + shown.damping, flexible + grid.spring(shown.stiffness)
     return damping, flexible
 
 
@@ -98,7 +257,7 @@ def environment_impedance(omega: ArrayLike, environment: Environment, period: fl
         ω above Nyquist, T not positive, a value that is not finite.
     """
     grid = warp(omega, period)
-    reactive = times(environment.mass, grid.rate) - times(environment.stiffness, grid.inverse_rate)
+    reactive = times(environment.mass, grid.rate) + grid.spring(environment.stiffness)
     return complex_from(np.asarray(environment.damping), reactive)
 
 
@@ -129,8 +288,9 @@ def coupling_impedance(
         ω above Nyquist, T not positive, a value that is not finite, an unknown discretization.
     """
     grid = warp(omega, period)
-    damping = tustin_damping(coupling, grid.period, discretization)
-    return complex_from(damping, -times(coupling.stiffness, grid.inverse_rate))
+    return complex_from(
+        tustin_damping(coupling, grid.period, discretization), grid.spring(coupling.stiffness)
+    )
 
 
 def coupling_admittance(
@@ -150,13 +310,11 @@ def coupling_admittance(
     UsageError
         As `coupling_impedance`.
     """
-    grid = warp(omega, period)
-    damping = tustin_damping(coupling, grid.period, discretization)
-    spring = times(coupling.stiffness, grid.inverse_rate)
-    size = np.hypot(damping, spring)
+    z_c = coupling_impedance(omega, coupling, period, discretization=discretization)
+    size = np.hypot(z_c.real, z_c.imag)
     # Dividing twice by the modulus keeps its square from leaving the range of a double.
-    real = ratio(ratio(damping, size, empty=0.0), size, empty=np.inf)
-    return complex_from(real, ratio(ratio(spring, size, empty=0.0), size, empty=0.0))
+    real = ratio(ratio(z_c.real, size, empty=0.0), size, empty=np.inf)
+    return complex_from(real, ratio(ratio(-z_c.imag, size, empty=0.0), size, empty=0.0))
 
 
 def tustin_damping(coupling: Coupling, period: float, discretization: str) -> FloatArray:

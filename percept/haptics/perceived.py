@@ -1,25 +1,107 @@
-"""What the hand feels: Z_h with and without a virtual coupling (Eqs 11 to 13)."""
+"""What the hand feels: Z_h with and without a virtual coupling, and what a coupling shows (Eqs 11 to 13)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics._arrays import ComplexArray, FloatArray, complex_from, real_array, times
-from percept.haptics._series import Element
-from percept.haptics._warp import Held, Warp, warp
-from percept.haptics.coupled import through_coupling
-from percept.haptics.impedance import device_parts, rotated_device
-from percept.haptics.parameters import AnyDevice, Coupling, Environment
+from percept.haptics.arrays import ComplexArray, FloatArray, Scalars, complex_from, real_array, times
+from percept.haptics.impedance import (
+    Element,
+    Held,
+    Warp,
+    device_parts,
+    rotated_device,
+    series,
+    tustin_damping,
+    warp,
+)
+from percept.haptics.records import AnyDevice, Coupling, Environment
+from percept.html import NotebookRecord
 
 # Elements handled at once by `perceived_magnitude`: its scratch stays in the cache, whatever the request.
 _BLOCK = 1 << 14
 # Sums of squares between these have lost nothing to underflow, and overflow nowhere.
 _SMALL, _LARGE = 1e-270, 1e300
+
+
+@dataclass(frozen=True, eq=False)
+class EffectiveImpedance(NotebookRecord):
+    """Z_eff = Z_eZ_c/(Z_e + Z_c), as the stiffness and damping it shows at each ω.
+
+    Both may be compared with limits of k and b as any environment's: the same distance form holds.
+
+    Attributes
+    ----------
+    omega : ndarray
+        rad/s.
+    stiffness : ndarray
+        −Ω·Im Z_eff, N/m; +inf at an undamped resonance of environment and coupling.
+    damping : ndarray
+        Re Z_eff, N·s/m.
+    period : float
+        Sampling period T, s.
+    """
+
+    omega: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    period: float
+
+    @property
+    def value(self) -> ComplexArray:
+        """Z_eff, N·s/m."""
+        return complex_from(self.damping, warp(self.omega, self.period).spring(self.stiffness))
+
+
+def effective_impedance(
+    omega: ArrayLike,
+    environment: Environment,
+    coupling: Coupling,
+    period: float,
+    *,
+    discretization: str = "tustin",
+) -> EffectiveImpedance:
+    """Return what environment and coupling in series show at each ω.
+
+    Parameters are those of `perceived_impedance`.
+
+    Returns
+    -------
+    EffectiveImpedance
+        Stiffness and damping have the broadcast shape of all arguments, `omega` its own.
+
+    Raises
+    ------
+    UsageError
+        As `perceived_impedance`.
+    """
+    grid = warp(omega, period)
+    shown = _through_coupling(grid, environment, coupling, discretization)
+    shape = np.broadcast_shapes(grid.omega.shape, np.shape(shown.stiffness))
+    return EffectiveImpedance(
+        omega=grid.omega,
+        stiffness=np.broadcast_to(shown.stiffness, shape),
+        damping=np.broadcast_to(shown.damping, shape),
+        period=grid.period,
+    )
+
+
+def _through_coupling(
+    grid: Warp, environment: Environment, coupling: Coupling, discretization: str
+) -> Element:
+    """Return what Z_eZ_c/(Z_e + Z_c) shows at each ω."""
+    beyond = Element(coupling.stiffness, tustin_damping(coupling, grid.period, discretization))
+    return series(grid, _element(environment), beyond)
+
+
+def _element(environment: Environment) -> Element:
+    return Element(environment.stiffness, environment.damping, environment.mass)
 
 
 def perceived_impedance(
@@ -64,10 +146,9 @@ def perceived_impedance(
     """
     grid = warp(omega, period)
     if coupling is None:
-        felt = Element(environment.stiffness, environment.damping, environment.mass)
+        felt = _element(environment)
     else:
-        shown = through_coupling(grid, environment, coupling, discretization)
-        felt = Element(shown.stiffness, shown.damping)
+        felt = _through_coupling(grid, environment, coupling, discretization)
     real, imaginary = device_parts(grid, device)
     held_real, held_imaginary = _held_parts(grid, grid.held(hold), felt)
     return complex_from(real + held_real, imaginary + held_imaginary)
@@ -140,7 +221,7 @@ def perceived_magnitude(
     """
     grid = warp(omega, period)
     k, b = real_array(stiffness, "stiffness", "N/m"), real_array(damping, "damping", "N·s/m")
-    across, along, held = distance_axes(grid, device, real_array(mass, "mass", "kg"), hold)
+    across, along, held = distance_axes(grid, device, hold, real_array(mass, "mass", "kg"))
     arrays = (k, b, held.gain, held.per_rate, across, along)
     shape = np.broadcast_shapes(*(array.shape for array in arrays))
     if out is None:
@@ -182,7 +263,7 @@ def perceived_magnitude(
 
 
 def distance_axes(
-    grid: Warp, device: AnyDevice, mass: FloatArray, hold: str
+    grid: Warp, device: AnyDevice, hold: str, mass: Scalars = 0.0
 ) -> tuple[FloatArray, FloatArray, Held]:
     """Return across, along and the hold such that abs(Z_h) = hypot(g·b + across, along − k·g/Ω)."""
     held = grid.held(hold)

@@ -1,33 +1,44 @@
-"""Device damping that a virtual coupling needs, and how much of it there is (Eqs 9 and 10)."""
+"""Stability with a virtual coupling: the device damping it needs, how much there is, and Llewellyn's verdict.
+
+By Eqs 1 to 4, 9 and 10 a device and its coupling are stable with every passive hand and environment where two
+conditions hold: Re Z_d is at least what Eq. 10 asks for at every ω, and no pole lies outside the unit circle.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.haptics._arrays import FloatArray, Scalars, one_of, ratio, stored, times
-from percept.haptics._warp import HOLDS, Warp, checked_period, warp
-from percept.haptics.impedance import device_parts, tustin_damping
-from percept.haptics.parameters import AnyDevice, Coupling
-from percept.notebook import NotebookRecord
+from percept.haptics.arrays import (
+    ComplexArray,
+    FloatArray,
+    Scalars,
+    checked_period,
+    one_of,
+    ratio,
+    stored,
+    times,
+)
+from percept.haptics.impedance import HOLDS, Warp, device_parts, tustin_damping, warp
+from percept.haptics.records import AnyDevice, Coupling, TabulatedDevice, refuse_arrays
+from percept.haptics.search import covers_range, local_minima, search_grid
+from percept.html import NotebookRecord
+
+# How near to 1 a margin, or the modulus of a pole, counts as on the limit.
+_ROUNDING = 1e-12
+# κ = K/2β from which on the demand is largest at DC.
+_KAPPA_AT_DC = float(np.sqrt(0.8))
 
 
 @dataclass(frozen=True)
 class RequiredDamping(NotebookRecord):
-    """The damping a rigid device needs for a coupling.
+    """The damping a rigid device needs for a coupling; floats, or arrays of the coupling's shape."""
 
-    Attributes
-    ----------
-    damping : float or ndarray
-        Smallest b_d with which Eq. 10 holds at every ω, N·s/m; inf where no damping suffices.
-    omega : float or ndarray
-        The ω that binds, rad/s.
-    """
-
-    damping: Scalars
-    omega: Scalars
+    damping: Scalars  # Smallest b_d with which Eq. 10 holds at every ω, N·s/m; inf where no damping suffices
+    omega: Scalars  # The ω that binds, rad/s
 
 
 def required_damping_at(
@@ -88,16 +99,7 @@ def required_damping(
 ) -> RequiredDamping:
     """Return the damping a rigid device needs for a coupling, in closed form (Eq. 10 over all ω).
 
-    Parameters
-    ----------
-    coupling : Coupling
-        Its parameters may be arrays.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    Parameters are those of `stability_margin`; the coupling's may be arrays.
 
     Returns
     -------
@@ -136,9 +138,6 @@ def required_damping(
     one_minus_y = 2 * np.sinh(u + short / 2) * np.sinh(short / 2)
     omega = np.where(interior, (4 / period) * np.arcsin(np.sqrt(one_minus_y / 2)), 0.0)
     return RequiredDamping(damping=stored(damping), omega=stored(omega))
-
-
-_KAPPA_AT_DC = float(np.sqrt(0.8))
 
 
 def stability_margin(
@@ -191,16 +190,7 @@ def coupling_bound(
 ) -> FloatArray:
     """Return the right-hand side of Eq. 10, the lower bound of Re 1/Z_c that Fig. 4 draws.
 
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        The device, Z_d.
-    period : float
-        Sampling period T, s.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    Parameters are those of `stability_margin`.
 
     Returns
     -------
@@ -210,10 +200,124 @@ def coupling_bound(
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an unknown
-        hold.
+        As `stability_margin`.
     """
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
     viscous, _ = demands(grid, hold)
     return ratio(viscous, available, empty=np.inf)[()]
+
+
+Verdict = Literal["stable", "marginal", "unstable", "undecided"]
+
+
+@dataclass(frozen=True, eq=False)
+class AbsoluteStability(NotebookRecord):
+    """Llewellyn's verdict, on stability with every passive hand and environment.
+
+    Marginal means that the smallest margin is 1 to within rounding; undecided, that nothing speaks against
+    stability, but the device's table leaves out a part of the range.
+    """
+
+    verdict: Verdict
+    reason: str  # The condition that decides, in one sentence
+    omega: FloatArray = field(repr=False)  # (n,) rad/s; the verdict covers these, and what lies between them
+    margin: FloatArray = field(repr=False)  # (n,) As `stability_margin`
+    smallest_margin: float
+    binding_omega: float  # Where the margin is smallest, rad/s
+    poles: ComplexArray | None = field(repr=False)  # In the z plane; None where the device is a table
+
+
+def absolute_stability(
+    device: AnyDevice,
+    coupling: Coupling,
+    period: float,
+    *,
+    discretization: str = "backward",
+    hold: str = "average",
+) -> AbsoluteStability:
+    """Judge a device with a coupling at every ω from DC to Nyquist, poles included (Eqs 9, 10).
+
+    A rigid device is judged in closed form. With modes the smallest margin is searched on a grid that
+    resolves each mode, and refined; a table is searched over the range it covers, and cannot show stability
+    where that is not all of it.
+
+    Parameters are those of `stability_margin`, for one device and one coupling.
+
+    Returns
+    -------
+    AbsoluteStability
+
+    Raises
+    ------
+    UsageError
+        T not positive, arrays as parameters, a table that begins above Nyquist, an unknown hold or
+        discretization.
+    """
+    period = checked_period(period)
+    refuse_arrays(device, coupling)
+    need = required_damping(coupling, period, discretization=discretization, hold=hold)
+
+    def margin(omega: FloatArray) -> FloatArray:
+        return np.asarray(
+            stability_margin(omega, device, coupling, period, discretization=discretization, hold=hold)
+        )
+
+    omega = search_grid(device, period, float(need.omega))
+    if isinstance(device, TabulatedDevice) or device.modes:
+        omega = np.union1d(omega, local_minima(margin, omega))
+        margins = margin(omega)
+    else:
+        margins = margin(omega)
+        # The closed form is exact where the margin at its rounded ω is only as good as that ω.
+        margins[omega == need.omega] = ratio(device.damping, need.damping, empty=np.inf)
+    found = _judged(omega, margins, _network_poles(device, coupling, period, discretization))
+    if found.verdict != "unstable" and not covers_range(device, period):
+        assert isinstance(device, TabulatedDevice)
+        reason = (
+            f"From {device.omega[0]:.6g} to {device.omega[-1]:.6g} rad/s the smallest margin is "
+            f"{found.smallest_margin:.6g}; of the rest, up to {np.pi / period:.6g} rad/s, the device's table "
+            "says nothing."
+        )
+        return replace(found, verdict="undecided", reason=reason)
+    return found
+
+
+def _judged(omega: FloatArray, margin: FloatArray, poles: ComplexArray | None) -> AbsoluteStability:
+    """Turn margins and poles into a verdict."""
+    least = int(np.argmin(margin))
+    smallest, binding = float(margin[least]), float(omega[least])
+    verdict: Verdict = "stable" if smallest > 1 + _ROUNDING else "marginal"
+    reason = f"The smallest margin is {smallest:.6g}, at {binding:.6g} rad/s."
+    if smallest < 1 - _ROUNDING:
+        verdict = "unstable"
+        if smallest < 0:
+            reason = f"A port is active: its real part is negative at {binding:.6g} rad/s."
+    if poles is not None and (np.abs(poles) > 1 + _ROUNDING).any():
+        verdict, reason = "unstable", "The network has a pole outside the unit circle."
+    return AbsoluteStability(verdict, reason, omega, margin, smallest, binding, poles)
+
+
+def _network_poles(
+    device: AnyDevice, coupling: Coupling, period: float, discretization: str
+) -> ComplexArray | None:
+    """Return the poles of Eq. 4's matrix in the z plane, None where the device is a table.
+
+    Elements in parallel, and entries of the matrix, do not raise each other's order, so each pole is listed
+    once.
+    """
+    if isinstance(device, TabulatedDevice):
+        return None
+    poles: list[complex] = [0.0]  # the hold's delay
+    if device.mass:
+        poles.append(-1.0)  # Tustin's s is infinite there
+    for mode in device.modes:
+        if mode.mass:
+            s = np.roots(np.array([mode.mass, mode.damping, mode.stiffness]))
+            s = s[s != 0]  # at 0 the mode's numerator vanishes too
+            poles += list((2 + s * period) / (2 - s * period))
+    stretch = float(np.multiply(coupling.stiffness, period))
+    if stretch:
+        beta = float(tustin_damping(coupling, period, discretization))
+        poles.append((2 * beta - stretch) / (2 * beta + stretch))
+    return np.unique(np.array(poles, dtype=np.complex128))

@@ -11,11 +11,11 @@ from typing import Any
 _HOMES = {
     "record": ("Interval",),
     "classical.intervals": (
-        "Ratio", "bias", "prediction_interval", "t_interval", "tolerance_interval", "weber_fraction"
+        "bias", "prediction_interval", "t_interval", "tolerance_interval", "weber_fraction"
     ),
     "classical.moments": ("Moments",),
     "classical.tolerance": ("tolerance_factor",),
-    "classical.trials": ("Normality", "check_normality"),
+    "classical.trials": ("check_normality",),
 }  # fmt: skip
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

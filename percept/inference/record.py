@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
-from percept.notebook import fields_html
+from percept.html import fields_html
 
 Kind: TypeAlias = Literal["mean", "user", "share"]
 Method: TypeAlias = Literal["classical", "bayesian"]

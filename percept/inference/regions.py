@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.classical.moments import check_option, mean_and_sd, sample, tail_of
 from percept.inference.record import Family, Method
-from percept.notebook import NotebookRecord
 
 _ON_A_LINE = 1e-13  # 1 − r² below this is rounding of the data
 

@@ -124,7 +124,7 @@ def _data(study: Study) -> dict[str, Any]:
         "parameters": list(sessions.parameters),
         "counts": plain(sessions.counts),
         "notices": [_located(notice, "text") for notice in sessions.notices],
-        "doubts": [_located(doubt, "text") for doubt in sessions.doubts],
+        "doubts": [_located(warning, "text") for warning in sessions.warnings],
         "exclusions": [_located(row, "who", "what", "why") for row in sessions.exclusions],
         "design": design_counts(sessions),
         "cells": plain(list(adjustments(sessions))),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from percept.files import filled_folder
 from percept.report.document import build_document
-from percept.report.folder import filled_folder
 from percept.report.plain import dumps
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Any
 
 from percept.report.plain import Digits
 from percept.report.select import distinct, matching
-from percept.sessions.units import UNITS
-from percept.sessions.write import neutralised
+from percept.sessions.read import neutralised
+from percept.sessions.values import UNITS
 
 _INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from percept.files import filled_folder
+from percept.html import needed_browser, print_pdf
 from percept.report.document import build_document
-from percept.report.folder import filled_folder
 from percept.report.formats import check_formats
-from percept.report.pdf import needed_browser, print_pdf
 from percept.report.plain import Digits, dumps
 
 if TYPE_CHECKING:

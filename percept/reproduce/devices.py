@@ -21,7 +21,6 @@ from percept.haptics import (
     design_couplings,
     magnitude_envelope,
     max_coupling_stiffness,
-    qualifying_region,
 )
 from percept.reproduce.published import Array, Published, Wall
 
@@ -133,14 +132,18 @@ def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float |
     last = int(np.flatnonzero(true)[-1])
     if last == candidates.size - 1:
         return float("inf")
-    low, high = candidates[last], candidates[last + 1]
-    while high - low > 1e-12 * high:
-        middle = np.sqrt(low * high)
-        if true_at(np.array([middle]))[0]:
-            low = middle
-        else:
-            high = middle
-    return float(low)
+    low, _ = _halved(lambda x: bool(true_at(np.array([x]))[0]), *candidates[last : last + 2], rtol=1e-12)
+    return low
+
+
+def _halved(
+    low_side: Callable[[float], bool], low: float, high: float, *, rtol: float
+) -> tuple[float, float]:
+    """Halve an interval on the logarithmic scale, keeping a change of side inside, until it is narrow."""
+    while high > low * (1 + rtol):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if low_side(middle) else (low, middle)
+    return float(low), float(high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,11 +184,11 @@ def adapted_couplings(published: Published, *, points: int = 61) -> Adapted:
     boundaries = next_user_boundaries(published, device, omega)
     design = design_couplings(omega, device, boundaries, published.period)
     line = np.array([float(published.tuned.damping)])
-    static = []
-    for boundary in boundaries:
-        region = qualifying_region(omega, device, [boundary], published.period, damping=line)
-        tuned = published.tuned.stiffness
-        static.append(any(low <= tuned <= high for low, high in region.intervals[0].tolist()))
+    tuned = design_couplings(omega, device, boundaries, published.period, damping=line)
+    static = (
+        any(low <= published.tuned.stiffness <= high for low, high in region.intervals[0].tolist())
+        for region in tuned.each
+    )
     return Adapted(device, design, tuple(static))
 
 
@@ -227,19 +230,13 @@ def _softest(published: Published, damping: float, rows: Sequence[int]) -> float
     omega = published.omega(_RANGE)
     boundaries = next_user_boundaries(published, device, omega)
     lines = 8 * damping * np.sin(np.linspace(0.0, np.pi / 2, _LINES)) ** 2
-    region = qualifying_region(
-        omega, device, [boundaries[row] for row in rows], published.period, damping=lines
-    )
-    return float("nan") if region.softest is None else float(region.softest.stiffness)
+    some = [boundaries[row] for row in rows]
+    softest = design_couplings(omega, device, some, published.period, damping=lines).common.softest
+    return float("nan") if softest is None else float(softest.stiffness)
 
 
 def _least(published: Published, rows: Sequence[int], bracket: tuple[float, float]) -> float:
-    """Return the smallest b_d with a coupling for some environments, by bisection."""
-    low, high = bracket
-    while np.isfinite(high) and high > low * (1 + _DIGITS):
-        middle = float(np.sqrt(low * high))
-        if np.isnan(_softest(published, middle, rows)):
-            low = middle
-        else:
-            high = middle
-    return high
+    """Return the smallest b_d with a coupling for some environments; inf without any."""
+    if not np.isfinite(bracket[1]):
+        return bracket[1]
+    return _halved(lambda b: bool(np.isnan(_softest(published, b, rows))), *bracket, rtol=_DIGITS)[1]

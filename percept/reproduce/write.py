@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import csv
 import datetime
 import hashlib
-import io
 import platform
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup, escape
 
 import percept
+from percept.files import filled_folder
 from percept.inference import prediction_interval, tolerance_interval
-from percept.report.folder import filled_folder
 from percept.report.plain import dumps, plain
 from percept.reproduce import claims_coupling as coupling
 from percept.reproduce import claims_figures as figures
 from percept.reproduce import claims_table as table
 from percept.reproduce.devices import Adapted, TradeOff, adapted_couplings, trade_off
 from percept.reproduce.published import Claim, Published
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 
 PAGE = "reproduction.html"
 SCHEMA = "percept-reproduction/1"
@@ -271,28 +270,27 @@ def _future(published: Published, adapted: Adapted, trade: TradeOff) -> dict[str
 
 def _claims_csv(claims: Sequence[Claim]) -> str:
     """Return the claims as CSV: one row each, its numbers with all their digits."""
-    columns = ("name", "place", "paper", "verdict", "condition", "finding")
-    rows: list[Iterable[object]] = [
-        ("number", *columns, "margin_name", "margin", "margin_unit", "numbers", "source")
-    ]
+    rows = []
     for number, claim in enumerate(claims, start=1):
-        margin = claim.margin
-        others = "; ".join(f"{one.name} = {one.value!r} {one.unit}".rstrip() for one in claim.numbers)
-        told = (getattr(claim, name) for name in columns)
+        told = ("name", "place", "paper", "verdict", "condition", "finding")
+        others = (f"{one.name} = {one.value!r} {one.unit}".rstrip() for one in claim.numbers)
         rows.append(
-            (number, *told, margin.name, repr(float(margin.value)), margin.unit, others, claim.source)
+            {
+                "number": number,
+                **{name: getattr(claim, name) for name in told},
+                "margin_name": claim.margin.name,
+                "margin": float(claim.margin.value),
+                "margin_unit": claim.margin.unit,
+                "numbers": "; ".join(others),
+                "source": claim.source,
+            }
         )
-    return _csv(rows)
+    return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
 
 
 def _table_csv(rows: Sequence[dict[str, Any]]) -> str:
     """Return Table 1 as CSV: printed limits, percept's, and those for the next user and a share of all."""
-    columns = [name for name in rows[0] if name not in ("user", "share")]
-    head = (*columns, "user_lower", "user_upper", "share_lower", "share_upper")
-    return _csv([head, *((*(row[name] for name in columns), *row["user"], *row["share"]) for row in rows)])
-
-
-def _csv(rows: Iterable[Iterable[object]]) -> str:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows(rows)
-    return buffer.getvalue()
+    table = pd.DataFrame(rows).drop(columns=["user", "share"])
+    for kind in ("user", "share"):
+        table[[f"{kind}_lower", f"{kind}_upper"]] = [row[kind] for row in rows]
+    return table.to_csv(index=False, lineterminator="\n")

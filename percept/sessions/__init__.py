@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from percept.sessions.cell_sums import Reduced
+from percept.sessions.chunks import Reduced, reduce_sessions
 from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
-from percept.sessions.problems import ReadError
-from percept.sessions.read import read_sessions
-from percept.sessions.records import Exclusion, Notice, Sessions, Source
-from percept.sessions.reduce import reduce_sessions
-from percept.sessions.validation import Validation, format_validation, propose_columns, validate
+from percept.sessions.read import Sessions, read_sessions
+from percept.sessions.records import Exclusion, Notice, ReadError, Source
+from percept.sessions.validate import Validation, format_validation, propose_columns, validate
 
 __all__ = [
     "ColumnRule",

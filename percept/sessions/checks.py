@@ -1,88 +1,99 @@
-"""Checks across all files of a study: references, duplicates, look-alike ids, plausibility, the full grid."""
+"""Checks over a whole study: references, duplicates, ids, units, the full grid, and what is seldom meant."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.errors import UsageError
-from percept.sessions.options import IDS
-from percept.sessions.problems import Problems, shown
-from percept.sessions.records import Exclusion, Notice, Source
+from percept.errors import UsageError, counted
+from percept.sessions.records import IDS, Exclusion, Notice, Place, Problems, shown
 
-Place = Callable[[int], Mapping[str, object]]
-_CELL = [*IDS, "trial"]
-_FAR = 100.0
+#: What tells a trial from others.
+TRIAL = [*IDS, "trial"]
+#: From this ratio of adjustments to references on, either way, a unit is doubted.
+_OTHER_UNIT = 100.0
+#: A value as many times the median of its environment, or as small a part of it, is hardly ever a person's.
+_GROSS = 30.0
+#: Subjects an environment needs for its median to say anything of one of them.
+_FEWEST = 3
+#: Gross errors of a parameter that are named one by one.
+_NAMED = 5
 
 
 def settle_references(
     table: pd.DataFrame,
     declared: Mapping[str, Mapping[str, float]],
+    known: dict[str, dict[str, float]],
     parameters: Iterable[str],
     place: Place,
     problems: Problems,
 ) -> None:
-    """Fill references from the scene, and hold every row of an environment to one reference."""
+    """Fill references from the scene or earlier rows, and hold every row of an environment to one reference.
+
+    `known` holds the references of earlier blocks, by column and environment; those of this one are added.
+    """
     codes, names = pd.factorize(table["environment"])
     for p in parameters:
         column = f"{p}_ref"
+        earlier = known.setdefault(column, {})
         given = np.array([declared.get(str(name), {}).get(column, np.nan) for name in names])
-        values = table[column].to_numpy(dtype=float).copy()
+        values = table[column].to_numpy(dtype=float)
         first = np.full(len(names), np.nan)
         at = np.flatnonzero(~np.isnan(values))[::-1]
         first[codes[at]] = values[at]
-        expected = np.where(np.isnan(given), first, given)[codes]
-        differ = ~np.isnan(values) & (values != expected)
-        for at_row in problems.first(np.flatnonzero(differ)):
-            source = "the scene" if not np.isnan(given[codes[at_row]]) else "an earlier row"
+        before = np.array([earlier.get(str(name), np.nan) for name in names])
+        first = np.where(np.isnan(before), first, before)
+        settled = np.where(np.isnan(given), first, given)
+        earlier.update((str(n), v) for n, v in zip(names, settled.tolist(), strict=True) if v == v)
+        expected = settled[codes]
+        for row in problems.first(np.flatnonzero(~np.isnan(values) & (values != expected))):
+            source = "an earlier row" if np.isnan(given[codes[row]]) else "the scene"
             problems.add(
-                f"environment {shown([names[codes[at_row]]])} has the reference {expected[at_row]!s} "
-                f"in {source}.",
+                f"environment {shown([names[codes[row]]])} has the reference {expected[row]!s} in {source}.",
                 column=column,
-                value=float(values[at_row]),
+                value=float(values[row]),
                 hint="An environment has one reference; correct it, or name the environments apart.",
-                **place(int(at_row)),
+                **place(int(row)),
             )
         lacking = np.isnan(expected) & ~table[f"{p}_adj"].isna().to_numpy()
         for code in np.unique(codes[lacking]):
-            at_row = int(np.flatnonzero(lacking & (codes == code))[0])
             problems.add(
                 f"environment {shown([names[code]])} has no reference.",
                 column=column,
                 hint=f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …',
-                **place(at_row),
+                **place(int(np.flatnonzero(lacking & (codes == code))[0])),
             )
         table[column] = expected
 
 
-def refuse_twin(sources: Iterable[Source], name: str, sha256: str) -> None:
-    """Refuse a file that was read already, under whatever name."""
-    twin = next((source.name for source in sources if source.sha256 == sha256), None)
-    if twin is not None:
-        raise UsageError(f"byte for byte the same file as {twin}.", file=name, hint="Leave one of them out.")
-
-
 def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> None:
     """Find rows that stand twice for one subject, session, environment and trial."""
-    again = table.duplicated(_CELL).to_numpy()
+    again = table.duplicated(TRIAL).to_numpy()
     if not again.any():
         return
-    first = table.drop_duplicates(_CELL)[_CELL].assign(at=lambda t: t.index).set_index(_CELL)["at"]
+    first = table.drop_duplicates(TRIAL)[TRIAL].assign(at=lambda t: t.index).set_index(TRIAL)["at"]
     for at in problems.first(np.flatnonzero(again)):
-        subject, session, environment, trial = (table[c].iloc[at] for c in _CELL)
-        origin = place(int(first.loc[(subject, session, environment, trial)]))
-        problems.add(
-            f"subject {shown([subject])}, session {shown([session])}, environment {shown([environment])}, "
-            f"trial {trial} stands already in {origin.get('file')}:{origin.get('row')}.",
-            hint='Name the trial column in [columns]; for a row per event declare [sessions] keep = "last"; '
-            "else remove one row.",
-            **place(int(at)),
-        )
+        trial = tuple(table[c].iloc[at] for c in TRIAL)
+        origin = place(int(first.loc[trial]))
+        add_duplicate(trial, f"{origin.get('file')}:{origin.get('row')}", place(int(at)), problems)
+
+
+def add_duplicate(
+    trial: Sequence[object], where: str, place: Mapping[str, object], problems: Problems
+) -> None:
+    """Record a trial that stands twice, and where it stands already."""
+    subject, session, environment = (shown([str(name)]) for name in trial[:3])
+    problems.add(
+        f"subject {subject}, session {session}, environment {environment}, trial {trial[3]} stands already "
+        f"in {where}.",
+        hint='Name the trial column in [columns]; for a row per event declare [sessions] keep = "last"; else '
+        "remove one row.",
+        **place,
+    )
 
 
 def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
@@ -94,18 +105,15 @@ def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
         same.setdefault(bare.casefold().lstrip("0"), []).append(name)
         if bare != name:
             padded.append(name)
-    notices = [
-        Notice(f"{what}s {shown(names)} look alike and are kept apart")
-        for names in same.values()
-        if len(names) > 1
-    ]
+    alike = [names for names in same.values() if len(names) > 1]
+    notices = [Notice(f"{what}s {shown(names)} look alike and are kept apart") for names in alike]
     if padded:
         notices.append(Notice(f"{what}s {shown(padded)} begin or end with space, which is kept"))
     return notices
 
 
 def repeats_over_sessions(sessions: npt.ArrayLike) -> list[Notice]:
-    """Notice cells whose trials are from several sessions."""
+    """Notice cells whose trials are from several sessions, given the sessions of each cell."""
     counts = np.asarray(sessions)
     several = int((counts > 1).sum())
     if not several:
@@ -119,73 +127,65 @@ def repeats_over_sessions(sessions: npt.ArrayLike) -> list[Notice]:
     ]
 
 
-def check_plausible(
-    table: pd.DataFrame,
-    parameters: Iterable[str],
-    declared_units: set[str],
-    place: Place,
+def typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:
+    """Median ratio of positive values to their references."""
+    return float(np.exp(np.median(np.log(values) - np.log(reference))))
+
+
+def units_differ(ratio: float) -> bool:
+    """Whether a typical ratio of values to their references speaks for two units."""
+    return not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT
+
+
+def check_units(
+    parameter: str,
+    ratio: float,
+    declared: Set[str],
+    place: Mapping[str, object],
     problems: Problems,
+    *,
+    value: float | None = None,
+) -> list[Notice]:
+    """Refuse adjustments that are typically `ratio` times their references, with the units `declared`."""
+    if not units_differ(ratio):
+        return []
+    adjusted, reference = f"{parameter}_adj", f"{parameter}_ref"
+    text = f"{adjusted} is {ratio:.3g} times {reference} at the median: their units seem to differ."
+    settled = {adjusted, reference} & declared
+    if len(settled) == 2:
+        return [Notice(text, column=adjusted)]
+    # One declared unit is as likely to be the slip as the other column: it settles nothing.
+    hint = f"Correct the unit in [columns], or declare the units of both {adjusted} and {reference}."
+    if not settled:
+        # A slip makes numbers too small where the larger unit was meant.
+        column, unit = adjusted if ratio < 1 else reference, "N/mm" if parameter == "k" else "N·s/mm"
+        hint = f'Declare the unit: [columns] {column} = {{ name = "…", unit = "{unit}" }}.'
+    problems.add(text, column=adjusted, value=value, hint=hint, **place)
+    return []
+
+
+def check_plausible(
+    table: pd.DataFrame, parameters: Iterable[str], declared: Set[str], place: Place, problems: Problems
 ) -> list[Notice]:
     """Refuse adjustments whose median ratio to their references is at least 100, or at most 1/100."""
     notices: list[Notice] = []
     for p in parameters:
-        adjusted = table[f"{p}_adj"].to_numpy(dtype=float)
-        reference = table[f"{p}_ref"].to_numpy(dtype=float)
-        known = (adjusted > 0) & (reference > 0)
-        if not known.any():
-            continue
-        doubt = unit_doubt(p, _typical_ratio(adjusted[known], reference[known]), declared_units)
-        if doubt is None:
-            continue
-        if doubt.hint is None:
-            notices.append(Notice(doubt.text, column=f"{p}_adj"))
-            continue
-        at = int(np.flatnonzero(known)[0])
-        problems.add(doubt.text, column=f"{p}_adj", value=float(adjusted[at]), hint=doubt.hint, **place(at))
+        adjusted, reference = (table[f"{p}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref"))
+        known = np.flatnonzero((adjusted > 0) & (reference > 0))
+        if len(known):
+            at, value = int(known[0]), float(adjusted[known[0]])
+            ratio = typical_ratio(adjusted[known], reference[known])
+            notices += check_units(p, ratio, declared, place(at), problems, value=value)
     return notices
-
-
-class UnitDoubt(NamedTuple):
-    """What makes a unit doubtful, and what to do; both units declared leave nothing to do."""
-
-    text: str
-    hint: str | None
-
-
-def unit_doubt(parameter: str, ratio: float, declared_units: Set[str]) -> UnitDoubt | None:
-    """Say that units seem to differ, where adjustments are at the median `ratio` times their references."""
-    if 1 / _FAR < ratio < _FAR:
-        return None
-    adjusted, reference = f"{parameter}_adj", f"{parameter}_ref"
-    text = f"{adjusted} is {ratio:.3g} times {reference} at the median: their units seem to differ."
-    declared = {adjusted, reference} & declared_units
-    if len(declared) == 2:
-        return UnitDoubt(text, None)
-    if declared:
-        # One declared unit is as likely to be the slip as the other column: it settles nothing.
-        hint = f"Correct the unit in [columns], or declare the units of both {adjusted} and {reference}."
-        return UnitDoubt(text, hint)
-    # A slip makes numbers too small where the larger unit was meant.
-    column, unit = adjusted if ratio < 1 else reference, "N/mm" if parameter == "k" else "N·s/mm"
-    return UnitDoubt(text, f'Declare the unit: [columns] {column} = {{ name = "…", unit = "{unit}" }}.')
-
-
-def units_of_scene(environments: Mapping[str, Mapping[str, float]]) -> set[str]:
-    """Name the references that stand in the scene's [environments], whose unit is percept's own."""
-    return {name for references in environments.values() for name in references}
-
-
-def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:
-    return float(np.exp(np.median(np.log(values) - np.log(reference))))
 
 
 def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]:
     """Leave out subjects who lack an environment that others have."""
     environments = list(table["environment"].unique())
     seen = table.groupby("subject", sort=False)["environment"].unique()
-    lacking = {s: [e for e in environments if e not in set(have)] for s, have in seen.items()}
+    lacking = {str(s): [e for e in environments if e not in set(have)] for s, have in seen.items()}
     exclusions = [
-        Exclusion(str(subject), f"all rows (no {shown(missing)})", "unfinished")
+        Exclusion(subject, f"all rows (no {shown(missing)})", "unfinished")
         for subject, missing in lacking.items()
         if missing
     ]
@@ -199,64 +199,79 @@ def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]
     return kept, exclusions
 
 
-def count_grid(table: pd.DataFrame, parameters: Sequence[str]) -> Counter[str]:
-    """Count the observations and the holes of the full subject × environment × trial grid."""
-    counts: Counter[str] = Counter({"observations": len(table)})
-    if not len(table):
-        return counts
+def count_grid(table: pd.DataFrame, rows: npt.ArrayLike | None = None) -> Counter[str]:
+    """Count observations and holes of the subject × environment × trial grid; a row may stand for `rows`."""
     s, subjects = pd.factorize(table["subject"])
     e, environments = pd.factorize(table["environment"])
-    filled = np.bincount(s * len(environments) + e, minlength=len(subjects) * len(environments))
-    counts["subjects"] = len(subjects)
-    counts["environments"] = len(environments)
-    counts["empty cells (subject × environment)"] = int((filled == 0).sum())
-    counts["missing repeats"] = int((filled.max() - filled[filled > 0]).sum())
-    for p in parameters:
-        counts[f"rows without {p}"] = int(table[f"{p}_adj"].isna().sum())
-    return counts
-
-
-def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None:
-    """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
-    rules = (
-        ("parameter", ~table["parameter"].isin(["k", "b"]), 'must be "k" or "b".'),
-        ("environment", table["environment"].str.strip() == "", "is empty."),
-        ("upper", table["upper"] < table["lower"], "is below the lower limit."),
-        (
-            "n",
-            (table["n"] < 2) | (table["n"] >= 2.0**53) | (table["n"] != np.round(table["n"])),
-            "must be a whole number of at least 2, and below 2^53.",
-        ),
-        ("level", (table["level"] <= 0) | (table["level"] >= 1), "must lie between 0 and 1, as in 0.99."),
+    cells = len(subjects) * len(environments)
+    filled = np.bincount(s * len(environments) + e, weights=rows, minlength=cells)
+    return Counter(
+        {
+            "observations": int(filled.sum()),
+            "subjects": len(subjects),
+            "environments": len(environments),
+            "empty cells (subject × environment)": int((filled == 0).sum()),
+            "missing repeats": int((filled.max() - filled[filled > 0]).sum()),
+        }
     )
-    for column, wrong, message in rules:
-        values = table[column].tolist()
-        for at in np.flatnonzero(np.asarray(wrong)):
-            problems.add(message, column=column, value=values[at], hint="Correct it.", **place(int(at)))
-    _check_units(table, place, problems)
-    for at in np.flatnonzero(table.duplicated(["environment", "parameter"]).to_numpy()):
-        problems.add(
-            "a second row for this environment and parameter.",
-            column="environment",
-            value=table["environment"].iloc[at],
-            hint="Remove one of them.",
-            **place(int(at)),
+
+
+def screen(table: pd.DataFrame, parameters: Iterable[str], place: Place) -> Iterator[Notice]:
+    """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
+    for p in parameters:
+        yield from _gross_errors(table, p, place)
+        yield from _without_logarithm(table, p, place)
+        yield from _never_moved(table, p)
+    yield from _not_tried(table)
+
+
+def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
+    column = f"{parameter}_adj"
+    positive = table[table[column] > 0]
+    by_environment = positive.groupby("environment", sort=False)
+    typical = by_environment[column].transform("median").to_numpy()
+    enough = by_environment["subject"].transform("nunique").to_numpy() >= _FEWEST
+    values = positive[column].to_numpy(dtype=float)
+    found = np.flatnonzero(enough & ((values > _GROSS * typical) | (values < typical / _GROSS))).tolist()
+    for at in found[:_NAMED]:
+        row = positive.iloc[at]
+        yield Notice(
+            f"subject {shown([row['subject']])} set {parameter} to {values[at]:.6g} in "
+            f"{shown([row['environment']])}, {values[at] / typical[at]:.2g} times the median of "
+            f"{typical[at]:.6g} there: a slip?",
+            column=column,
+            **place(positive.index[at]),
         )
+    if len(found) > _NAMED:
+        rest = counted(len(found) - _NAMED, "more value")
+        yield Notice(f"and {rest} of {parameter} as far from the median there", column=column)
 
 
-def _check_units(table: pd.DataFrame, place: Place, problems: Problems) -> None:
-    """Compare published limits with their references, as `check_plausible` compares adjustments."""
-    values, lower, upper = (table[c].to_numpy(dtype=float) for c in ("reference", "lower", "upper"))
-    # Of what the limits hold, the nearest to the reference: wide limits are no sign of another unit.
-    nearest = np.clip(values, lower, upper)
-    for p, unit in (("k", "N/m"), ("b", "N·s/m")):
-        known = np.flatnonzero((table["parameter"] == p).to_numpy() & (nearest > 0) & (values > 0))
-        ratio = _typical_ratio(nearest[known], values[known]) if len(known) else 1.0
-        if not 1 / _FAR < ratio < _FAR:
-            problems.add(
-                f"limits of {p} are typically {ratio:.3g} times the reference: their units seem to differ.",
-                column="reference",
-                value=float(values[known[0]]),
-                hint=f"Write references and limits in {unit}.",
-                **place(int(known[0])),
-            )
+def _without_logarithm(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
+    column = f"{parameter}_adj"
+    low = table.index[table[column] <= 0]
+    if len(low):
+        what = f"{counted(len(low), 'value')} of {parameter} {'is' if len(low) == 1 else 'are'}"
+        text = f"{what} zero or negative, here the first: the lognormal family, the default, takes none"
+        yield Notice(text, column=column, **place(low[0]))
+
+
+def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
+    column = f"{parameter}_adj"
+    known = table[table[column].notna()]
+    same = known[column] == known[f"{parameter}_ref"]
+    told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
+    names = [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]
+    if names:
+        who = "subject" if len(names) == 1 else "subjects"
+        text = f"{who} {shown(names)} left {parameter} at the reference in every trial"
+        yield Notice(f"{text}: was what they set recorded?", column=column)
+
+
+def _not_tried(table: pd.DataFrame) -> Iterator[Notice]:
+    tried = set(map(tuple, table[["subject", "environment"]].drop_duplicates().to_numpy().tolist()))
+    subjects, environments = (table[c].unique() for c in ("subject", "environment"))
+    lacking = [f"{s} at {e}" for s in subjects for e in environments if (s, e) not in tried]
+    if lacking:
+        has = "has" if len(lacking) == 1 else "have"
+        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")

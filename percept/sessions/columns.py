@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
 from percept.errors import UsageError
-from percept.sessions.options import CANONICAL, NUMBERS, SUMMARY, ColumnRule
-from percept.sessions.problems import shown
+from percept.sessions.options import CANONICAL, KEPT_COLUMNS, SUMMARY, ColumnRule, ReadOptions
+from percept.sessions.records import NUMBERS, shown
 
 _WORDS = {
     "subject": "participant participant_id participant_private_id subject_nr subject_id subject_number subj "
@@ -72,12 +72,12 @@ def resolve(header: Sequence[str], declared: Mapping[str, ColumnRule], *, file: 
         if canonical in found or canonical in wide:
             continue
         if canonical in names:
-            found[canonical] = ColumnRule(canonical)
+            found[canonical] = ColumnRule(name=canonical)
             continue
         name = _alias(canonical, header, claimed, file)
         if name is not None:
             announced.append(f"column {name!r} is taken as {canonical}")
-            found[canonical] = ColumnRule(name)
+            found[canonical] = ColumnRule(name=name)
     if not summary and not wide and "environment" not in found:
         wide = _wide_by_name(header, found, file)
         announced += [f"columns {rule.name!r} are taken as {c}" for c, rule in wide.items()]
@@ -97,7 +97,7 @@ def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str
     while rule.path is None and "." in stem:
         stem = stem.rpartition(".")[0]
         if stem in header:
-            return ColumnRule(stem, rule.unit, rule.name[len(stem) + 1 :])
+            return ColumnRule(name=stem, unit=rule.unit, path=rule.name[len(stem) + 1 :])
     close = get_close_matches(rule.name, header, n=3)
     raise UsageError(
         f"[columns] names {rule.name!r} for {canonical}, and no column has that name.",
@@ -132,7 +132,7 @@ def _wide_by_name(header: Sequence[str], found: Mapping[str, ColumnRule], file: 
     for shape in _WIDE:
         patterns = {c: shape.format(column=c) for c in NUMBERS if c not in found}
         wide = {
-            c: ColumnRule(pattern)
+            c: ColumnRule(name=pattern)
             for c, pattern in patterns.items()
             if any(_pattern(pattern).fullmatch(name) for name in header)
         }
@@ -199,3 +199,42 @@ def _position(header: Sequence[str], name: str, file: str) -> int:
             "two columns have this name.", file=file, row=1, column=name, hint="Rename or remove one of them."
         )
     return header.index(name)
+
+
+def check_columns(
+    header: Sequence[str], found: Resolution, options: ReadOptions, named: Collection[str], *, file: str
+) -> None:
+    """Hold a header to what an analysis of trials needs; `named` columns come from the file's name."""
+    present = found.present | set(named)
+    wide = any(slot.environment is not None for slot in found.slots)
+    missing = [
+        c for c in ("subject", "environment") if c not in present and not (wide and c == "environment")
+    ]
+    if not present & {"k_adj", "b_adj"}:
+        missing.append("k_adj (or b_adj)")
+    else:
+        for p in ("k", "b"):
+            declared = any(f"{p}_ref" in references for references in options.environments.values())
+            if f"{p}_adj" in present and f"{p}_ref" not in present and not declared:
+                missing.append(f"{p}_ref")
+            if f"{p}_ref" in present and f"{p}_adj" not in present:
+                missing.append(f"{p}_adj")
+    if missing:
+        from_name = ', or take it from file names with [sessions] filename = "{subject}"'
+        hint = f"Name it in the scene's [columns]{from_name if 'subject' in missing else ''}."
+        if any("_ref" in name for name in missing):
+            hint += " References can stand in [environments]."
+        raise UsageError(
+            f"there is no column for {' and '.join(missing)}; the columns are {shown(header)}.",
+            file=file,
+            row=1,
+            column=missing[0].split(" ")[0],
+            hint=hint,
+        )
+
+
+def unused_columns(header: Sequence[str], found: Resolution, options: ReadOptions) -> list[str]:
+    """Name the columns of a header that nothing is read from."""
+    used = {at for slot in found.slots for at in slot.columns.values()}
+    named = {*options.groups, *options.only, *(rule.column for rule in options.exclude), *KEPT_COLUMNS}
+    return [name for at, name in enumerate(header) if at not in used and name and name not in named]

@@ -1,27 +1,116 @@
-"""How to read a study's files: the scene's [columns], [sessions] and [environments] as one record."""
+"""How to read a study's files: the scene's [columns], [sessions] and [environments], checked key by key."""
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal, Self, get_args
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from percept.errors import UsageError
-from percept.sessions.units import factor
+from percept.sessions.records import IDS, NUMBERS
+from percept.sessions.values import factor
 
-IDS = ("subject", "session", "environment")
-NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 CANONICAL = (*IDS, "trial", *NUMBERS)
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
-_PLACE = re.compile(r"\{(\w+)\}")
 
 
-@dataclass(frozen=True)
-class ColumnRule:
+_PLAIN = {
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+}
+
+
+class Table(BaseModel):
+    """A table of settings: frozen, and no key beside those named."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def said(table: type[BaseModel], error: ValidationError) -> UsageError:
+    """Say the first thing that is wrong with the keys of a table, and where."""
+    first = error.errors(include_url=False)[0]
+    context, where, value = first.get("ctx", {}), list(first["loc"]), first["input"]
+    message = first["msg"].removeprefix("Value error, ")
+    path = ".".join(map(str, where))
+    if isinstance(cause := context.get("error"), UsageError) and (cause.key or "").startswith(path):
+        return cause
+    if first["type"] == "missing":
+        message, value = "is missing", None
+    elif first["type"] == "extra_forbidden":
+        message = f"there is no such key; there are {', '.join(_keys_at(table, where))}"
+    elif where and where[-1] == "[key]":
+        path, value = path.removesuffix(".[key]"), None
+    else:
+        message = _PLAIN.get(first["type"], message)
+    return UsageError(
+        f"{message[:1].lower()}{message[1:]}".removesuffix(".") + ".",
+        key=path or None,
+        value=None if isinstance(value, dict) else value,
+    )
+
+
+def _keys_at(table: type[BaseModel], where: Sequence[str | int]) -> list[str]:
+    """Return the keys of the table in which a place lies."""
+    for name in where[:-1]:
+        if isinstance(name, str) and name in table.model_fields:
+            table = next(_tables_in(table.model_fields[name].annotation))
+    return list(table.model_fields)
+
+
+def _tables_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _tables_in(part)
+
+
+def _listed(value: Any) -> Any:
+    """Take a single text for a list of one, and whole numbers for their digits."""
+    items = [value] if isinstance(value, str | int) else value
+    if not isinstance(items, list | tuple):
+        raise ValueError("must be a text or a list of texts")
+    return tuple(str(item) if type(item) is int else item for item in items)
+
+
+def _character(value: str) -> str:
+    if len(value) != 1 or value in '"\r\n\\':
+        raise ValueError("must be one character, not a quote")
+    return value
+
+
+def _not_blank(value: str) -> str:
+    if not value.strip():
+        raise ValueError("is blank")
+    return value
+
+
+def _pattern(value: str) -> str:
+    names = re.findall(r"\{(\w+)\}", value)
+    if not names or not set(names) <= set(IDS) or len(set(names)) < len(names):
+        raise ValueError("must name {subject}, {session} or {environment}, each once")
+    return value
+
+
+Text = Annotated[str, Field(min_length=1)]
+Texts = Annotated[tuple[str, ...], BeforeValidator(_listed)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class ColumnRule(Table):
     """Where a canonical column stands in the files.
 
     Attributes
@@ -34,13 +123,12 @@ class ColumnRule:
         Dotted path into a JSON cell ("response.k"; a number picks from a list, -1 its last item).
     """
 
-    name: str
+    name: Annotated[str, AfterValidator(_not_blank)]
     unit: str | None = None
     path: str | None = None
 
 
-@dataclass(frozen=True)
-class ExcludeRule:
+class ExcludeRule(Table):
     """Observations to leave out, and why.
 
     Attributes
@@ -48,22 +136,96 @@ class ExcludeRule:
     column : str
         A canonical name (values in N/m or N·s/m) or one of the file's own columns.
     why : str
-        The reason, as it is counted and reported.
+        The reason, as it is counted and reported; by default the rule in words.
     equals : tuple of str
         Leave out rows whose cell is one of these texts.
     below, above : float, optional
         Leave out rows whose number is below or above.
     """
 
-    column: str
-    why: str
-    equals: tuple[str, ...] = ()
-    below: float | None = None
-    above: float | None = None
+    column: Text
+    why: str = ""
+    equals: Texts = ()
+    below: Number | None = None
+    above: Number | None = None
+
+    @model_validator(mode="after")
+    def _texts_or_limits(self) -> Self:
+        limits = [
+            f"{name} {limit:g}" for name in ("below", "above") if (limit := getattr(self, name)) is not None
+        ]
+        if bool(self.equals) == bool(limits):
+            raise ValueError("a rule has column, why, and either equals or limits (below, above)")
+        if not self.why:
+            object.__setattr__(self, "why", f"{self.column} is {' or '.join(self.equals or limits)}")
+        return self
 
 
-@dataclass(frozen=True)
-class ReadOptions:
+def _rule(value: Any) -> Any:
+    if not isinstance(value, str | Mapping | ColumnRule):
+        raise ValueError("a column is a name, or a table of name, unit and path")
+    return {"name": value} if isinstance(value, str) else value
+
+
+def _units_known(columns: dict[str, ColumnRule]) -> dict[str, ColumnRule]:
+    for column in (c for c in columns if c in NUMBERS):
+        try:
+            factor(columns[column].unit, column[0])
+        except UsageError as error:
+            error.key = f"columns.{column}.unit"
+            raise
+    return columns
+
+
+def _reference_names(value: Any) -> Any:
+    names = {"stiffness": "k_ref", "damping": "b_ref"}
+    return {names.get(k, k): v for k, v in value.items()} if isinstance(value, Mapping) else value
+
+
+def _one_of(names: Sequence[str]) -> AfterValidator:
+    """Check the key of a table; pydantic says of keys where they stand, and not what they may be."""
+
+    def check(name: str) -> str:
+        if name not in names:
+            raise ValueError(f"there is no such key; there are {', '.join(names)}")
+        return name
+
+    return AfterValidator(check)
+
+
+Columns = Annotated[
+    dict[
+        Annotated[str, _one_of(tuple(dict.fromkeys((*CANONICAL, *SUMMARY))))],
+        Annotated[ColumnRule, BeforeValidator(_rule)],
+    ],
+    AfterValidator(_units_known),
+]
+References = dict[Annotated[str, _one_of(("k_ref", "b_ref"))], Number]
+Environments = dict[str, Annotated[References, BeforeValidator(_reference_names)]]
+
+
+class SessionsTable(Table):
+    """The scene's [sessions]; every default is the strictest reading."""
+
+    decimal: Literal[".", ","] | None = None
+    delimiter: Annotated[str, AfterValidator(_character)] | None = None
+    encoding: Text | None = None
+    keep: Literal["last"] | None = None
+    filename: Annotated[str, AfterValidator(_pattern)] | None = None
+    groups: Texts = ()
+    only: dict[str, Texts] = Field(default_factory=dict)
+    exclude: tuple[ExcludeRule, ...] = ()
+    unfinished: Literal["keep", "exclude"] = "keep"
+    sheet: Text | None = None
+
+
+class _Tables(BaseModel):
+    columns: Columns = Field(default_factory=dict)
+    sessions: SessionsTable = SessionsTable()
+    environments: Environments = Field(default_factory=dict)
+
+
+class ReadOptions(SessionsTable):
     """How to read a study's files; every default is the strictest reading.
 
     Attributes
@@ -93,18 +255,14 @@ class ReadOptions:
         Sheet of an Excel workbook; the first by default.
     """
 
-    columns: Mapping[str, ColumnRule] = field(default_factory=dict)
-    environments: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    decimal: Literal[".", ","] | None = None
-    delimiter: str | None = None
-    encoding: str | None = None
-    keep: Literal["last"] | None = None
-    filename: str | None = None
-    groups: tuple[str, ...] = ()
-    only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    exclude: tuple[ExcludeRule, ...] = ()
-    unfinished: Literal["keep", "exclude"] = "keep"
-    sheet: str | None = None
+    columns: Columns = Field(default_factory=dict)
+    environments: Environments = Field(default_factory=dict)
+
+    def __init__(self, /, **options: Any) -> None:
+        try:
+            super().__init__(**options)
+        except ValidationError as error:
+            raise said(type(self), error) from error
 
     def with_columns(self, columns: Mapping[str, Any] | None) -> ReadOptions:
         """Return a copy in which further columns are declared.
@@ -123,12 +281,14 @@ class ReadOptions:
         UsageError
             An unknown canonical name or key, or a value that is no text.
         """
-        return replace(self, columns={**self.columns, **_columns(columns or {})})
+        return (
+            ReadOptions(**dict(self) | {"columns": {**self.columns, **(columns or {})}}) if columns else self
+        )
 
     def with_groups(self, groups: Iterable[str]) -> ReadOptions:
         """Return a copy that keeps further columns as groups of subjects; those it always has are no news."""
         further = [name for name in groups if name not in CANONICAL]
-        return replace(self, groups=tuple(dict.fromkeys([*self.groups, *further])))
+        return self.model_copy(update={"groups": tuple(dict.fromkeys([*self.groups, *further]))})
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
@@ -154,169 +314,9 @@ class ReadOptions:
             An unknown key, or a value of the wrong kind, naming table and key.
         """
         try:
-            return cls._from_mapping(tables)
-        except UsageError as error:
-            error.file = file
-            raise
-
-    @classmethod
-    def _from_mapping(cls, tables: Mapping[str, Any]) -> ReadOptions:
-        sessions = _table(tables.get("sessions", {}), "[sessions]")
-        unknown = sorted(set(sessions) - set(_SESSION_KEYS))
-        if unknown:
-            raise UsageError(
-                f"unknown key in [sessions]; the keys are {', '.join(_SESSION_KEYS)}.",
-                key=f"sessions.{unknown[0]}",
-            )
-        return cls(
-            columns=_columns(tables.get("columns", {})),
-            environments=_environments(tables.get("environments", {})),
-            **{key: _SESSION_KEYS[key](value, key) for key, value in sessions.items()},
-        )
-
-
-def _columns(table: Any) -> Mapping[str, ColumnRule]:
-    rules: dict[str, ColumnRule] = {}
-    for canonical, value in _table(table, "[columns]").items():
-        if canonical not in CANONICAL and canonical not in SUMMARY:
-            names = ", ".join(dict.fromkeys((*CANONICAL, *SUMMARY)))
-            raise UsageError(
-                f"no such column in [columns]; the names are {names}.", key=f"columns.{canonical}"
-            )
-        if isinstance(value, ColumnRule):
-            rules[canonical] = _with_unit(canonical, value)
-            continue
-        entry = {"name": value} if isinstance(value, str) else _table(value, f"[columns] {canonical}")
-        wrong = [k for k, v in entry.items() if k not in ("name", "unit", "path") or not isinstance(v, str)]
-        if wrong or not entry.get("name", "").strip():
-            raise UsageError(
-                "a column is a name, or a table of the texts name, unit and path.",
-                key=f"columns.{canonical}",
-                value=value,
-            )
-        rules[canonical] = _with_unit(canonical, ColumnRule(**entry))
-    return rules
-
-
-def _with_unit(canonical: str, rule: ColumnRule) -> ColumnRule:
-    """Check a rule's unit before any file is read, while its key is known."""
-    if canonical in NUMBERS:
-        try:
-            factor(rule.unit, canonical[0])
-        except UsageError as error:
-            error.key = f"columns.{canonical}.unit"
-            raise
-    return rule
-
-
-def _table(value: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise UsageError(f"{where} must be a table.", value=value)
-    return value
-
-
-def _environments(value: Any) -> Mapping[str, Mapping[str, float]]:
-    alias = {"k_ref": "k_ref", "b_ref": "b_ref", "stiffness": "k_ref", "damping": "b_ref"}
-    out: dict[str, Mapping[str, float]] = {}
-    for name, entry in _table(value, "[environments]").items():
-        where = f"environments.{name}"
-        references: dict[str, float] = {}
-        for key, number in _table(entry, f"[{where}]").items():
-            if key not in alias or isinstance(number, bool) or not isinstance(number, int | float):
-                raise UsageError(
-                    "an environment has the numbers k_ref and b_ref.", key=f"{where}.{key}", value=number
-                )
-            if not math.isfinite(number):
-                raise UsageError("a reference must be finite.", key=f"{where}.{key}", value=number)
-            references[alias[key]] = float(number)
-        out[str(name)] = references
-    return out
-
-
-def _text(value: Any, key: str) -> str:
-    if not isinstance(value, str) or not value:
-        raise UsageError("must be text.", key=f"sessions.{key}", value=value)
-    return value
-
-
-def _one_of(*choices: str) -> Callable[[Any, str], str]:
-    def check(value: Any, key: str) -> str:
-        if value not in choices:
-            allowed = " or ".join(f'"{choice}"' for choice in choices)
-            raise UsageError(f"must be {allowed}.", key=f"sessions.{key}", value=value)
-        return str(value)
-
-    return check
-
-
-def _character(value: Any, key: str) -> str:
-    if not isinstance(value, str) or len(value) != 1 or value in '"\r\n\\':
-        raise UsageError("must be one character, not a quote.", key=f"sessions.{key}", value=value)
-    return value
-
-
-def _texts(value: Any, key: str) -> tuple[str, ...]:
-    listed = [value] if isinstance(value, str | int) and not isinstance(value, bool) else value
-    if not isinstance(listed, list | tuple) or not all(
-        isinstance(item, str | int) and not isinstance(item, bool) for item in listed
-    ):
-        raise UsageError("must be a text or a list of texts.", key=f"sessions.{key}", value=value)
-    return tuple(str(item) for item in listed)
-
-
-def _filename(value: Any, key: str) -> str:
-    places = _PLACE.findall(_text(value, key))
-    if not places or not set(places) <= set(IDS) or len(set(places)) < len(places):
-        raise UsageError(
-            "must name {subject}, {session} or {environment}, each once.",
-            key=f"sessions.{key}",
-            value=value,
-        )
-    return str(value)
-
-
-def _only(value: Any, key: str) -> Mapping[str, tuple[str, ...]]:
-    table = _table(value, f"[sessions] {key}")
-    return {str(name): _texts(texts, f"{key}.{name}") for name, texts in table.items()}
-
-
-def _exclude(value: Any, key: str) -> tuple[ExcludeRule, ...]:
-    if not isinstance(value, list | tuple):
-        raise UsageError("must be a list of rules.", key=f"sessions.{key}", value=value)
-    return tuple(_rule(entry, f"{key}[{at}]") for at, entry in enumerate(value))
-
-
-def _rule(value: Any, key: str) -> ExcludeRule:
-    if isinstance(value, ExcludeRule):
-        return value
-    entry = _table(value, f"[sessions] {key}")
-    column = _text(entry.get("column"), f"{key}.column")
-    equals = _texts(entry["equals"], f"{key}.equals") if "equals" in entry else ()
-    limits = {name: entry[name] for name in ("below", "above") if name in entry}
-    if any(isinstance(limit, bool) or not isinstance(limit, int | float) for limit in limits.values()):
-        raise UsageError("below and above are numbers.", key=f"sessions.{key}", value=value)
-    if set(entry) - {"column", "why", "equals", "below", "above"} or bool(equals) == bool(limits):
-        raise UsageError(
-            "a rule has column, why, and either equals or limits (below, above).",
-            key=f"sessions.{key}",
-            value=value,
-        )
-    described = f"{column} is " + (
-        " or ".join(equals) if equals else " or ".join(f"{name} {limit:g}" for name, limit in limits.items())
-    )
-    why = _text(entry["why"], f"{key}.why") if "why" in entry else described
-    return ExcludeRule(column, why, equals, **{name: float(limit) for name, limit in limits.items()})
-
-
-_SESSION_KEYS: Mapping[str, Callable[[Any, str], Any]] = {
-    "decimal": _one_of(".", ","),
-    "delimiter": _character,
-    "encoding": _text,
-    "keep": _one_of("last"),
-    "filename": _filename,
-    "groups": _texts,
-    "only": _only,
-    "exclude": _exclude,
-    "unfinished": _one_of("keep", "exclude"),
-    "sheet": _text,
-}
+            checked = _Tables(**{name: tables[name] for name in _Tables.model_fields if name in tables})
+        except ValidationError as error:
+            found = said(_Tables, error)
+            found.file = file
+            raise found from error
+        return cls(columns=checked.columns, environments=checked.environments, **dict(checked.sessions))

@@ -2,29 +2,197 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
+from functools import cached_property
+from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import checks
-from percept.sessions.columns import resolve
-from percept.sessions.decode import decode
-from percept.sessions.dialect import Grid, read_grid
-from percept.sessions.observations import read_part
-from percept.sessions.options import IDS, ReadOptions
-from percept.sessions.part import Part
-from percept.sessions.problems import Problems
-from percept.sessions.recognise import refuse_binary, refuse_text
-from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS, Exclusion, Notice, Sessions, Source
-from percept.sessions.sources import Expanded, Input, expand, is_workbook, load, names_from_file
-from percept.sessions.stream import NotPlain, open_stream
-from percept.sessions.tables import excel_grid, frame_grid, parquet_grid
+from percept.sessions.files import Input, expand, ids_from_name, load
+from percept.sessions.grids import Block, frame_grid
+from percept.sessions.options import ReadOptions
+from percept.sessions.records import (
+    IDS,
+    SUMMARY_COLUMNS,
+    TRIAL_COLUMNS,
+    Exclusion,
+    Notice,
+    Place,
+    Problems,
+    Source,
+)
+from percept.sessions.summary import check_summary
+from percept.sessions.table import FileTable, open_blocks
+
+_SPECIAL = re.compile(r'[",\r\n]')
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+@dataclass(frozen=True, eq=False)
+class Sessions:
+    """A study's observations in one tidy table, with their provenance.
+
+    Attributes
+    ----------
+    table : DataFrame
+        Trial form: `subject`, `session`, `environment` (text), `k_ref` (N/m), `b_ref` (N·s/m), `trial`
+        (whole number), `k_adj` (N/m), `b_adj` (N·s/m), then any group columns (text); a parameter that
+        was not measured is NaN throughout, a single missing adjustment is NaN. Summary form:
+        `environment`, `parameter` ("k" or "b"), `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`.
+        Rows stand in the order of the files.
+    form : {"trials", "summary"}
+        Which of the two forms `table` has.
+    sources : tuple of Source
+        The files read, in order.
+    notices : tuple of Notice
+        Every choice the reader announced.
+    exclusions : tuple of Exclusion
+        Every observation left out by a declared rule or for want of an adjustment.
+    counts : mapping of str to int
+        Rows by what became of them.
+    provenance : DataFrame
+        `file` (index into `sources`) and `row` (physical line, the header being 1) of each row of `table`.
+    """
+
+    table: pd.DataFrame
+    form: Literal["trials", "summary"]
+    sources: tuple[Source, ...] = ()
+    notices: tuple[Notice, ...] = ()
+    exclusions: tuple[Exclusion, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+    provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
+        """Build from a DataFrame, with the same checks as a file.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            Columns as in a session file; numbers in N/m and N·s/m unless `options` declares a unit.
+        options : ReadOptions, optional
+            How to read it.
+
+        Returns
+        -------
+        Sessions
+
+        Raises
+        ------
+        UsageError
+            As :func:`percept.sessions.read_sessions`; a row is the position in `frame` plus 2.
+        """
+        if not isinstance(frame, pd.DataFrame):
+            hint = "read_sessions reads files."
+            raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
+        reading = Reading(options or ReadOptions())
+        return _merged(reading, reading.frame(frame))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The parameters with at least one observation: a subset of ("k", "b")."""
+        if self.form == "summary":
+            present = set(self.table["parameter"])
+            return tuple(p for p in ("k", "b") if p in present)
+        return tuple(p for p in ("k", "b") if self.table[f"{p}_adj"].notna().any())
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the data say of themselves, in a column `source`, that some are simulated."""
+        return "source" in self.table and bool((self.table["source"] == "simulated").any())
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """Subject ids in order of first appearance; empty in summary form."""
+        return tuple(self.table["subject"].unique()) if self.form == "trials" else ()
+
+    @property
+    def environments(self) -> tuple[str, ...]:
+        """Environment ids in order of first appearance."""
+        return tuple(self.table["environment"].unique())
+
+    @cached_property
+    def warnings(self) -> tuple[Notice, ...]:
+        """What to look at before believing the study: gross errors, unchanged controls, missing cells."""
+        if self.form != "trials":
+            return ()
+
+        def place(index: int) -> dict[str, Any]:
+            # Sessions put together by hand have no places.
+            found = self.locate(index) if index in self.provenance.index else (None, None)
+            return dict(zip(("file", "row"), found, strict=True))
+
+        return tuple(checks.screen(self.table, self.parameters, place))
+
+    def locate(self, index: int) -> tuple[str, int]:
+        """File name and physical row of an observation.
+
+        Parameters
+        ----------
+        index : int
+            Label in the index of `table`.
+
+        Returns
+        -------
+        file : str
+        row : int
+            Physical line in `file`, the header being 1.
+        """
+        at = self.provenance.index.get_loc(index)
+        file, row = (int(self.provenance[c].to_numpy()[at]) for c in ("file", "row"))
+        return self.sources[file].name, row
+
+    def to_csv(self, path: str | Path, *, for_spreadsheets: bool = False) -> None:
+        """Write the table as a CSV file that reads back to the same table.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; it is replaced if it exists.
+        for_spreadsheets : bool, optional
+            Put an apostrophe before text that a spreadsheet would run as a formula.
+        """
+        clean = neutralised if for_spreadsheets else str
+        table = self.table
+        if self.form == "trials":
+            # Columns of a parameter that was not measured would claim that it was.
+            pairs = [[f"{p}_ref", f"{p}_adj"] for p in ("k", "b")]
+            table = table.drop(
+                columns=[c for pair in pairs if table[pair].isna().all(axis=None) for c in pair]
+            )
+
+        def cell(value: Any) -> str:
+            if isinstance(value, float):
+                return "" if value != value else repr(value)
+            text = clean(str(value)) if isinstance(value, str) else str(value)
+            # csv.writer leaves a lone carriage return bare when lines end with LF.
+            return '"' + text.replace('"', '""') + '"' if _SPECIAL.search(text) else text
+
+        columns = [[cell(str(name)), *map(cell, table[name].tolist())] for name in table.columns]
+        text = "".join(",".join(record) + "\n" for record in zip(*columns, strict=True))
+        Path(path).write_bytes(text.encode())
+
+    def _repr_html_(self) -> str:
+        counts = "".join(
+            f"<tr><td>{escape(reason)}</td><td>{number}</td></tr>" for reason, number in self.counts.items()
+        )
+        notices = "".join(f"<li>{escape(str(notice))}</li>" for notice in self.notices)
+        head = self.table.head(10).to_html(escape=True, index=False)
+        return f"{head}<table>{counts}</table><ul>{notices}</ul>"
+
+
+def neutralised(text: str) -> str:
+    """Text that a spreadsheet shows and does not run: an apostrophe before what begins a formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def read_sessions(
@@ -52,246 +220,152 @@ def read_sessions(
     ------
     UsageError
         What cannot be read as it stands, each problem with file, row, column, value and what to do; a
-        :class:`~percept.sessions.problems.ReadError` lists up to ten and holds them all.
+        :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
-    options = (options or ReadOptions()).with_columns(columns)
-    study = _Study(options)
-    found = expand(paths)
-    study.notices += not_read(found)
-    for file in found.files:
-        with study.collecting():
-            if study.add_large(file):
-                continue
-            for entry in load(file):
-                with study.collecting():
-                    study.add(entry)
-    return study.sessions()
+    reading = Reading((options or ReadOptions()).with_columns(columns))
+    return _merged(reading, reading.tables(paths))
 
 
-def sessions_from_frame(frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
-    """Build Sessions from a DataFrame, with the same checks as a file; see `Sessions.from_frame`."""
-    if not isinstance(frame, pd.DataFrame):
-        raise UsageError(
-            f"a DataFrame is needed, not {type(frame).__name__}.", hint="read_sessions reads files."
-        )
-    study = _Study(options or ReadOptions())
-    name = "<frame>"
-    study.take(frame_grid(frame, file=name), name, "", {})
-    return study.sessions()
+class Reading:
+    """A study being read, file by file: its sources, and what was noticed so far."""
 
+    def __init__(self, options: ReadOptions) -> None:
+        self.options = options
+        self.problems = Problems()
+        self.sources: list[Source] = []
+        self.notices: list[Notice] = []
+        self.exclusions: list[Exclusion] = []
+        self.counts: Counter[str] = Counter()
+        self.declared_units = {name for references in options.environments.values() for name in references}
 
-def not_read(found: Expanded) -> list[Notice]:
-    """Notice what the paths held beside tables."""
-    notices = [Notice("a folder of results is not read", file=folder) for folder in found.results]
-    if found.ignored:
-        notices.append(Notice(f"{len(found.ignored)} files of other kinds in the folders are not read"))
-    if found.repeated:
-        notices.append(Notice("a file that is named more than once is read once"))
-    return notices
-
-
-def never_named(options: ReadOptions, present: Collection[str]) -> list[Notice]:
-    """Notice environments that the scene declares and no row has."""
-    return [
-        Notice("[environments] names it, and no row does", column=name)
-        for name in options.environments
-        if name not in present
-    ]
-
-
-def read_parts(file: str, options: ReadOptions) -> tuple[list[Part], list[Source], list[Notice]]:
-    """Read the tables of one file without the checks that need the whole study."""
-    study = _Study(options)
-    for entry in load(file):
-        with study.collecting():
-            study.add(entry)
-    study.problems.raise_if_any()
-    return study.parts, study.sources, study.notices + [n for part in study.parts for n in part.notices]
-
-
-def read_grid_of(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid:
-    """Cells of one input, whatever its format."""
-    file, data = entry.name, entry.data
-    refuse_binary(data, file=file)
-    if data.startswith(b"PAR1"):
-        return parquet_grid(data, file=file)
-    if data.startswith(b"PK\x03\x04") and is_workbook(data, file):
-        return excel_grid(data, file=file, sheet=options.sheet)
-    decoded = decode(data, file=file, encoding=options.encoding)
-    if decoded.encoding == "cp1252" and options.encoding is None:
-        notices.append(Notice("not UTF-8; read as Windows-1252", file))
-    refuse_text(decoded.text, file=file)
-
-    def resolves(header: list[str]) -> bool:
-        try:
-            found = resolve(header, options.columns, file=file)
-        except UsageError:
-            return False
-        return found.form == "summary" or bool(found.present & {"k_adj", "b_adj"})
-
-    return read_grid(decoded.text, file=file, delimiter=options.delimiter, resolves=resolves)
-
-
-@dataclass
-class _Study:
-    """The files read so far, and what was noticed."""
-
-    options: ReadOptions
-    parts: list[Part] = field(default_factory=list)
-    sources: list[Source] = field(default_factory=list)
-    notices: list[Notice] = field(default_factory=list)
-    problems: Problems = field(default_factory=Problems)
-
-    def collecting(self) -> _Collector:
-        """Context in which an error of ours becomes a problem, so that the next file is read too."""
-        return _Collector(self.problems)
-
-    def add_large(self, file: str) -> bool:
-        """Read a large plain file in blocks; False where it has to be read as a whole."""
-        if file == "-":
-            return False
-        problems = Problems()
-        named = names_from_file(file, self.options.filename, file=file)
-        stream = open_stream(file, options=self.options, named=named, problems=problems)
-        if stream is None:
-            return False
-        try:
-            blocks = [block for block in stream.frames() if len(block)]
-        except NotPlain:
-            return False
-        problems.raise_if_any()
-        checks.refuse_twin(self.sources, file, stream.sha256)
-        self.sources.append(Source(file, stream.sha256, stream.part.counts["rows read"]))
-        if blocks:
-            for block in blocks:
-                for c in IDS:
-                    block[c] = np.asarray(block[c], dtype=object)
-            stream.part.frame = pd.concat(blocks, ignore_index=True)
-        stream.part.frame["file"] = len(self.sources) - 1
-        self.parts.append(stream.part)
-        return True
-
-    def add(self, entry: Input) -> None:
-        """Read one input."""
-        checks.refuse_twin(self.sources, entry.name, entry.sha256)
-        self.sources.append(Source(entry.name, entry.sha256, 0))
-        named = names_from_file(entry.path, self.options.filename, file=entry.name)
-        self.take(read_grid_of(entry, self.options, self.notices), entry.name, entry.sha256, named)
-
-    def take(self, grid: Grid, name: str, sha256: str, named: Mapping[str, str]) -> None:
-        """Read the observations of one grid of cells."""
-        part = read_part(grid, file=name, options=self.options, named=named, problems=self.problems)
-        source = Source(name, sha256, len(grid.cells))
-        if self.sources and self.sources[-1].name == name:
-            self.sources[-1] = source
-        else:
-            self.sources.append(source)
-        part.frame["file"] = len(self.sources) - 1
-        self.parts.append(part)
-
-    def sessions(self) -> Sessions:
-        """Merge the files by column name and check them together."""
-        forms = {part.form for part in self.parts}
-        if len(forms) > 1:
-            at = next(i for i, part in enumerate(self.parts) if part.form != self.parts[0].form)
-            self.problems.add(
-                "trials and a published summary cannot be read together.",
-                file=self.sources[int(self.parts[at].frame["file"].iloc[0])].name,
-                hint="Read them one by one.",
+    def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
+        """Open the files; an error of one becomes a problem, so that the next is read too."""
+        found = expand(paths)
+        self.notices += [Notice("a folder of results is not read", file=folder) for folder in found.results]
+        if found.ignored:
+            self.notices.append(
+                Notice(f"{len(found.ignored)} files of other kinds in the folders are not read")
             )
+        if found.repeated:
+            self.notices.append(Notice("a file that is named more than once is read once"))
+        for file in found.files:
+            with self.problems.collecting():
+                for entry in load(file):
+                    with self.problems.collecting():
+                        sha256 = self._new(entry)
+                        named = ids_from_name(entry.path, self.options.filename, file=entry.name)
+                        with closing(open_blocks(entry, self.options, self.notices)) as blocks:
+                            table = FileTable(entry.name, blocks, self.options, named, self.problems)
+                            yield table
+                        self._add(table, sha256)
+
+    def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
+        """Take a DataFrame as a file."""
+        name = "<frame>"
+        blocks = iter([Block(cells=frame_grid(frame, file=name))])
+        table = FileTable(name, blocks, self.options, {}, self.problems)
+        yield table
+        self._add(table, "")
+
+    def _new(self, entry: Input) -> str:
+        """Refuse a file that was read already, under whatever name."""
+        sha256 = entry.sha256()
+        if (twin := next((s.name for s in self.sources if s.sha256 == sha256), None)) is not None:
+            hint = "Leave one of them out."
+            raise UsageError(f"byte for byte the same file as {twin}.", file=entry.name, hint=hint)
+        return sha256
+
+    def _add(self, table: FileTable, sha256: str) -> None:
+        """Take up what is known of a file once all of it is read."""
+        self.sources.append(Source(table.name, sha256, table.counts["rows read"]))
+        self.notices += table.notices
+        self.exclusions += table.exclusions
+        self.counts.update(table.counts)
+        self.declared_units |= table.declared_units
+
+    def refuse_nothing(self, rows: int) -> None:
+        """Raise the problems found, or that no row is left."""
         self.problems.raise_if_any()
-        table = pd.concat([part.frame for part in self.parts], ignore_index=True)
-        counts: Counter[str] = Counter()
-        for part in self.parts:
-            counts.update(part.counts)
-            self.notices.extend(part.notices)
-        if not len(table):
-            left = ", ".join(f"{n} {why}" for why, n in counts.items())
-            raise UsageError("no row holds an adjustment.", file=self.sources[0].name, hint=f"Rows: {left}.")
-        present = set(table["environment"].astype(str)) if "environment" in table else set()
-        self.notices += never_named(self.options, present)
-        merged = _summary if forms == {"summary"} else _trials
-        return merged(self, table, counts)
+        if not rows:
+            left = ", ".join(f"{n} {why}" for why, n in self.counts.items())
+            hint = f"Rows: {left}."
+            raise UsageError("no row holds an adjustment.", file=self.sources[0].name, hint=hint)
 
-    def place(self, table: pd.DataFrame) -> checks.Place:
-        """Where a row of the merged table stood."""
-        files, rows = table["file"].to_numpy(), table["row"].to_numpy()
-        return lambda at: {"file": self.sources[int(files[at])].name, "row": int(rows[at])}
+    def notice_unnamed(self, environments: Collection[str]) -> None:
+        """Notice environments that the scene declares and no row has."""
+        self.notices += [
+            Notice("[environments] names it, and no row does", column=name)
+            for name in self.options.environments
+            if name not in environments
+        ]
 
 
-class _Collector:
-    def __init__(self, problems: Problems) -> None:
-        self._problems = problems
+def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
+    """Merge the files by column name and check them together."""
+    frames: list[pd.DataFrame] = []
+    forms: dict[str, str] = {}
+    parameters: set[str] = set()
+    with closing(tables):
+        for table in tables:
+            with reading.problems.collecting():
+                forms.setdefault(table.form, table.name)
+                parameters |= table.parameters
+                frames += [frame.assign(file=len(reading.sources)) for frame in table.frames()]
+    if len(forms) > 1:
+        message = "trials and a published summary cannot be read together."
+        reading.problems.add(message, file=list(forms.values())[1], hint="Read them one by one.")
+    reading.refuse_nothing(sum(map(len, frames)))
+    merged = pd.concat(frames, ignore_index=True)
+    reading.notice_unnamed(set(merged["environment"].unique()))
+    files, rows = merged["file"].to_numpy(), merged["row"].to_numpy()
 
-    def __enter__(self) -> None:
-        return None
+    def place(at: int) -> dict[str, Any]:
+        return {"file": reading.sources[int(files[at])].name, "row": int(rows[at])}
 
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> bool:
-        if isinstance(error, UsageError):
-            self._problems.extend(error)
-            return True
-        return False
-
-
-def _trials(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Sessions:
-    options, problems = study.options, study.problems
-    exclusions: list[Exclusion] = [e for part in study.parts for e in part.exclusions]
-    measured = set().union(*(part.parameters for part in study.parts))
-    parameters = [p for p in ("k", "b") if p in measured]
-    place = study.place(table)
-    checks.settle_references(table, options.environments, parameters, place, problems)
-    checks.check_duplicates(table, place, problems)
-    units = set().union(*(part.declared_units for part in study.parts))
-    units |= checks.units_of_scene(options.environments)
-    study.notices += checks.check_plausible(table, parameters, units, place, problems)
-    problems.raise_if_any()
-    if options.unfinished == "exclude":
-        kept, unfinished = checks.drop_unfinished(table)
-        exclusions += unfinished
-        if unfinished:
-            counts["excluded: unfinished subject"] = len(table) - len(kept)
-        table = kept.reset_index(drop=True)
-    for what in IDS:
-        study.notices += checks.look_alikes(table[what].unique(), what)
-    if table["session"].nunique() > 1:
-        by_cell = table.groupby(["subject", "environment"], sort=False, observed=True)["session"]
-        study.notices += checks.repeats_over_sessions(by_cell.nunique())
-    counts.update(checks.count_grid(table, parameters))
-    groups = [c for c in table.columns if c not in TRIAL_COLUMNS and c not in ("row", "file")]
-    return _finish(study, table, "trials", [*TRIAL_COLUMNS, *groups], exclusions, counts)
-
-
-def _summary(study: _Study, table: pd.DataFrame, counts: Counter[str]) -> Sessions:
-    checks.check_summary(table, study.place(table), study.problems)
-    study.problems.raise_if_any()
-    table["n"] = table["n"].astype(np.int64)
-    counts["observations"] = len(table)
-    return _finish(study, table, "summary", SUMMARY_COLUMNS, [], counts)
-
-
-def _finish(
-    study: _Study,
-    table: pd.DataFrame,
-    form: Any,
-    columns: Sequence[str],
-    exclusions: Sequence[Exclusion],
-    counts: Counter[str],
-) -> Sessions:
-    text = [c for c in ("subject", "session", "environment", "parameter") if c in columns]
-    tidy = table[list(columns)].copy()
-    for column in [*text, *(c for c in columns if c not in (*TRIAL_COLUMNS, *SUMMARY_COLUMNS))]:
+    if "summary" in forms:
+        check_summary(merged, place, reading.problems)
+        reading.problems.raise_if_any()
+        merged["n"] = merged["n"].astype(np.int64)
+        reading.counts["observations"] = len(merged)
+        columns = list(SUMMARY_COLUMNS)
+    else:
+        merged = _checked_trials(reading, merged, [p for p in ("k", "b") if p in parameters], place)
+        columns = [*TRIAL_COLUMNS, *(str(c) for c in merged if c not in (*TRIAL_COLUMNS, "row", "file"))]
+    tidy = merged[columns].copy()
+    for column in (c for c in columns if not pd.api.types.is_numeric_dtype(tidy[c])):
         # A file that lacks a group column leaves blanks, never the text "nan".
         tidy[column] = tidy[column].fillna("").astype(str)
     return Sessions(
         table=tidy,
-        form=form,
-        sources=tuple(study.sources),
-        notices=tuple(_unique(study.notices)),
-        exclusions=tuple(exclusions),
-        counts=dict(counts),
-        provenance=table[["file", "row"]].astype(np.int64),
+        form="summary" if "summary" in forms else "trials",
+        sources=tuple(reading.sources),
+        notices=tuple(dict.fromkeys(reading.notices)),
+        exclusions=tuple(reading.exclusions),
+        counts=dict(reading.counts),
+        provenance=merged[["file", "row"]].astype(np.int64),
     )
 
 
-def _unique(notices: Sequence[Notice]) -> Iterator[Notice]:
-    return iter(dict.fromkeys(notices))
+def _checked_trials(
+    reading: Reading, table: pd.DataFrame, parameters: list[str], place: Place
+) -> pd.DataFrame:
+    """Run the checks that need all files."""
+    options, problems = reading.options, reading.problems
+    checks.settle_references(table, options.environments, {}, parameters, place, problems)
+    checks.check_duplicates(table, place, problems)
+    reading.notices += checks.check_plausible(table, parameters, reading.declared_units, place, problems)
+    problems.raise_if_any()
+    if options.unfinished == "exclude":
+        kept, unfinished = checks.drop_unfinished(table)
+        reading.exclusions += unfinished
+        if unfinished:
+            reading.counts["excluded: unfinished subject"] = len(table) - len(kept)
+        table = kept.reset_index(drop=True)
+    for what in IDS:
+        reading.notices += checks.look_alikes(table[what].unique(), what)
+    if table["session"].nunique() > 1:
+        by_cell = table.groupby(["subject", "environment"], sort=False)["session"]
+        reading.notices += checks.repeats_over_sessions(by_cell.nunique())
+    reading.counts.update(checks.count_grid(table))
+    reading.counts.update({f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters})
+    return table

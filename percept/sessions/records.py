@@ -1,21 +1,37 @@
-"""What the reader hands over: the tidy table, where each row came from, and what was left out."""
+"""What the reader says beside the table: sources, notices, exclusions, and problems in one message."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from html import escape
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
 
-import pandas as pd
+import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from percept.sessions.options import ReadOptions
+from percept.errors import UsageError
 
-TRIAL_COLUMNS = ("subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj")
+IDS = ("subject", "session", "environment")
+NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
+TRIAL_COLUMNS = (*IDS, "k_ref", "b_ref", "trial", "k_adj", "b_adj")
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
+#: Problems that a message lists, and problems that are kept.
+_LISTED, _KEPT = 10, 1000
+
+#: From a row's position in a table to its `file` and `row`.
+Place = Callable[[int], Mapping[str, Any]]
+
+
+def clip(value: str, length: int = 60) -> str:
+    """Shorten a text from a file to at most `length` characters, for a message."""
+    return value if len(value) <= length else value[: length - 1] + "…"
+
+
+def shown(names: Sequence[str], limit: int = 12) -> str:
+    """List names from a file in a message: quoted, control characters escaped, clipped."""
+    listed = ", ".join(repr(clip(name)) for name in names[:limit])
+    return listed + (f" and {len(names) - limit} more" if len(names) > limit else "")
 
 
 @dataclass(frozen=True)
@@ -52,130 +68,71 @@ class Exclusion:
     row: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Sessions:
-    """A study's observations in one tidy table, with their provenance.
+class ReadError(UsageError):
+    """Input that cannot be read as it stands; lists the first problems found.
+
+    Parameters
+    ----------
+    problems : sequence of UsageError
+        At least one, in the order they were found. The first one's file, row, column, value and hint are
+        this error's own.
+    total : int, optional
+        How many there are in all, where not all were kept.
 
     Attributes
     ----------
-    table : DataFrame
-        Trial form: `subject`, `session`, `environment` (text), `k_ref` (N/m), `b_ref` (N·s/m), `trial`
-        (whole number), `k_adj` (N/m), `b_adj` (N·s/m), then any group columns (text); a parameter that
-        was not measured is NaN throughout, a single missing adjustment is NaN. Summary form:
-        `environment`, `parameter` ("k" or "b"), `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`.
-        Rows stand in the order of the files.
-    form : {"trials", "summary"}
-        Which of the two forms `table` has.
-    sources : tuple of Source
-        The files read, in order.
-    notices : tuple of Notice
-        Every choice the reader announced.
-    exclusions : tuple of Exclusion
-        Every observation left out by a declared rule or for want of an adjustment.
-    counts : mapping of str to int
-        Rows by what became of them.
-    provenance : DataFrame
-        `file` (index into `sources`) and `row` (physical line, the header being 1) of each row of `table`.
+    problems : tuple of UsageError
+        All that were kept.
     """
 
-    table: pd.DataFrame
-    form: Literal["trials", "summary"]
-    sources: tuple[Source, ...] = ()
-    notices: tuple[Notice, ...] = ()
-    exclusions: tuple[Exclusion, ...] = ()
-    counts: Mapping[str, int] = field(default_factory=dict)
-    provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
+    def __init__(self, problems: Sequence[UsageError], total: int | None = None) -> None:
+        first = problems[0]
+        place = {name: getattr(first, name) for name in ("file", "row", "column", "key", "value", "hint")}
+        super().__init__(first.message, **place)
+        self.problems = tuple(problems)
+        self.total = len(self.problems) if total is None else total
 
-    @classmethod
-    def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
-        """Build from a DataFrame, with the same checks as a file.
+    def __str__(self) -> str:
+        if self.total == 1:
+            return str(self.problems[0])
+        lines = [f"{self.total} problems:", *(f"  {problem}" for problem in self.problems[:_LISTED])]
+        if self.total > _LISTED:
+            lines.append(f"  and {self.total - _LISTED} more")
+        return "\n".join(lines)
 
-        Parameters
-        ----------
-        frame : DataFrame
-            Columns as in a session file; numbers in N/m and N·s/m unless `options` declares a unit.
-        options : ReadOptions, optional
-            How to read it.
 
-        Returns
-        -------
-        Sessions
+class Problems:
+    """A bounded list of problems, so that a user mends a file once and not once per error."""
 
-        Raises
-        ------
-        UsageError
-            As :func:`percept.sessions.read_sessions`; a row is the position in `frame` plus 2.
-        """
-        from percept.sessions.read import sessions_from_frame
+    def __init__(self) -> None:
+        self._kept: list[UsageError] = []
+        self.total = 0
 
-        return sessions_from_frame(frame, options=options)
+    def add(self, message: str, *, value: object = None, **place: Any) -> None:
+        """Record one problem; the arguments are those of :class:`~percept.errors.UsageError`."""
+        self.extend(UsageError(message, value=clip(value) if isinstance(value, str) else value, **place))
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The parameters with at least one observation: a subset of ("k", "b")."""
-        if self.form == "summary":
-            present = set(self.table["parameter"])
-            return tuple(p for p in ("k", "b") if p in present)
-        return tuple(p for p in ("k", "b") if self.table[f"{p}_adj"].notna().any())
+    def first(self, rows: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        """Give the rows whose problems are worth a record each, and count the others."""
+        kept = rows[:_KEPT]
+        self.total += len(rows) - len(kept)
+        return kept
 
-    @property
-    def simulated(self) -> bool:
-        """Whether the data say of themselves, in a column `source`, that some are simulated."""
-        return "source" in self.table and bool((self.table["source"] == "simulated").any())
+    def extend(self, error: UsageError) -> None:
+        """Record an error, or each problem of a :class:`ReadError`."""
+        found = error.problems if isinstance(error, ReadError) else (error,)
+        self._kept.extend(found[: max(0, _KEPT - len(self._kept))])
+        self.total += error.total if isinstance(error, ReadError) else 1
 
-    @property
-    def subjects(self) -> tuple[str, ...]:
-        """Subject ids in order of first appearance; empty in summary form."""
-        return tuple(self.table["subject"].unique()) if self.form == "trials" else ()
+    @contextmanager
+    def collecting(self) -> Iterator[None]:
+        """Record an error raised inside, so that the next file is read too."""
+        try:
+            yield
+        except UsageError as error:
+            self.extend(error)
 
-    @property
-    def environments(self) -> tuple[str, ...]:
-        """Environment ids in order of first appearance."""
-        return tuple(self.table["environment"].unique())
-
-    @cached_property
-    def doubts(self) -> tuple[Notice, ...]:
-        """What to look at before believing the study: slips, knobs that never moved, cells not tried."""
-        from percept.sessions.doubts import doubts
-
-        return doubts(self)
-
-    def locate(self, index: int) -> tuple[str, int]:
-        """File name and physical row of an observation.
-
-        Parameters
-        ----------
-        index : int
-            Label in the index of `table`.
-
-        Returns
-        -------
-        file : str
-        row : int
-            Physical line in `file`, the header being 1.
-        """
-        at = self.provenance.index.get_loc(index)
-        file, row = (int(self.provenance[c].to_numpy()[at]) for c in ("file", "row"))
-        return self.sources[file].name, row
-
-    def to_csv(self, path: str | Path, *, for_spreadsheets: bool = False) -> None:
-        """Write the table as a CSV file that reads back to the same table.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file; it is replaced if it exists.
-        for_spreadsheets : bool, optional
-            Put an apostrophe before text that a spreadsheet would run as a formula.
-        """
-        from percept.sessions.write import write_csv
-
-        write_csv(self, path, for_spreadsheets=for_spreadsheets)
-
-    def _repr_html_(self) -> str:
-        counts = "".join(
-            f"<tr><td>{escape(reason)}</td><td>{number}</td></tr>" for reason, number in self.counts.items()
-        )
-        notices = "".join(f"<li>{escape(str(notice))}</li>" for notice in self.notices)
-        head = self.table.head(10).to_html(escape=True, index=False)
-        return f"{head}<table>{counts}</table><ul>{notices}</ul>"
+    def raise_if_any(self) -> None:
+        """Raise a :class:`ReadError` if a problem was recorded."""
+        if self.total:
+            raise ReadError(self._kept, self.total)

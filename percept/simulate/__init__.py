@@ -2,9 +2,3 @@
 
 Nothing here is measured, and every table made here says so in its column `source`.
 """
-
-from __future__ import annotations
-
-from percept.simulate.like import Correlations, realised_correlations, simulate_like, write_sessions
-
-__all__ = ["Correlations", "realised_correlations", "simulate_like", "write_sessions"]

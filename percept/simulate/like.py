@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import stdtrit
 
-from percept.durable import write_whole
 from percept.errors import RefusalError, UsageError
+from percept.files import write_whole
 from percept.sessions import Sessions
 from percept.simulate.model import PARAMETERS, SOURCE, Design, Parameter, correlated_normal, session_table
 
@@ -133,51 +133,15 @@ def simulate_like(
 
     An environment's values are exp(a + c·z): positive whatever a and c, and skewed as their SD
     demands. Their coefficient of variation rises with c from 0 to √n, so the published one fixes c,
-    and the mean then fixes a.
-
-    Parameters
-    ----------
-    published : Sessions
-        The table as `percept.read_sessions` reads it, with limits.
-    seed : int
-        Where the randomness comes from.
-    subjects : int, optional
-        Number of subjects. Left out, the table's n, and the t-intervals of the result print as the
-        table's limits; otherwise its means and standard deviations are kept, and the limits narrow or
-        widen with the number.
-    between : float, optional
-        Correlation of one parameter between environments, in [0, 1]: the subject effect's share of
-        the variance of the scores.
-    correlation : float, optional
-        Correlation of k and b within an environment, in [-1, 1].
-    digits : int, optional
-        Significant digits of the adjusted values, 1 to 15.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row per subject and environment: subject, session, environment, k_ref, b_ref, trial, k_adj,
-        b_adj, source.
-
-    Raises
-    ------
-    UsageError
-        Options out of range, or a table without printed limits of one n and level in every cell.
-    RefusalError
-        A mean that is not positive, a scatter no positive values can have (SD ≥ √n·mean), or too few
-        digits to reproduce the limits.
+    and the mean then fixes a. With the table's own number of subjects the t-intervals of the result
+    print as its limits.
     """
     limits = PublishedLimits.from_sessions(published)
     count = limits.n if subjects is None else subjects
-    for wrong, message, key, value in (
-        (seed < 0, "a seed is a whole number, not negative.", "seed", seed),
-        (count < 2, "at least two subjects are needed.", "subjects", count),
-        (not 0 <= between <= 1, "between must lie in [0, 1].", "between", between),
-        (not -1 <= correlation <= 1, "a correlation lies in [-1, 1].", "correlation", correlation),
-        (not 1 <= digits <= 15, "a double holds 1 to 15 significant digits.", "digits", digits),
-    ):
-        if wrong:
-            raise UsageError(message, key=key, value=value)
+    if seed < 0:
+        raise UsageError("a seed is a whole number, not negative.", key="seed", value=seed)
+    if count < 2:
+        raise UsageError("at least two subjects are needed.", key="subjects", value=count)
     design = Design.balanced(
         np.array(limits.reference, dtype=float),
         subjects=count,
@@ -199,39 +163,14 @@ def simulate_like(
 
 @dataclass(frozen=True)
 class Correlations:
-    """Correlations of the logarithms of the adjusted values, each an average over equals.
+    """Correlations of the logarithms of the adjusted values, each an average over equals."""
 
-    Attributes
-    ----------
-    within : float or None
-        Between k and b of one environment, averaged over environments; None with one parameter.
-    across : float or None
-        Of one parameter between two environments, averaged over pairs and parameters; None with one
-        environment.
-    """
-
-    within: float | None
-    across: float | None
+    within: float | None  # Of k and b in one environment, over environments; None with one parameter
+    across: float | None  # Of one parameter in two environments, over pairs; None with one environment
 
 
 def realised_correlations(table: pd.DataFrame) -> Correlations:
-    """Correlations a study has, to be set beside those that were asked for.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        One row per subject and environment, every cell filled, adjusted values positive.
-
-    Returns
-    -------
-    Correlations
-        Averages of Pearson's correlation of the logarithms.
-
-    Raises
-    ------
-    UsageError
-        If a cell is missing, given twice, or not positive.
-    """
+    """Return the correlations of a study of one trial a cell, to be set beside those asked for."""
     parameters = [name for name in ("k_adj", "b_adj") if name in table]
     if table.duplicated(["subject", "environment"]).any():
         raise UsageError("a subject has two rows for one environment.", column="environment")
@@ -319,28 +258,8 @@ def _require_print(
 def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     """Write simulated sessions as a CSV; equal tables give equal bytes.
 
-    Numbers are written with the fewest digits that read back as the same double. The file appears
-    whole or not at all.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        As `simulate_like` makes it.
-    path : str or path-like
-        The file to write; its folder must exist.
-
-    Returns
-    -------
-    pathlib.Path
-        The file written.
-
-    Raises
-    ------
-    UsageError
-        If a row does not say that it is simulated, the file is there and was not simulated, or it cannot be
-        written.
-    RefusalError
-        If a value is not a finite number.
+    Numbers are written with the fewest digits that read back as the same double. The file appears whole or
+    not at all, and never in place of one that was not simulated.
     """
     target = Path(path)
     if "source" not in table or not (table["source"] == SOURCE).all():

@@ -7,7 +7,7 @@ from typing import Any
 
 from percept.inference.classical.trials import subject_means
 from percept.sessions import Sessions
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 
 
 def adjustments(sessions: Sessions) -> Iterator[dict[str, Any]]:

@@ -125,7 +125,8 @@ def fit(
         points, components = np.ascontiguousarray(run.points), np.ascontiguousarray(run.components)
         return dataclasses.replace(run, points=points, components=components)
 
-    run = store.run((prepared.model, estimands, settings), sampled) if store is not None else sampled()
+    question = (prepared.model.identity(), estimands.identity(), dataclasses.astuple(settings))
+    run = store.run(question, sampled) if store is not None else sampled()
     laws = ConditionalMoments.unpack(run.components.reshape(-1, run.components.shape[-1]))
     native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
     limits = {str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)}

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept import haptics
+from percept.boundary.curves import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.draws import DrawCurves, relative_error
-from percept.boundary.grid import TOLERANCE, Grid, adaptive_grids
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
 from percept.haptics import AnyDevice

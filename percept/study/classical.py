@@ -15,7 +15,7 @@ from percept.inference.classical.trials import subject_means
 from percept.inference.record import Interval
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 
 #: Why a cell has no interval.
 TOO_FEW = "it has fewer than two subjects"

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.boundary.gap import curve_gap
+from percept.boundary.curves import curve_gap
 from percept.boundary.records import Boundary
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.scene import Scene

@@ -11,12 +11,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from percept import haptics
-from percept.boundary.membership import depth_membership, magnitude_membership
+from percept.boundary.curves import depth_membership, magnitude_membership
 from percept.boundary.realism import Realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.haptics import Coupling, Environment
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 from percept.study.apparatus import Apparatus
 from percept.study.regions import Region
 

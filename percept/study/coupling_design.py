@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept import haptics
-from percept.haptics.frequencies import covers_range
+from percept.haptics.search import covers_range
 from percept.study.apparatus import Apparatus
 from percept.study.boundaries import region_curves
 from percept.study.regions import Region

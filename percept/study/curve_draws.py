@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from percept.boundary.classical_draws import confidence_draws
+from percept.boundary.draws import confidence_draws
 from percept.errors import RefusalError
 from percept.scene import Scene
 from percept.sessions import Sessions

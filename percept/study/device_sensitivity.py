@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.haptics import Device, absolute_stability, required_damping
-from percept.notebook import NotebookRecord
+from percept.html import NotebookRecord
 from percept.study.apparatus import Apparatus
 from percept.study.boundaries import region_curves
 from percept.study.frequencies import thinned

@@ -10,7 +10,7 @@ import pandas as pd
 from percept.errors import RefusalError
 from percept.inference.record import Interval
 from percept.scene import Scene
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 from percept.study.classical import FAMILIES, Cell, cell_interval, cell_moments
 from percept.study.placed import References
 from percept.study.responses import refuse_lone_subject

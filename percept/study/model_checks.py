@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from percept.html import NotebookRecord
 from percept.inference.checks.predictive import correlation_draws, draw_prior, shrinkage
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress
-from percept.notebook import NotebookRecord
 from percept.scene import Scene
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 from percept.study.bands import weber_trend
 from percept.study.bayesian import Fit
 from percept.study.posterior import data_tree, full_groups, subject_density, thinned_points

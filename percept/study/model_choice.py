@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.hierarchy.scales import Options
 from percept.inference.sampling.records import Progress
-from percept.notebook import NotebookRecord
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.bayesian import RunStore, fit, prepare

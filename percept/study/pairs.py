@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.gap import curve_gap
+from percept.boundary.curves import curve_gap
 from percept.errors import RefusalError, UsageError, counted
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.sampling.mixture import mixture_quantile

@@ -17,7 +17,7 @@ from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
 from percept.inference.record import Interval
 from percept.scene import Scene
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 from percept.study.apparatus import Apparatus
 from percept.study.bayesian import Fit
 from percept.study.boundaries import Range, environment_boundaries

@@ -12,7 +12,7 @@ from scipy import special
 
 from percept import haptics
 from percept.boundary.realism import Displayed, Populations, Realism, realism
-from percept.haptics.frequencies import dips_and_peaks, search_grid
+from percept.haptics.search import dips_and_peaks, search_grid
 from percept.scene import Scene
 from percept.study.apparatus import Apparatus
 from percept.study.posterior import thinned_points

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.boundary.draw_ellipse import ellipse_of_draws
+from percept.boundary.draws import ellipse_of_draws
 from percept.errors import RefusalError
 from percept.inference.classical.trials import subject_means
 from percept.inference.hierarchy.models import IntervalEstimands

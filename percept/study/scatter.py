@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.statistics import Statistics
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 from percept.study.units import NAMES
 
 Array = NDArray[np.float64]

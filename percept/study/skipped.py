@@ -9,7 +9,7 @@ import numpy as np
 
 from percept.errors import counted
 from percept.haptics import TabulatedDevice
-from percept.haptics.frequencies import covers_range
+from percept.haptics.search import covers_range
 from percept.study.classical import FAMILIES, cell_moments
 from percept.study.placed import FEWEST, banded
 from percept.study.units import NAMES

@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from percept.html import NotebookRecord
 from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, predict_left_out
 from percept.inference.checks.predictive import STATISTICS, replicate, statistics_of
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.records import Progress, Settings
-from percept.notebook import NotebookRecord
 from percept.scene import Scene
-from percept.sessions.units import UNITS
+from percept.sessions.values import UNITS
 from percept.study.bayesian import Fit
 from percept.study.posterior import thinned_points
 from percept.study.streams import Stream, generator

@@ -3,22 +3,21 @@ import sys
 import pyarrow.parquet as pq
 import pytest
 
-from percept.batch.folder import BatchFolder
-from percept.batch.work import nothing_read
+from percept.batch import BatchFolder, encode
 from percept.errors import UsageError
 
 KEYS = [f"{i:02x}" + "0" * 62 for i in range(300)]
 
 
 def saved(folder, key, status="refused"):
-    folder.save(key, nothing_read(f"study {key[:2]}", key, "because", status=status))
+    folder.save(key, encode(f"study {key[:2]}", key, status, "because"))
 
 
 def test_the_table_has_the_studies_in_the_order_asked_for(tmp_path):
     with BatchFolder.opened(tmp_path / "out") as folder:
         for key in KEYS:
             saved(folder, key)
-        table = folder.combine(reversed(KEYS))
+        table = folder.combine(KEYS[::-1])
     assert pq.read_table(table)["key"].to_pylist() == KEYS[::-1]
     assert pq.ParquetFile(table).num_row_groups == 3
 
@@ -26,9 +25,9 @@ def test_the_table_has_the_studies_in_the_order_asked_for(tmp_path):
 def test_a_failed_study_is_not_finished_until_it_is(tmp_path):
     with BatchFolder.opened(tmp_path) as folder:
         saved(folder, KEYS[0], "failed")
-        assert not folder.finished(KEYS[0])
+        assert folder.verdict(KEYS[0]) is None
         saved(folder, KEYS[0])
-        assert folder.finished(KEYS[0])
+        assert folder.verdict(KEYS[0]) == ("refused", "because")
     assert sorted(p.name for p in tmp_path.rglob("*.parquet")) == [f"{KEYS[0]}.parquet"]
 
 
@@ -37,11 +36,10 @@ def test_what_killed_batches_left_is_removed(tmp_path):
         saved(folder, KEYS[0])
         saved(folder, KEYS[1], "failed")
     left = [tmp_path / ".batch.parquet-x.part", tmp_path / "studies/00/.k.parquet-x.part"]
-    left.append(tmp_path / "failed/01/.k.parquet-x.part")
     for path in left:
         path.write_bytes(b"half")
     with BatchFolder.opened(tmp_path) as folder:
-        assert folder.finished(KEYS[0])
+        assert folder.verdict(KEYS[0]) == ("refused", "because")
     assert not any(path.exists() for path in left)
 
 

@@ -5,9 +5,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 
 from percept import Scene, Study, read_sessions
-from percept.batch.inputs import StudySource
-from percept.batch.rows import SCHEMA, to_parquet
-from percept.batch.work import analyse
+from percept.batch import SCHEMA, StudySource, analyse, encode
 from tests.batch.conftest import study_text
 from tests.unmixed import UNMIXED, unmixed_sessions
 
@@ -80,7 +78,7 @@ def test_a_study_that_misses_its_tolerance_is_done_and_says_its_error(tmp_path):
 
 def test_infinite_limits_survive_and_missing_numbers_are_null():
     frame = pd.DataFrame({"lower": [-np.inf, 1.0], "share": [np.nan, 0.9]})
-    rows = read(to_parquet({"study": "a"}, frame)).to_pylist()
+    rows = read(encode("a", "key", "done", None, frame).table).to_pylist()
     assert [row["lower"] for row in rows] == [-np.inf, 1.0]
     assert [row["share"] for row in rows] == [None, 0.9]
     assert [row["study"] for row in rows] == ["a", "a"]

@@ -1,6 +1,5 @@
 """Batches on real workers: this process, threads, and a scheduler and workers started by command."""
 
-import dataclasses
 import json
 import re
 from pathlib import Path
@@ -8,10 +7,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from percept.batch import run_batch, sources
-from percept.batch.work import analyse
+from percept.batch import analyse, run_batch, sources
 from percept.cli import main
-from percept.workers import InProcess, OnCluster
+from percept.workers import in_process, on_cluster
 from tests.unmixed import unmixed_sessions
 from tests.workers.clusters import QUIET, in_threads, scheduler
 
@@ -28,7 +26,7 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
     told = []
     with in_threads() as client:
-        mapper = OnCluster(client)
+        mapper = on_cluster(client)
         summary = batch(studies, tmp_path / "out", mapper, progress=lambda *state: told.append(state))
     assert summary.counts == {"done": 4, "refused": 2, "failed": 1}
     assert (summary.studies, summary.skipped) == (7, 0)
@@ -48,11 +46,11 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
 def test_workers_here_in_threads_or_far_away_give_the_same_bytes(studies, tmp_path, capsys):
     pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
     few = studies[1:3]
-    first = batch(few, tmp_path / "here", InProcess(), SAMPLED).table
+    first = batch(few, tmp_path / "here", in_process, SAMPLED).table
     assert set(pq.read_table(first)["method"].to_pylist()) == {"classical", "bayesian", None}
     with in_threads() as client:
         assert (
-            batch(few, tmp_path / "threads", OnCluster(client), SAMPLED).table.read_bytes()
+            batch(few, tmp_path / "threads", on_cluster(client), SAMPLED).table.read_bytes()
             == first.read_bytes()
         )
     arguments = ["batch", *few, "--tolerance", "0.3", "--seed", "3", "--out", str(tmp_path / "remote")]
@@ -63,30 +61,28 @@ def test_workers_here_in_threads_or_far_away_give_the_same_bytes(studies, tmp_pa
 
 
 def test_a_second_run_analyses_only_what_is_new_or_failed(studies, tmp_path):
-    batch(studies[:3], tmp_path / "out", InProcess())
+    batch(studies[:3], tmp_path / "out", in_process)
     Path(studies[6]).write_text(Path(studies[0]).read_text())
-    again = batch(studies, tmp_path / "out", InProcess())
-    fresh = batch(studies, tmp_path / "fresh", InProcess())
+    again = batch(studies, tmp_path / "out", in_process)
+    fresh = batch(studies, tmp_path / "fresh", in_process)
     assert again.skipped == 3
     assert again.counts == fresh.counts == {"done": 5, "refused": 2}
     assert set(again.failures) == set(fresh.failures)
     assert again.table.read_bytes() == fresh.table.read_bytes()
 
 
-class _Broken(InProcess):
+def broken(function, arguments):
     """Workers whose second answer is that they died."""
-
-    def map(self, function, jobs):
-        for number, answer in enumerate(super().map(function, jobs)):
-            yield dataclasses.replace(answer, result=OSError("killed")) if number == 1 else answer
+    for number, (argument, result) in enumerate(in_process(function, arguments)):
+        yield argument, OSError("killed") if number == 1 else result
 
 
 def test_a_study_without_an_answer_failed_and_a_later_run_tries_it_again(studies, tmp_path):
-    summary = batch(studies[:2], tmp_path / "out", _Broken())
+    summary = batch(studies[:2], tmp_path / "out", broken)
     assert summary.counts == {"done": 1, "failed": 1}
     assert summary.failures == ((studies[1], "OSError: killed"),)
     assert pq.read_table(summary.table)["message"].to_pylist()[-1] == "OSError: killed"
-    again = batch(studies[:2], tmp_path / "out", InProcess())
+    again = batch(studies[:2], tmp_path / "out", in_process)
     assert (again.skipped, again.counts, again.failures) == (1, {"done": 2}, ())
 
 

@@ -5,8 +5,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from percept.boundary.band import BandLaw, band_laws, band_statements, environment_magnitude_range
-from percept.boundary.band_fit import fit_law, law_band, leave_one_out
+from percept.boundary.band import (
+    BandLaw,
+    band_laws,
+    band_statements,
+    environment_magnitude_range,
+    fit_law,
+    law_band,
+    leave_one_out,
+)
 from percept.errors import RefusalError, UsageError
 
 Z = np.geomspace(1.0, 5000.0, 40)
@@ -97,7 +104,7 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     laws = band_laws(names, z, bands, draws, method="classical", kind="mean", family="normal", level=0.9)
     offset = next(law for law in laws if law.model == "offset")
     assert offset.carried_by == "A"
-    assert "Only A speaks for the offset" in offset.sentence
+    assert offset.sentence.endswith(" The offset rests on A alone.")
     assert "With one environment left out, " in offset.sentence
     assert offset.parameters["c"].lower < 1.1 < offset.parameters["c"].upper
     assert sum(law.best or 0.0 for law in laws) == pytest.approx(1.0)
@@ -109,7 +116,7 @@ def test_an_offset_that_two_environments_carry_is_carried_by_no_one() -> None:
     without = [fit_law("offset", np.delete(z, j), np.delete(bands, j)[None])[0, 0] for j in range(4)]
     assert np.flatnonzero(np.array(without) < 0.1 * offset.parameters["c"].value).tolist() == [1, 2]
     assert offset.carried_by is None
-    assert "speaks for the offset" not in offset.sentence
+    assert "rests on" not in offset.sentence
 
 
 def powers(exponent: float, count: int = 60) -> np.ndarray:
@@ -212,10 +219,6 @@ def test_range_over_a_rectangle_equals_a_grid() -> None:
 
 
 def test_refused() -> None:
-    with pytest.raises(UsageError, match="law must be one of"):
-        fit_law("cubic", Z, simulated("weber", 1))
-    with pytest.raises(UsageError, match="one value per environment"):
-        fit_law("weber", Z[:3], simulated("weber", 1))
     with pytest.raises(UsageError, match="must be positive"):
         fit_law("weber", Z, -simulated("weber", 1))
     with pytest.raises(UsageError, match="must be positive"):

@@ -23,7 +23,7 @@ from percept.calibration.coverage import (
 from percept.calibration.judge import CoveragePlan, Judgement, Population, interval_held, judge_study
 from percept.simulate.model import Design, Hyperparameters
 from percept.study.posterior import thinned_points
-from percept.workers import OnCluster
+from percept.workers import on_cluster
 from tests import DATASETS
 from tests.workers.clusters import QUIET, in_threads
 
@@ -99,7 +99,7 @@ def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Pa
         done.append((count, of))
 
     with in_threads() as client:
-        rows = coverage(plan, 4, mapper=OnCluster(client), checkpoint=path, progress=told)
+        rows = coverage(plan, 4, mapper=on_cluster(client), checkpoint=path, progress=told)
     assert done == [(3, 4), (4, 4)]
     assert rows == coverage(plan, 4)
     # Another plan does not take these lines for its own.

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from percept.calibration.studies import Checkpoint
-from percept.durable import exclusive
 from percept.errors import RefusalError, UsageError
+from percept.files import exclusive
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="folders have no locks there")
 

@@ -58,7 +58,7 @@ def test_every_optional_key_is_understood(tmp_path):
     assert scene.device.response == "zd.csv"
     assert scene.report.zoom == {"A": (9.9, 10.1)}
     options = ReadOptions.from_mapping(tables)
-    fields = {field.name for field in dataclasses.fields(ReadOptions)} - {"columns", "environments"}
+    fields = ReadOptions.model_fields.keys() - {"columns", "environments"}
     assert set(tables["sessions"]) == fields
     assert options.exclude[0].above == 1e5
     assert options.environments["A"] == {"k_ref": 1000.0, "b_ref": 1.0}

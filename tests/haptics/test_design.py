@@ -1,180 +1,215 @@
-"""Coupling design: published limits, the forward problem, and the shape of the stable region."""
+"""Couplings that qualify: every interval against the forward problem, and the extremes reported."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
     Device,
+    Environment,
+    EnvironmentBoundary,
     Mode,
     TabulatedDevice,
+    absolute_stability,
     best_coupling_damping,
-    max_coupling_stiffness,
-    max_coupling_stiffness_at,
+    design_couplings,
+    magnitude_envelope,
+    perceived_impedance,
     required_damping,
-    required_damping_at,
-    stable_region,
 )
+from percept.haptics.design import Gaps, where_positive
 
 T = 1e-3
-BOTH = [(d, h) for d in ("backward", "tustin") for h in ("average", "true")]
+OMEGA = np.geomspace(0.1, 100, 40)
+DEVICE = Device(1.0, 20.0)
+LIMITS = [
+    (Environment(1000.0, 1.0), (870.0, 1100.0), (0.9, 1.9)),
+    (Environment(10000.0, 10.0), (7800.0, 11100.0), (2.0, 19.0)),
+    (Environment(25000.0, 25.0), (21400.0, 26900.0), (14.0, 35.0)),
+]
+BOUNDARIES = [
+    EnvironmentBoundary(environment, *magnitude_envelope(OMEGA, DEVICE, k, b, T))
+    for environment, k, b in LIMITS
+]
+
+
+def qualifies(coupling, boundaries):
+    ok = np.asarray(required_damping(coupling, T).damping) <= 20.0
+    for boundary in boundaries:
+        z = np.abs(perceived_impedance(OMEGA[:, None], DEVICE, boundary.environment, T, coupling=coupling))
+        ok &= ((z >= boundary.lower[:, None]) & (z <= boundary.upper[:, None])).all(axis=0)
+    return ok
 
 
 @pytest.mark.parametrize(
-    ("device_damping", "limit"), [(15, 37_951), (16, 52_292), (18, 79_991), (20, 106_664), (25, 170_099)]
+    "boundaries", [BOUNDARIES[:1], BOUNDARIES[1:2], BOUNDARIES], ids=["soft", "medium", "all"]
 )
-def test_largest_stiffness_at_100(device_damping, limit):
-    assert round(float(max_coupling_stiffness(device_damping, 100.0, T))) == limit
+def test_intervals_are_what_the_forward_problem_says(boundaries):
+    rng = np.random.default_rng(6)
+    lines = np.array([0.0, 0.5, 5.0, 23.0, 60.0, 110.0, 159.0])
+    region = design_couplings(OMEGA, DEVICE, boundaries, T, damping=lines).common
+    assert any(len(part) for part in region.intervals)
+    for b_c, intervals in zip(region.damping, region.intervals, strict=True):
+        ends = intervals.ravel()
+        k = np.concatenate([10 ** rng.uniform(1, 6, 3000), ends * (1 - 1e-9), ends * (1 + 1e-9)])
+        k = k[k > 0]
+        inside = ((k[:, None] >= intervals[:, 0]) & (k[:, None] <= intervals[:, 1])).any(axis=1)
+        np.testing.assert_array_equal(inside, qualifies(Coupling(k, b_c), boundaries))
 
 
-def test_nothing_below_an_eighth():
-    np.testing.assert_array_equal(max_coupling_stiffness([0.0, 5.0, 12.5], 100.0, T), 0.0)
-    assert max_coupling_stiffness(12.5 * (1 + 1e-12), 100.0, T) > 0
-
-
-def test_best_damping_of_a_stiffness():
-    best = best_coupling_damping(1 / T, T)
-    assert f"{best.coupling_damping:.4g}" == "0.1248"
-    assert f"{best.device_damping:.5g}" == "0.10695"
-    assert required_damping(Coupling(110e3, 0.0), T).damping == pytest.approx(110e3 * T / 8, rel=1e-15)
-
-
-@pytest.mark.parametrize(("discretization", "kind"), BOTH)
-def test_best_damping_is_the_lowest_of_many(discretization, kind):
-    options = {"discretization": discretization, "hold": kind}
-    best = best_coupling_damping([1e3, 2e5], T, **options)
-    need = required_damping(Coupling([1e3, 2e5], best.coupling_damping), T, **options)
-    np.testing.assert_allclose(need.damping, best.device_damping, rtol=1e-14)
-    others = required_damping(Coupling(2e5, np.linspace(0, 500, 20_001)), T, **options).damping
-    assert others.min() >= best.device_damping[1] * (1 - 1e-14)
-    assert others.min() <= best.device_damping[1] * (1 + 1e-3)
-
-
-@settings(max_examples=200, deadline=None)
-@given(
-    device=st.floats(1e-6, 1e6),
-    ratio=st.one_of(st.just(0.0), st.floats(1e-9, 20.0)),
-    case=st.sampled_from(BOTH),
-)
-def test_largest_stiffness_needs_exactly_the_damping_there_is(device, ratio, case):
-    options = dict(zip(("discretization", "hold"), case, strict=True))
-    coupling = ratio * device
-    limit = float(max_coupling_stiffness(device, coupling, T, **options))
-    if limit == 0:
-        # Even a negligible stiffness asks too much, or Tustin's coupling has no damping.
-        need = required_damping(Coupling(1e-9 * device / T, coupling), T, **options).damping
-        assert need >= device * (1 - 1e-12)
-    else:
-        need = required_damping(Coupling(limit, coupling), T, **options).damping
-        # At the edge of the region K is a square root of what is left, so the forward problem is the milder.
-        assert need == pytest.approx(device, rel=1e-12)
-
-
-@pytest.mark.parametrize(("discretization", "kind"), BOTH)
-def test_limit_at_each_omega_solves_equation_10(discretization, kind):
-    options = {"discretization": discretization, "hold": kind}
-    omega = np.concatenate([[0.0], np.geomspace(1e-6, 3141.0, 40)])[:, None]
-    b_c = np.array([0.0, 1.0, 90.0, 400.0])
-    device = Device(1.0, 20.0, (Mode(0.05, 2e4, 0.3),))
-    limit = max_coupling_stiffness_at(omega, device, b_c, T, **options)
-    available = np.array([[float(_available(device, w))] for w in omega[:, 0]])
-    need = np.where(
-        limit > 0, required_damping_at(omega, Coupling(np.minimum(limit, 1e90), b_c), T, **options), np.nan
-    )
-    met = np.isfinite(limit) & (limit > 0)
-    np.testing.assert_allclose(need[met], np.broadcast_to(available, need.shape)[met], rtol=1e-12)
-    none = required_damping_at(omega, Coupling(1e-9, b_c), T, **options)
-    assert (none[limit == 0] >= np.broadcast_to(available, none.shape)[limit == 0] * (1 - 1e-9)).all()
-
-
-def _available(device, omega):
-    from percept.haptics import device_impedance
-
-    return device_impedance(omega, device, T).real
-
-
-def test_smallest_limit_over_omega_is_the_rigid_limit():
-    omega = np.concatenate([[0.0], np.linspace(1.0, np.pi / T, 20_001)])
-    for b_d, b_c in ((15.0, 100.0), (20.0, 20.0), (20.0, 5.0)):
-        seen = max_coupling_stiffness_at(omega, Device(3.0, b_d), b_c, T).min()
-        assert seen == pytest.approx(max_coupling_stiffness(b_d, b_c, T), rel=1e-6)
-
-
-def test_limit_at_nyquist_and_for_an_active_device():
-    assert max_coupling_stiffness_at(np.pi / T, Device(1.0, 5.0), 10.0, T) == np.inf
-    active = TabulatedDevice([1.0, 100.0], [-1.0, -1.0])
-    np.testing.assert_array_equal(max_coupling_stiffness_at([1.0, 50.0], active, 10.0, T), 0.0)
-
-
-@pytest.mark.parametrize(("discretization", "kind"), BOTH)
-def test_region_has_its_edge_where_the_device_is_used_up(discretization, kind):
-    options = {"discretization": discretization, "hold": kind}
-    region = stable_region(20.0, T, points=65, **options)
-    k, b = region.stiffness, region.damping
-    need = required_damping(Coupling(k, b), T, **options).damping
-    corner = (k == 0) & ((b == 0) | (kind == "true"))
-    np.testing.assert_allclose(need[~corner], 20.0, rtol=1e-12)
-    assert (need[corner] <= 20.0 * (1 + 1e-12)).all()
-    # Inside: between neighbours and towards the middle; outside: further out.
-    middle = required_damping(
-        Coupling((k + np.roll(k, 1)) / 2, (b + np.roll(b, 1)) / 2), T, **options
-    ).damping
-    assert (middle[k + np.roll(k, 1) > 0] <= 20.0 * (1 + 1e-12)).all()
-    out = required_damping(Coupling(1.001 * k, 1.001 * b), T, **options).damping
-    assert (out[~corner] > 20.0).all()
-
-
-def test_region_reaches_the_stiffest_coupling():
-    region = stable_region(20.0, T, points=2049)
+def test_extremes_qualify_and_nothing_beyond_does():
+    design = design_couplings(OMEGA, DEVICE, BOUNDARIES, T)
+    assert len(design.each) == 3
+    rng = np.random.default_rng(7)
+    for boundaries, region in [
+        *zip(([boundary] for boundary in BOUNDARIES), design.each, strict=True),
+        (BOUNDARIES, design.common),
+    ]:
+        for coupling in (region.largest, region.softest):
+            one = Coupling(np.array([coupling.stiffness]), coupling.damping)
+            assert qualifies(one, boundaries).all()
+        damping = rng.uniform(0, 170, 20_000)
+        beyond = qualifies(
+            Coupling(region.largest.stiffness * rng.uniform(1.0001, 3, 20_000), damping), boundaries
+        )
+        assert not beyond.any()
+        below = qualifies(
+            Coupling(region.softest.stiffness * rng.uniform(0.3, 0.9999, 20_000), damping), boundaries
+        )
+        assert not below.any()
+    # Wide boundaries do not stop the stiffest coupling there is.
     stiffest = 20.0 / best_coupling_damping(1.0, T).device_damping
-    assert region.stiffness.max() == pytest.approx(stiffest, rel=1e-6)
-    assert region.stiffness.max() <= stiffest * (1 + 1e-14)
-    assert region.damping.max() == pytest.approx(160.0)
-    assert region.device_damping == 20.0
+    assert design.common.largest.stiffness == pytest.approx(stiffest, rel=1e-9)
+    assert design.common.softest.stiffness >= max(region.softest.stiffness for region in design.each) * (
+        1 - 1e-9
+    )
 
 
-@pytest.mark.parametrize(("discretization", "kind"), BOTH)
-def test_the_polygon_of_a_region_has_the_area_under_the_largest_stiffness(discretization, kind):
-    options = {"discretization": discretization, "hold": kind}
-    region = stable_region(2.0, T, points=4001, **options)
-    k, b = region.stiffness, region.damping
-    area = 0.5 * abs(np.sum(k * np.roll(b, -1) - b * np.roll(k, -1)))
-    lines = np.linspace(0.0, 20.0, 20_001)  # N·s/m; at most 8 times 2 are stable
-    top = max_coupling_stiffness(2.0, lines, T, **options)
-    assert top[-1] == 0
-    # Where an edge ends on its way trapezoids miss half of one, less than 2e-4 of the area.
-    assert area == pytest.approx(np.trapezoid(top, lines), rel=1e-3)
+def test_nothing_qualifies_for_a_band_out_of_reach():
+    boundary = EnvironmentBoundary(
+        BOUNDARIES[0].environment, BOUNDARIES[0].lower * 50, BOUNDARIES[0].upper * 50
+    )
+    design = design_couplings(OMEGA, DEVICE, [BOUNDARIES[0], boundary], T)
+    assert design.each[0].largest is not None
+    assert design.each[1].largest is None
+    assert design.common.softest is None
+    assert all(len(part) == 0 for part in design.common.intervals)
 
 
-def test_no_stiffness_where_the_coupling_damping_alone_asks_too_much_at_nyquist():
-    options = {"discretization": "tustin", "hold": "true"}
-    nyquist = np.pi / T
-    # b_c/π is asked for at Nyquist, whatever the stiffness.
-    assert required_damping_at(nyquist, Coupling(1e-6, 100.0), T, **options) == pytest.approx(100 / np.pi)
-    assert max_coupling_stiffness_at(nyquist, Device(0.0, 31.0), 100.0, T, **options) == 0.0
-    assert max_coupling_stiffness_at(nyquist, Device(0.0, 32.0), 100.0, T, **options) == np.inf
+def test_no_limit_leaves_stability_alone():
+    free = EnvironmentBoundary(Environment(1000.0, 1.0), np.zeros(40), np.full(40, np.inf))
+    region = design_couplings(OMEGA, DEVICE, [free], T, damping=[100.0]).common
+    np.testing.assert_allclose(region.intervals[0], [[0.0, 106663.63]], rtol=1e-6)
+    assert region.softest.stiffness == 0.0
 
 
-def test_region_of_a_device_without_damping_is_a_point():
-    region = stable_region(0.0, T, discretization="tustin")
-    assert region.stiffness.max() == 0
-    assert region.damping.max() == 0
+def test_lines_of_damping_reach_from_nothing_to_the_largest_that_is_stable():
+    damping = design_couplings(OMEGA, DEVICE, BOUNDARIES[:1], T).common.damping
+    assert damping[0] == 0.0
+    assert damping[-1] == pytest.approx(160.0, rel=1e-5)  # 8 times the device's, less a hair
+    assert (np.diff(damping) > 0).all()
+    # Soft environments qualify at dampings far below the largest.
+    assert damping[1] < 1e-3 * damping[-1]
+
+
+def test_the_stiffest_coupling_of_a_flexible_device_is_marginal():
+    device = Device(0.1, 2.0, (Mode(0.05, 3000.0, 0.5),))
+    free = EnvironmentBoundary(Environment(1000.0, 2.0), np.zeros(40), np.full(40, np.inf))
+    region = design_couplings(OMEGA, device, [free], T, damping=[1.0, 3.0, 6.0]).common
+    for b_c, intervals in zip(region.damping, region.intervals, strict=True):
+        found = absolute_stability(device, Coupling(intervals[-1, 1], b_c), T)
+        # Both searches end where a relative 1e-9 in ω is left, which the margin does not see.
+        assert found.smallest_margin == pytest.approx(1.0, abs=1e-10)
+
+
+def test_flexible_and_tabulated_devices():
+    flexible = Device(1.0, 20.0, (Mode(0.05, 2e4, 0.3), Mode(0.02, 5e4, 0.2)))
+    region = design_couplings(OMEGA, flexible, BOUNDARIES[1:2], T, damping=[10.0, 30.0, 90.0]).common
+    for b_c, intervals in zip(region.damping, region.intervals, strict=True):
+        top = intervals[-1, 1]
+        assert absolute_stability(flexible, Coupling(top * (1 - 1e-6), b_c), T).verdict == "stable"
+        assert absolute_stability(flexible, Coupling(top * (1 + 1e-6), b_c), T).verdict == "unstable"
+    omega = np.geomspace(0.05, 3141.0, 200)
+    table = TabulatedDevice(omega, 20.0 + 1j * 2 / T * np.tan(omega * T / 2))
+    measured = design_couplings(OMEGA, table, BOUNDARIES[1:2], T, damping=[30.0]).common
+    rigid = design_couplings(OMEGA, DEVICE, BOUNDARIES[1:2], T, damping=[30.0]).common
+    np.testing.assert_allclose(measured.intervals[0], rigid.intervals[0], rtol=1e-3)
+
+
+def left_over(ceiling, cuts):
+    """Slow twin: walk along one line from cut to cut."""
+    here, found = 0.0, []
+    for low, high in sorted((low, high) for low, high in cuts.tolist() if low == low and high == high):
+        if min(low, ceiling) > here:
+            found.append((here, min(low, ceiling)))
+        here = max(here, high)
+    return [*found, (here, ceiling)] if here < ceiling else found
+
+
+def test_gaps_are_those_found_by_walking_along_each_line():
+    rng = np.random.default_rng(8)
+    low = np.round(rng.uniform(-2.0, 10.0, (400, 6)), 1)  # rounded, so that ends meet
+    cuts = np.stack([low, low + np.round(rng.exponential(1.0, low.shape), 1)], axis=-1)
+    cuts[rng.random(low.shape) < 0.3] = np.nan
+    cuts[rng.random(low.shape) < 0.05, 1] = np.inf
+    cuts[rng.random(low.shape) < 0.05, 0] = -np.inf
+    ceiling = np.where(rng.random(400) < 0.1, 0.0, rng.uniform(0.5, 9.0, 400))
+    gaps = Gaps.of(ceiling, cuts)
+    counts = set()
+    for line, (top, own) in enumerate(zip(ceiling.tolist(), cuts, strict=True)):
+        expected = left_over(top, own)
+        found = gaps.lines()[line]
+        np.testing.assert_array_equal(found, np.reshape(expected, (-1, 2)))
+        largest, smallest = gaps.costs()[:, line]
+        assert largest == (-expected[-1][1] if expected else np.inf)
+        assert smallest == (expected[0][0] if expected else np.inf)
+        counts.add(len(expected))
+    assert counts >= {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("a", [2.0, -2.0, 0.0])
+def test_where_a_polynomial_is_positive(a):
+    values = np.array([-3.0, -0.5, 0.0, 0.5, 3.0])
+    half_b, c = (part.ravel() for part in np.meshgrid(values, values))
+    k = np.linspace(-40.0, 40.0, 4001) + 1e-4
+    positive = a * k**2 + 2 * half_b[:, None] * k + c[:, None] > 0
+    found = where_positive(np.full(half_b.shape, a), half_b, c).reshape(-1, 2, 2, 1)
+    inside = ((found[:, :, 0] < k) & (k < found[:, :, 1])).any(axis=1)
+    np.testing.assert_array_equal(inside, positive)
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: max_coupling_stiffness(-1.0, 1.0, T), "device damping must not be negative"),
-        (lambda: max_coupling_stiffness(1.0, np.nan, T), "coupling damping must be finite"),
-        (lambda: max_coupling_stiffness(1.0, 1.0, T, hold="foh"), "hold must be one of"),
-        (lambda: best_coupling_damping(-1.0, T), "stiffness must not be negative"),
-        (lambda: stable_region([1.0, 2.0], T), "one device damping"),
-        (lambda: stable_region(1.0, T, points=1), "points must be a whole number of at least 2"),
-        (lambda: stable_region(1.0, T, points=2.5), "points must be a whole number of at least 2"),
-        (lambda: stable_region(1.0, T, discretization="zoh"), "discretization must be one of"),
+        (lambda: design_couplings(OMEGA, DEVICE, [], T), "at least one boundary"),
+        (
+            lambda: design_couplings(OMEGA[1:], DEVICE, BOUNDARIES, T),
+            "a boundary and omega differ in length",
+        ),
+        (lambda: design_couplings(OMEGA, Device(1.0, [1.0, 2.0]), BOUNDARIES, T), "one device"),
+        (lambda: design_couplings([0.0, 1.0], DEVICE, BOUNDARIES, T), "strictly between 0 and Nyquist"),
+        (
+            lambda: design_couplings([*OMEGA[:-1], np.pi / T], DEVICE, BOUNDARIES, T),
+            "strictly between 0 and Nyquist",
+        ),
+        (
+            lambda: design_couplings(OMEGA, DEVICE, BOUNDARIES, T, damping=[]),
+            "damping must be a list of one",
+        ),
+        (
+            lambda: design_couplings(OMEGA, DEVICE, BOUNDARIES, T, damping=1.0),
+            "damping must be a list of one",
+        ),
+        (lambda: EnvironmentBoundary(BOUNDARIES[0].environment, ["a"], [1.0]), "limits .* are numbers"),
+        (
+            lambda: EnvironmentBoundary(Environment(1.0, 1.0), [2.0, 3.0], [3.0, 2.0]),
+            "at position 1.*Corner curves cross",
+        ),
+        (lambda: EnvironmentBoundary(Environment(1.0, 1.0), [0.0, -1.0], [1.0, 1.0]), "at position 1"),
+        (lambda: EnvironmentBoundary(Environment(1.0, 1.0), [np.nan], [3.0]), "at position 0"),
+        (lambda: EnvironmentBoundary(Environment(1.0, 1.0), [1.0, 2.0], [3.0]), "two arrays of one length"),
+        (lambda: EnvironmentBoundary(Environment([1.0, 2.0], 1.0), [1.0], [3.0]), "for one environment"),
     ],
 )
 def test_wrong_arguments_are_refused(call, message):

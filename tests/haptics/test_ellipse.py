@@ -12,7 +12,6 @@ from percept.haptics import (
     magnitude_envelope_ellipse,
     magnitude_envelope_log_ellipse,
     perceived_magnitude,
-    phase_envelope_ellipse,
 )
 
 T = 1e-3
@@ -188,9 +187,7 @@ def test_flat_ellipses_are_segments_and_points(shape):
         ({"centre": (1.0, np.nan)}, r"the centre \(.*\) must be finite"),
     ],
 )
-@pytest.mark.parametrize(
-    "function", [magnitude_envelope_ellipse, magnitude_envelope_log_ellipse, phase_envelope_ellipse]
-)
+@pytest.mark.parametrize("function", [magnitude_envelope_ellipse, magnitude_envelope_log_ellipse])
 def test_wrong_ellipses_are_refused(function, change, message):
     arguments = {"centre": (1.0, 1.0), "shape": [[1.0, 0.0], [0.0, 1.0]], "radius": 1.0} | change
     with pytest.raises(UsageError, match=message):

@@ -93,8 +93,8 @@ def test_crossings_are_all_there_are():
         device = Device(*10 ** rng.uniform(-2, 1, 2))
         k_low, b_low = rng.normal(0, [3e3, 3.0])
         k, b = (k_low, k_low + 10 ** rng.uniform(0, 4)), (b_low, b_low + 10 ** rng.uniform(-1, 1))
-        found = corner_crossings(device, k, b, T, mass=0.1)
-        low, high = corner_curves(omega, device, k, b, T, mass=0.1)
+        found = corner_crossings(device, k, b, T)
+        low, high = corner_curves(omega, device, k, b, T)
         seen = omega[:-1][np.diff(np.sign(high - low)) != 0]
         expected = found[(found > omega[0]) & (found < omega[-1])]
         np.testing.assert_allclose(seen, expected, atol=2 * (omega[1] - omega[0]))

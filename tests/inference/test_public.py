@@ -9,8 +9,6 @@ import percept.inference
 NAMES = [
     "Interval",
     "Moments",
-    "Normality",
-    "Ratio",
     "bias",
     "check_normality",
     "prediction_interval",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.browser import find_browser
+from percept.html import find_browser
 from percept.report import write_report
 
 from .browser import Browser, Tab

@@ -203,7 +203,7 @@ def test_links_of_the_contents_lead_to_their_sections(open_tab):
 
 
 def test_the_printed_page_is_a_pdf_with_its_fonts(browser, page, tmp_path):
-    from percept.report.pdf import print_pdf
+    from percept.html import print_pdf
 
     print_pdf(page, tmp_path / "page.pdf")
     content = (tmp_path / "page.pdf").read_bytes()

@@ -1,15 +1,12 @@
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
 
 import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.errors import PerceptError, UsageError
 from percept.report import dumps, write_report
-from percept.report.folder import filled_folder
-from percept.report.pdf import print_pdf
 
 from .conftest import DATASETS
 
@@ -48,39 +45,6 @@ def test_files_of_the_user_stay_and_a_second_run_gives_the_same(quick, tmp_path)
     page = write_report(quick, out, date="2026-01-01")
     assert page == out / "report.html"
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
-
-
-def test_what_an_earlier_run_wrote_goes_unless_somebody_changed_it(tmp_path):
-    def fill(*names):
-        with filled_folder(tmp_path / "out", last="page.html") as folder:
-            for name in names:
-                (folder / name).write_text(f"{name} of the program")
-
-    fill("page.html", "posterior.nc", "old.csv", "edited.csv")
-    (tmp_path / "out" / "edited.csv").write_text("mine now")
-    (tmp_path / "out" / "notes.txt").write_text("mine")
-    fill("page.html", "new.csv")
-    found = {path.name: path.read_text() for path in (tmp_path / "out").iterdir()}
-    assert found.pop("page.sha256").count("\n") == 2
-    assert found == {
-        "page.html": "page.html of the program",
-        "new.csv": "new.csv of the program",
-        "edited.csv": "mine now",
-        "notes.txt": "mine",
-    }
-
-
-def test_a_list_that_points_outside_its_folder_is_not_followed(tmp_path):
-    outside = tmp_path / "outside.txt"
-    outside.write_text("mine")
-    digest = hashlib.sha256(b"mine").hexdigest()
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "page.sha256").write_text(
-        f"{digest}  ../outside.txt\n{digest}  {outside}\nnonsense\n"
-    )
-    with filled_folder(tmp_path / "out", last="page.html") as folder:
-        (folder / "page.html").write_text("x")
-    assert outside.read_text() == "mine"
 
 
 def test_the_list_is_one_that_sha256sum_reads(report):
@@ -128,7 +92,7 @@ def test_a_folder_that_cannot_be_made_is_named(quick, tmp_path):
 def test_steps_are_told(quick, tmp_path):
     told = []
     write_report(quick, tmp_path / "out", progress=told.append)
-    assert told == ["results", "tables", "page", "figures"]
+    assert told == ["results", "tables", "figures", "page"]
 
 
 def test_what_cannot_be_written_is_refused_before_anything_is_worked_out(quick, tmp_path, monkeypatch):
@@ -154,17 +118,3 @@ def test_what_stands_in_the_way_is_refused_before_the_first_move(quick, tmp_path
     with pytest.raises(UsageError, match=r"report\.json: a file is needed here, and this is a folder"):
         write_report(quick, out)
     assert [path.name for path in out.iterdir()] == ["report.json"]
-
-
-def test_without_a_browser_a_pdf_is_refused_with_a_way_out(tmp_path, monkeypatch):
-    monkeypatch.setenv("PERCEPT_BROWSER", "no-such-browser")
-    with pytest.raises(UsageError, match="needs a Chromium") as caught:
-        print_pdf(tmp_path / "page.html", tmp_path / "page.pdf")
-    assert "PERCEPT_BROWSER" in caught.value.hint
-
-
-def test_a_browser_that_fails_is_named(tmp_path, monkeypatch):
-    monkeypatch.setenv("PERCEPT_BROWSER", "false")
-    with pytest.raises(UsageError, match="could not be printed") as caught:
-        print_pdf(tmp_path / "page.html", tmp_path / "page.pdf")
-    assert Path(caught.value.file).name == "false"

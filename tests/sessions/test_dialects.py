@@ -11,7 +11,7 @@ import pytest
 
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
-from percept.sessions.decode import Decoded, decode
+from percept.sessions.files import Input, open_text
 from tests.sessions.dialects import WRITERS, delimited, example, frame
 
 PSYCHOPY_HEADER = "environment,k_ref,k_adj,note,participant,expName,psychopyVersion,"
@@ -61,16 +61,21 @@ def test_archives_are_read_in_memory(tmp_path, pack):
     assert [p.name for p in tmp_path.iterdir()] == [file.name]
 
 
+def decoded(data, encoding=None):
+    text, found = open_text(Input("f", "f", data), encoding)
+    with text:
+        return text.read(), found
+
+
 @pytest.mark.parametrize("order", ["utf-16-le", "utf-16-be"])
 @pytest.mark.parametrize("declared", [None, "utf-16", "UTF16"])
 def test_a_byte_order_mark_says_which_half_of_an_encoding_it_is(order, declared):
     text = "subject,environment\nä,1\n"
-    decoded = decode("\ufeff".join(["", text]).encode(order), file="f", encoding=declared)
-    assert decoded == Decoded(text, order)
+    assert decoded(("\ufeff" + text).encode(order), declared) == (text, order)
 
 
 def test_a_byte_order_mark_does_not_change_another_encoding_that_is_declared():
-    assert decode(b"\xef\xbb\xbfa", file="f", encoding="latin-1") == Decoded("a", "latin-1")
+    assert decoded(b"\xef\xbb\xbfa", "latin-1") == ("a", "latin-1")
 
 
 def test_standard_input(monkeypatch):

@@ -14,16 +14,16 @@ CLEAN = [f"{s},{e},{k},{b},{k * (1 + s / 10)},{b * (1 - s / 20)}" for s in (1, 2
     ("soft", 100.0, 1.0), ("hard", 2000.0, 10.0))]  # fmt: skip
 
 
-def doubts_of(tmp_path, rows):
+def warnings_of(tmp_path, rows):
     path = tmp_path / "s.csv"
     path.write_text("\n".join([HEADER, *rows]) + "\n")
-    return [str(doubt).removeprefix(f"{tmp_path}/") for doubt in read_sessions(path).doubts]
+    return [str(warning).removeprefix(f"{tmp_path}/") for warning in read_sessions(path).warnings]
 
 
 def test_ordinary_studies_raise_none(tmp_path):
-    assert doubts_of(tmp_path, CLEAN) == []
+    assert warnings_of(tmp_path, CLEAN) == []
     for name in ("hbfd_sessions.csv", "hbfd_table1.csv"):
-        assert read_sessions(DATASETS / name).doubts == ()
+        assert read_sessions(DATASETS / name).warnings == ()
 
 
 @pytest.mark.parametrize(
@@ -38,16 +38,16 @@ def test_ordinary_studies_raise_none(tmp_path):
 def test_a_value_far_from_all_others_of_its_environment(tmp_path, value, said):
     # The median of 2200, 2400, 2400 and a large value is 2400, that with a small one 2300.
     rows = [f"{s},hard,2000,10,{k},{9 + s}" for s, k in ((1, 2200), (2, 2400), (3, 2400), (4, value))]
-    assert doubts_of(tmp_path, rows) == ([f"s.csv:5:k_adj: subject '4' {said}"] if said else [])
+    assert warnings_of(tmp_path, rows) == ([f"s.csv:5:k_adj: subject '4' {said}"] if said else [])
 
 
 def test_two_subjects_say_nothing_of_each_other(tmp_path):
-    assert doubts_of(tmp_path, ["1,a,100,1,9000,1.1", "2,a,100,1,110,0.9"]) == []
+    assert warnings_of(tmp_path, ["1,a,100,1,9000,1.1", "2,a,100,1,110,0.9"]) == []
 
 
 def test_values_without_a_logarithm(tmp_path):
     rows = [*CLEAN, "5,soft,100,1,0,1.2", "5,hard,2000,10,-3,11"]
-    assert doubts_of(tmp_path, rows) == [
+    assert warnings_of(tmp_path, rows) == [
         "s.csv:10:k_adj: 2 values of k are zero or negative, here the first: the lognormal family, the "
         "default, takes none"
     ]
@@ -56,14 +56,14 @@ def test_values_without_a_logarithm(tmp_path):
 def test_a_knob_that_never_moved(tmp_path):
     still = ["8,soft,100,1,100,1.1", "8,hard,2000,10,2000,10"]
     once = ["9,soft,100,1,100,0.8", "9,hard,2000,10,1900,11"]
-    assert doubts_of(tmp_path, [*CLEAN, *still, *once]) == [
+    assert warnings_of(tmp_path, [*CLEAN, *still, *once]) == [
         "k_adj: subject '8' left k at the reference in every trial: was what they set recorded?"
     ]
 
 
 def test_cells_not_tried_are_named(tmp_path):
-    assert doubts_of(tmp_path, CLEAN[:-1]) == ["1 cell has no trial: '4 at hard'"]
-    assert doubts_of(tmp_path, [*CLEAN[1:3], *CLEAN[4:]]) == [
+    assert warnings_of(tmp_path, CLEAN[:-1]) == ["1 cell has no trial: '4 at hard'"]
+    assert warnings_of(tmp_path, [*CLEAN[1:3], *CLEAN[4:]]) == [
         "2 cells have no trial: '1 at soft', '2 at hard'"
     ]
 
@@ -76,7 +76,7 @@ def test_rows_of_a_filtered_table_keep_their_places(tmp_path):
         sessions.table[sessions.table["subject"] != "1"], "trials", sessions.sources,
         provenance=sessions.provenance,
     )  # fmt: skip
-    assert (kept.doubts[0].row, kept.doubts[0].column) == (10, "k_adj")
+    assert (kept.warnings[0].row, kept.warnings[0].column) == (10, "k_adj")
 
 
 def test_validate_says_them(tmp_path):
@@ -87,7 +87,7 @@ def test_validate_says_them(tmp_path):
 
 def test_of_many_slips_the_first_are_named(tmp_path):
     rows = [f"{s},hard,2000,10,{100_000 if s > 22 else 2200 + s},{9 + s / 40}" for s in range(1, 31)]
-    found = doubts_of(tmp_path, rows)
+    found = warnings_of(tmp_path, rows)
     assert [text.partition(": ")[0] for text in found] == [f"s.csv:{row}:k_adj" for row in range(24, 29)] + [
         "k_adj"
     ]
@@ -110,13 +110,13 @@ def test_many_subjects_are_looked_up_once(tmp_path):
     )
     sessions = Sessions.from_frame(table.iloc[1:])
     counted = Sessions(Counting(sessions.table), "trials", sessions.sources, provenance=sessions.provenance)
-    assert [str(doubt) for doubt in counted.doubts] == ["1 cell has no trial: '0 at A'"]
+    assert [str(warning) for warning in counted.warnings] == ["1 cell has no trial: '0 at A'"]
     assert Counting.seen < 60
 
 
 def test_sessions_put_together_by_hand_have_no_places(tmp_path):
     rows = [(str(s), "1", "A", 100.0, 1.0, 1, 101.0 + s if s else 9e4, 1.1) for s in range(5)]
     names = ["subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"]
-    (slip,) = Sessions(pd.DataFrame(rows, columns=names), "trials").doubts
+    (slip,) = Sessions(pd.DataFrame(rows, columns=names), "trials").warnings
     assert (slip.file, slip.row, slip.column) == (None, None, "k_adj")
     assert slip.text.startswith("subject '0' set k to 90000 in 'A', ")

@@ -11,9 +11,7 @@ import zipfile
 import pytest
 
 from percept.errors import UsageError
-from percept.sessions import format_validation, read_sessions, validate
-from percept.sessions import sources as sources_module
-from percept.sessions.decode import decode
+from percept.sessions import files, format_validation, read_sessions, validate
 
 HEAD = "subject,environment,k_ref,k_adj\n"
 
@@ -65,9 +63,11 @@ def test_nul_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_lines_before_a_nul_byte_are_counted_at_every_kind_of_end(end):
+def test_lines_before_a_nul_byte_are_counted_at_every_kind_of_end(tmp_path, end):
+    file = tmp_path / "f.csv"
+    file.write_bytes(end.join(["a,b", "1,2", "3,\0", ""]).encode())
     with pytest.raises(UsageError, match="a NUL character") as caught:
-        decode(end.join(["a,b", "1,2", "3,\0", ""]).encode(), file="f.csv")
+        read_sessions(file)
     assert caught.value.row == 3
 
 
@@ -96,7 +96,7 @@ def test_a_member_that_claims_ten_gigabytes(tmp_path):
 
 
 def test_bombs_are_cut_off(tmp_path, monkeypatch):
-    monkeypatch.setattr(sources_module, "LIMIT", 10**6)
+    monkeypatch.setattr(files, "LIMIT", 10**6)
     bomb = tmp_path / "f.csv.gz"
     bomb.write_bytes(gzip.compress(b"0" * 10**7))
     with pytest.raises(UsageError, match="unpacks to more than 1000000 bytes"):

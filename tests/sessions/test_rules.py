@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from percept.errors import UsageError
 from percept.sessions import ReadError, ReadOptions, Sessions, read_sessions
-from percept.sessions.units import convert, factor
+from percept.sessions.values import convert, factor
 
 HEAD = "subject,environment,k_ref,b_ref,trial,k_adj,b_adj\n"
 
@@ -116,14 +116,14 @@ def test_cells_that_disagree_are_blamed_and_no_others(tmp_path, cells, blamed, w
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from("eEfg"), st.integers(0, 25))
 def test_numbers_are_correctly_rounded(value, kind, digits):
-    from percept.sessions.numbers import DecimalMark, parse_numbers
-    from percept.sessions.problems import Problems
+    from percept.sessions.records import Problems
+    from percept.sessions.values import DecimalMark, parse_numbers
 
     text = f"{value:.{digits}{kind}}"
     problems = Problems()
     (got,) = parse_numbers([text], [2], mark=DecimalMark("."), file="f", column="k_adj", problems=problems)
     exact = Fraction(text)
-    if len(problems):
+    if problems.total:
         assert exact != 0
         assert abs(exact) > Fraction("1.7976931348623157e308") or abs(exact) < Fraction("5e-324")
         return
@@ -623,27 +623,59 @@ def test_trials_and_summary_do_not_mix(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
-        ({"sessions": {"decimals": ","}}, "unknown key in [sessions]"),
-        ({"sessions": {"decimal": ";"}}, 'must be "." or ","'),
-        ({"sessions": {"delimiter": '"'}}, "must be one character"),
-        ({"sessions": {"keep": "first"}}, 'must be "last"'),
-        ({"sessions": {"filename": "subject"}}, "must name {subject}"),
-        ({"sessions": {"groups": 1.5}}, "must be a text or a list of texts"),
-        ({"sessions": {"only": "x"}}, "must be a table"),
-        ({"sessions": {"sheet": 3}}, "must be text"),
-        ({"sessions": {"exclude": {}}}, "must be a list of rules"),
-        ({"sessions": {"exclude": [{"column": "x"}]}}, "either equals or limits"),
-        ({"sessions": {"exclude": [{"column": "x", "above": "3"}]}}, "below and above are numbers"),
-        ({"columns": {"k": "x"}}, "no such column in [columns]"),
-        ({"columns": {"k_adj": {"nme": "x"}}}, "a column is a name, or a table"),
-        ({"environments": {"a": {"k_ref": "3"}}}, "the numbers k_ref and b_ref"),
-        ({"environments": []}, "must be a table"),
+        (
+            {"sessions": {"decimals": ","}},
+            "sessions.decimals = ',': there is no such key; there are decimal,",
+        ),
+        ({"sessions": {"decimal": ";"}}, "sessions.decimal = ';': input should be '.' or ','."),
+        ({"sessions": {"delimiter": '"'}}, "sessions.delimiter = '\"': must be one character, not a quote."),
+        ({"sessions": {"keep": "first"}}, "sessions.keep = 'first': input should be 'last'."),
+        ({"sessions": {"filename": "subject"}}, "sessions.filename = 'subject': must name {subject}"),
+        ({"sessions": {"groups": 1.5}}, "sessions.groups = 1.5: must be a text or a list of texts."),
+        ({"sessions": {"groups": [True]}}, "sessions.groups.0 = True: must be text."),
+        ({"sessions": {"only": "x"}}, "sessions.only = 'x': must be a table."),
+        ({"sessions": {"sheet": 3}}, "sessions.sheet = 3: must be text."),
+        ({"sessions": {"exclude": {}}}, "sessions.exclude: must be a list."),
+        (
+            {"sessions": {"exclude": [{"column": "x"}]}},
+            "sessions.exclude.0: a rule has column, why, and either",
+        ),
+        (
+            {"sessions": {"exclude": [{"column": "x", "above": "3"}]}},
+            "sessions.exclude.0.above = '3': input should be a valid number.",
+        ),
+        (
+            {"columns": {"k": "x"}},
+            "columns.k: there is no such key; there are subject, session, environment,",
+        ),
+        ({"columns": {"k_adj": {"nme": "x"}}}, "columns.k_adj.name: is missing."),
+        (
+            {"columns": {"k_adj": 3}},
+            "columns.k_adj = 3: a column is a name, or a table of name, unit and path.",
+        ),
+        ({"columns": {"k_adj": " "}}, "columns.k_adj.name = ' ': is blank."),
+        (
+            {"environments": {"a": {"k_ref": "3"}}},
+            "environments.a.k_ref = '3': input should be a valid number.",
+        ),
+        (
+            {"environments": {"a": {"k_ref": math.inf}}},
+            "environments.a.k_ref = inf: input should be a finite",
+        ),
+        ({"environments": []}, "environments = []: must be a table."),
     ],
 )
 def test_options_are_checked(tables, message):
     with pytest.raises(UsageError) as caught:
         ReadOptions.from_mapping(tables)
-    assert message in str(caught.value)
+    assert str(caught.value).startswith(message)
+
+
+def test_options_given_as_keywords_are_checked_too():
+    with pytest.raises(UsageError, match="unfinished = 'drop': input should be 'keep' or 'exclude'"):
+        ReadOptions(unfinished="drop")
+    with pytest.raises(UsageError, match=r"columns\.k: there is no such key"):
+        read_sessions("f.csv", columns={"k": "x"})
 
 
 def test_a_frame_passes_the_same_checks():

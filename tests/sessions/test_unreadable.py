@@ -8,9 +8,7 @@ import pandas as pd
 import pytest
 
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, read_sessions
-from percept.sessions import stream as stream_module
-from percept.sessions.reduce import reduce_sessions
+from percept.sessions import ReadOptions, files, grids, read_sessions, reduce_sessions
 
 HEAD = b"subject,environment,k_ref,k_adj\n"
 ROWS = HEAD + b"S01,A,10,11\nS02,A,10,12\n"
@@ -91,11 +89,13 @@ def test_a_file_that_the_system_does_not_give(tmp_path):
 
 
 def test_a_line_without_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(stream_module, "_BLOCK", 64)
-    monkeypatch.setattr(stream_module, "LARGE", 0)
+    monkeypatch.setattr(files, "BLOCK", 64)
+    monkeypatch.setattr(grids, "_HEAD", 64)
     file = tmp_path / "t.csv"
     file.write_bytes(ROWS + b"S03,A,10," + b"1" * 500 + b"\n")
-    with pytest.raises(UsageError, match=r"t\.csv: a line of more than 64 bytes\. This is no session table"):
+    with pytest.raises(
+        UsageError, match=r"t\.csv: a line of more than 64 characters\. This is no session table"
+    ):
         reduce_sessions(file)
 
 

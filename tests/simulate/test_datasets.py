@@ -10,8 +10,7 @@ import pandas as pd
 import pytest
 
 from percept import read_sessions
-from percept.simulate import realised_correlations, simulate_like, write_sessions
-from percept.simulate.like import BETWEEN, CORRELATION
+from percept.simulate.like import BETWEEN, CORRELATION, realised_correlations, simulate_like, write_sessions
 from tests import DATASETS
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"

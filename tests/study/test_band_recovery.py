@@ -10,7 +10,7 @@ import pytest
 from scipy import special, stats
 
 from percept import Scene, Study
-from percept.boundary.band_fit import LAWS, fit_law
+from percept.boundary.band import LAWS, fit_law
 from percept.sessions import Sessions
 from percept.study.band_replicates import classical_replicates, posterior_replicates
 

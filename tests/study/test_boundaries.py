@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
-from percept.boundary.grid import FLOOR
-from percept.boundary.membership import magnitude_membership
+from percept.boundary.curves import FLOOR, magnitude_membership
 from percept.boundary.records import Boundary
 from percept.haptics import perceived_magnitude
 from percept.inference.regions import ellipse_region

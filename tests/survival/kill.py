@@ -211,8 +211,8 @@ def check_whole(path: Path) -> None:
                 import pyarrow.parquet as pq
 
                 pq.read_table(io.BytesIO(data))
-            case ".run":
-                from percept.cache.entry import decode
+            case ".npz":
+                from percept.cache import decode
 
                 decode(data)
             case ".nc":

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from percept.durable import exclusive
-from percept.report.folder import filled_folder
+from percept.files import exclusive, filled_folder
 from tests import DATASETS
 from tests.survival.kill import contents
 
@@ -127,7 +126,7 @@ def test_moves_of_two_runs_do_not_mix(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     code = (
-        "import sys\nfrom percept.report.folder import filled_folder\n"
+        "import sys\nfrom percept.files import filled_folder\n"
         "with filled_folder(sys.argv[1], last='z.txt') as f:\n"
         "    for n in ('a.txt', 'z.txt'):\n        (f / n).write_text('other\\n')\n"
         "    print('filled', flush=True)\n"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from percept.durable import write_whole
+from percept.files import write_whole
 from tests.survival.kill import Survival, check_whole
 
 
@@ -21,7 +21,7 @@ def test_killed_commands_leave_whole_files_and_come_to_the_same_end(tmp_path, jo
     [
         ("fit.json", b'{"schema": "percept'),
         ("a.parquet", b"PAR1 and half"),
-        ("a.run", b"percept run 1\nhalf"),
+        ("a.npz", b"PK\x03\x04 half"),
         ("posterior.nc", b"\x89HDF\r\n\x1a\n half"),
         ("report.html", b"<html><body>"),
         ("a.svg", b"<svg>"),

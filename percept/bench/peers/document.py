@@ -1,11 +1,13 @@
-"""Everything the page and benchmark.json hold: what was measured, and what follows from it."""
+"""What a benchmark measured and what follows from it: benchmark.json, two figures and the page."""
 
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import importlib.metadata
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +16,13 @@ from percept import __version__
 from percept.bench.growth import Growth
 from percept.bench.measure import machine
 from percept.bench.peers.engines import ENGINES, Engine, engine
-from percept.bench.peers.measure import Measured, Startup
+from percept.bench.peers.processes import Comparison, Measured, Startup, Whole, comparisons
 from percept.bench.peers.reference import Reference
-from percept.bench.peers.whole import Comparison, Whole, comparisons
-from percept.report.plain import plain
+from percept.files import filled_folder
+from percept.report.figures.canvas import COLOURS, Axes, Drawing, Figure, legend_below, panels
+from percept.report.plain import dumps, plain
+from percept.report.plates import draw_plates
+from percept.report.standalone import render_standalone
 
 SCHEMA = "percept-benchmark-1"
 #: Errors over half-width at which times are compared.
@@ -84,13 +89,14 @@ def build_document(
     reference: Reference,
     *,
     growth: Sequence[Growth] = (),
+    left_out: Mapping[str, Sequence[str]] | None = None,
     command: str,
     loads: tuple[float, float],
     seconds: float,
 ) -> dict[str, Any]:
-    """Collect a run."""
+    """Collect a run; what was left out comes with the packages it misses."""
     times = reached(measured)
-    compared = comparisons(whole) if whole else []
+    compared = comparisons(whole)
     promises = _promises(measured, times)
     run_engines = [one for one in ENGINES if one.name in {row.engine for row in measured}]
     document = {
@@ -107,6 +113,7 @@ def build_document(
             "relative_error": np.sqrt(((reference.own.error / reference.half_width) ** 2).mean()),
         },
         "engines": [{"name": one.name, "title": one.title, "unit": one.unit} for one in run_engines],
+        "left_out": [{"name": name, "missing": missing} for name, missing in (left_out or {}).items()],
         "startups": startups,
         "measured": measured,
         "reached": times,
@@ -116,8 +123,8 @@ def build_document(
         "promises": promises,
         "losses": _losses(times, promises, compared) + _grown(growth),
     }  # fmt: skip
-    found: dict[str, Any] = plain(document)
-    return found
+    collected: dict[str, Any] = plain(document)
+    return collected
 
 
 def _versions(engines: Sequence[Engine]) -> dict[str, str]:
@@ -167,28 +174,25 @@ def _losses(
     times: Sequence[Reached], promises: Sequence[dict[str, Any]], compared: Sequence[Comparison]
 ) -> list[str]:
     """Say where percept is not the fastest, or a promise is not kept."""
-    found = []
+    lines = []
     for row in times:
-        if (row.engine, row.how) == _OURS:
-            continue
         for state, ratio in (("warm", row.warm_ratio), ("cold", row.cold_ratio)):
-            if ratio < 1.0:
+            if (row.engine, row.how) != _OURS and ratio < 1.0:
                 title = f"{engine(row.engine).title} ({row.how})"
-                found.append(
+                lines.append(
                     f"{title} reaches {row.level:.1%} {state} in {ratio:.2f} times percept’s time"
                     + (", extrapolated." if row.extrapolated else ".")
                 )
     for promise in promises:
         what, value, aim = promise["what"], promise["value"], promise["aim"]
         if value < aim if promise["more_is_better"] else value > aim:
-            found.append(f"{what[0].upper()}{what[1:]}: {value:.3g}; {aim:g} is the aim.")
-    for one in compared:
-        if not one.kept:
-            found.append(
-                f"{one.command} takes {one.ratio:.2f} times as long as {one.against}; "
-                f"{one.promised:g} is promised."
-            )
-    return found
+            lines.append(f"{what[0].upper()}{what[1:]}: {value:.3g}; {aim:g} is the aim.")
+    lines += [
+        f"{one.command} takes {one.ratio:.2f} times as long as {one.against}; {one.promised:g} is promised."
+        for one in compared
+        if not one.kept
+    ]
+    return lines
 
 
 def _grown(growth: Sequence[Growth]) -> list[str]:
@@ -199,3 +203,82 @@ def _grown(growth: Sequence[Growth]) -> list[str]:
         for one in growth
         if one.promised is not None and one.ratio > one.promised
     ]
+
+
+PAGE = "index.html"
+_COLOURS = {
+    "percept": "bayesian", "percept-stretch": "warn", "emcee": "ink", "nutpie": "classical",
+    "nutpie-noncentred": "classical", "pymc": "coupled", "numpyro": "quiet", "numpyro-noncentred": "quiet",
+}  # fmt: skip
+_MARKERS = {"mixture": "o", "draws": "D"}
+_SECTIONS = (
+    ("result", "Result"),
+    ("error", "Run time against error"),
+    ("ratios", "Time to a given error"),
+    ("measured", "Everything measured"),
+    ("whole", "Whole commands"),
+    ("growth", "Growth"),
+    ("reference", "What errors are measured against"),
+    ("machine", "Machine and versions"),
+)
+
+
+def write_benchmark(document: Mapping[str, Any], out_dir: str | Path, *, date: str | None = None) -> Path:
+    """Write a benchmark's document, figures and page."""
+    with filled_folder(out_dir, last=PAGE) as folder:
+        (folder / "benchmark.json").write_text(dumps(document), encoding="utf-8")
+        drawings = [_against_error(document, state) for state in ("warm", "cold")]
+        page = render_standalone(
+            "percept.bench.peers",
+            "benchmark.html.j2",
+            draw_plates(drawings, folder / "figures"),
+            digits=3,
+            document=document,
+            names={one["name"]: one for one in document["engines"]},
+            levels=list(dict.fromkeys(row["level"] for row in document["reached"])),
+            series=list(dict.fromkeys((row["engine"], row["how"]) for row in document["reached"])),
+            at={(row["engine"], row["how"], row["level"]): row for row in document["reached"]},
+            sections=_SECTIONS,
+            date=date or datetime.date.today().isoformat(),
+        )
+        (folder / PAGE).write_text(page, encoding="utf-8")
+    return Path(out_dir) / PAGE
+
+
+def _against_error(document: Mapping[str, Any], state: str) -> Drawing:
+    what = {"warm": "sampling and limits only", "cold": "with the start of the process"}[state]
+
+    def draw(figure: Figure) -> None:
+        (ax,) = panels(figure, left=18.0, bottom=38.0)
+        _curves(ax, document, state)
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ax.set_xlabel("error of the limits (% of half-width)")
+        ax.set_ylabel("time (s)")
+        ax.margins(y=0.08)
+        legend_below(ax, columns=2)
+
+    return Drawing(
+        f"time-{state}",
+        f"Run time against error, {state}",
+        f"Median time ({what}) over the root mean square error of all limits; each mark is one budget, each "
+        "line one engine. Left and down is better.",
+        (170.0, 118.0),
+        draw,
+    )
+
+
+def _curves(ax: Axes, document: Mapping[str, Any], state: str) -> None:
+    titles = {one["name"]: one["title"] for one in document["engines"]}
+    rows = sorted(document["measured"], key=lambda row: row["size"])
+    for name, how in dict.fromkeys((row["engine"], row["how"]) for row in document["measured"]):
+        own = [row for row in rows if (row["engine"], row["how"]) == (name, how)]
+        ax.plot(
+            [100.0 * row["error"] for row in own],
+            [row[state] for row in own],
+            color=COLOURS[_COLOURS[name]],
+            linestyle="--" if "noncentred" in name or (name, how) == ("percept", "draws") else "-",
+            marker=_MARKERS[how],
+            markersize=3.5,
+            label=titles[name] + (f", {how}" if name == "percept" else ""),
+        )

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from percept.bench.peers.endpoints import KINDS
-from percept.bench.peers.with_percept import StudyEstimands, estimands_of
+from percept.bench.peers.engines import percept_model
+from percept.bench.peers.model import KINDS, Array
 from percept.errors import RefusalError
+from percept.inference.hierarchy.models import IntervalEstimands, Model
+from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores
+from percept.inference.sampling.ensembles import advance, start
+from percept.inference.sampling.warmup import warm_up
+from percept.report.plain import plain
 
-Array = NDArray[np.float64]
-Kept = tuple[Array, int]
+#: Kept positions (E, T, W, d), and the steps between them.
+Kept: TypeAlias = tuple[Array, int]
+#: Draws from a model.
+Sampler: TypeAlias = Callable[[Model, np.random.SeedSequence], Kept]
 _ENSEMBLES, _WALKERS = 4, 128
 #: Steps dropped, steps kept, and steps between kept positions, of one run.
 _OWN = (120, 2400, 12)
@@ -33,7 +40,7 @@ class LongRun:
     error: Array  # (3, 2, C)
     effective: float  # Effective draws of the slowest quantity, over all runs
     runs: int  # Runs pooled
-    scatter: float
+    scatter: float  # SD of the runs over what each claims
 
     @classmethod
     def pooled(cls, rows: list[dict[str, Any]]) -> Self:
@@ -74,11 +81,8 @@ class Reference:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values in full precision."""
-        return dataclasses.asdict(self) | {
-            "own": _plain(self.own),
-            "other": _plain(self.other),
-            "cells": [list(cell) for cell in self.cells],
-        }
+        values: dict[str, Any] = plain(self)
+        return values
 
     @classmethod
     def of_json(cls, stored: dict[str, Any]) -> Self:
@@ -89,10 +93,6 @@ class Reference:
         )
         cells = tuple((str(p), str(e)) for p, e in stored["cells"])
         return cls(own, other, cells, stored["sessions_sha256"], stored["command"])
-
-
-def _plain(run: LongRun) -> dict[str, Any]:
-    return dataclasses.asdict(run) | {"value": run.value.tolist(), "error": run.error.tolist()}
 
 
 def stored_reference(sessions_sha256: str) -> Reference:
@@ -116,17 +116,17 @@ def make_reference(
     command: str,
     own_effective: float = 1e6,
     other_effective: float = 1e5,
-    told: Callable[[str], None] = lambda line: None,
+    log: Callable[[str], None] = lambda line: None,
 ) -> Reference:
-    """Run both samplers until there are enough effective draws; an interrupted call is taken up again."""
-    estimands = estimands_of(source)
+    """Run both samplers until there are enough effective draws; an interrupted call goes on."""
+    model, estimands = percept_model(source)
     runs = {}
     for name, sampler, wanted in (("other", _other, other_effective), ("own", _own, own_effective)):
         rows: list[dict[str, Any]] = []
-        for row in _rows(work / f"{name}-{sessions_sha256[:12]}.jsonl", estimands, sampler):
+        for row in _rows(work / f"{name}-{sessions_sha256[:12]}.jsonl", model, estimands, sampler):
             rows.append(row)
             effective = sum(one["effective"] for one in rows)
-            told(f"{name}: run {len(rows)}, {effective:.0f} of {wanted:.0f} effective draws")
+            log(f"{name}: run {len(rows)}, {effective:.0f} of {wanted:.0f} effective draws")
             if effective >= wanted and len(rows) > 1:
                 break
         runs[name] = LongRun.pooled(rows)
@@ -134,63 +134,51 @@ def make_reference(
 
 
 def _rows(
-    path: Path, estimands: StudyEstimands, sampler: Callable[[StudyEstimands, np.random.SeedSequence], Kept]
+    path: Path, model: Model, estimands: IntervalEstimands, sampler: Sampler
 ) -> Iterator[dict[str, Any]]:
     """Finished runs first, then new ones, each written before it is used."""
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     yield from map(json.loads, lines)
-    seed = len(lines)
-    while True:
-        seed += 1
-        row = _limits(estimands, *sampler(estimands, np.random.SeedSequence([20240501, seed])))
+    for seed in itertools.count(len(lines) + 1):
+        row = _limits(estimands, *sampler(model, np.random.SeedSequence([20240501, seed])))
         with path.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(row) + "\n")
         yield row
 
 
-def _limits(estimands: StudyEstimands, kept: Array, stride: int) -> dict[str, Any]:
+def _limits(estimands: IntervalEstimands, kept: Array, stride: int) -> dict[str, Any]:
     """Limits of one run from its kept positions (E, T, W, d)."""
-    from percept.inference.sampling.diagnostics import (
-        autocorrelation_time,
-        monte_carlo_error,
-        normal_scores,
-    )
-
     components = estimands.components(kept.reshape(-1, kept.shape[-1]))
-    found, influence = estimands.estimate(components)
+    estimates, influence = estimands.estimate(components)
     influence = influence.reshape(*kept.shape[:3], -1)
     scores = normal_scores(components).reshape(*kept.shape[:3], -1)
     times = autocorrelation_time(influence)
     slowest = max(float(times.max()), float(autocorrelation_time(scores).max()))
     shape = (len(KINDS), 2, len(estimands.cells))
     return {
-        "value": found.value.reshape(shape).tolist(),
+        "value": estimates.value.reshape(shape).tolist(),
         "error": monte_carlo_error(influence, times).reshape(shape).tolist(),
         "effective": len(components) / slowest,
         "autocorrelation_time": slowest * stride,
     }
 
 
-def _own(estimands: StudyEstimands, seed: np.random.SeedSequence) -> Kept:
-    from percept.inference.sampling.ensembles import advance, start
-    from percept.inference.sampling.warmup import warm_up
-
+def _own(model: Model, seed: np.random.SeedSequence) -> Kept:
     warm, moves = seed.spawn(2)
     dropped, steps, stride = _OWN
-    model = estimands.model
     here, points = warm_up(model, (_ENSEMBLES, _WALKERS), warm)
     state, _ = advance(here, start(here, points, moves), steps=dropped, stride=dropped)
     kept = advance(here, state, steps=steps, stride=stride)[1]
     return here.map(kept.reshape(-1, kept.shape[-1])).reshape(kept.shape), stride
 
 
-def _other(estimands: StudyEstimands, seed: np.random.SeedSequence) -> Kept:
+def _other(model: Model, seed: np.random.SeedSequence) -> Kept:
     import emcee
 
     rng = np.random.default_rng(seed)
     dropped, steps, stride = _OTHER
-    model, size = estimands.model, len(estimands.model.names)
+    size = len(model.names)
     chains = []
     for _ in range(_ENSEMBLES):
         sampler = emcee.EnsembleSampler(_WALKERS, size, model, moves=emcee.moves.DEMove(), vectorize=True)

@@ -9,7 +9,15 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from percept.bench.growth import FITTED, SIZES, growth
+from percept.bench.peers.document import build_document, write_benchmark
 from percept.bench.peers.engines import ENGINES, engine
+from percept.bench.peers.processes import installed_commands, measure, whole_commands
+from percept.bench.peers.reference import make_reference, stored_reference
+from percept.errors import RefusalError
+from percept.reproduce.published import dataset
+
+_EXTRA = "pip install 'percept[peers]'"
 
 
 def run_benchmark(
@@ -20,45 +28,52 @@ def run_benchmark(
     starts: int = 3,
     repeats: int = 5,
     quick: bool = False,
-    told: Callable[[str], None] = lambda line: None,
+    log: Callable[[str], None] = lambda line: None,
 ) -> Path:
-    """Measure every engine and whole command on the published study's sessions and write the page."""
-    from percept.bench.growth import growth
-    from percept.bench.peers.document import build_document
-    from percept.bench.peers.measure import measure
-    from percept.bench.peers.reference import stored_reference
-    from percept.bench.peers.whole import whole_commands
-    from percept.bench.peers.write import write_benchmark
-    from percept.reproduce.published import dataset
-
+    """Measure every installed engine and whole command on the published design and write the page."""
     sessions, scene = str(dataset("hbfd_sessions.csv")), str(dataset("hbfd.toml"))
     chosen = [engine(name) for name in engines] or list(ENGINES)
     reference = stored_reference(_hash(sessions))
+    left_out = {one.title: one.missing for one in chosen if one.missing}
+    present = [one for one in chosen if not one.missing]
+    for title, missing in left_out.items():
+        log(f"{title}: left out, {', '.join(missing)} not installed; {_EXTRA}")
+    if not present:
+        raise RefusalError("none of these engines is installed.", value=", ".join(engines), hint=_EXTRA)
     begun, before = time.perf_counter(), os.getloadavg()[0]
-    told("whole commands")
-    whole = whole_commands(sessions, scene, repeats=repeats) if repeats else []
+    rounds = min(repeats, 1) if quick else repeats
+    commands = installed_commands()
+    if rounds and "import pymc" not in commands:
+        log(f"import pymc: left out, pymc not installed; {_EXTRA}")
+        left_out["import pymc"] = ("pymc",)
+    log("whole commands")
+    whole = whole_commands(sessions, scene, repeats=rounds, commands=commands) if rounds else []
     startups, measured = measure(
-        chosen, sessions, reference, starts=starts, seconds=seconds, quick=quick, told=told
+        present, sessions, reference, starts=starts, seconds=seconds, quick=quick, log=log
     )
+    if not rounds:
+        grown = []
+    elif quick:
+        smallest = {along: sizes[:2] for along, sizes in SIZES.items()}
+        grown = growth(rounds=1, sizes=smallest, fitted={}, log=log)
+    else:
+        grown = growth(sizes=SIZES, fitted=FITTED, log=log)
     document = build_document(
-        startups, measured, whole, reference, growth=growth(log=told) if repeats else [],
+        startups, measured, whole, reference, growth=grown, left_out=left_out,
         command=_command(engines, seconds, starts, repeats, quick),
         loads=(before, os.getloadavg()[0]), seconds=time.perf_counter() - begun,
     )  # fmt: skip
     return write_benchmark(document, out)
 
 
-def run_reference(out: str | Path, *, told: Callable[[str], None] = lambda line: None) -> Path:
-    """Make the reference limits; finished runs are kept in the folder, and an interrupted call goes on."""
-    from percept.bench.peers.reference import make_reference
-    from percept.reproduce.published import dataset
-
+def run_reference(out: str | Path, *, log: Callable[[str], None] = lambda line: None) -> Path:
+    """Make the reference limits; the folder keeps finished runs, and an interrupted call goes on."""
     sessions, folder = str(dataset("hbfd_sessions.csv")), Path(out)
-    found = make_reference(
-        sessions, _hash(sessions), folder, command="percept bench reference --out DIR", told=told
+    reference = make_reference(
+        sessions, _hash(sessions), folder, command="percept bench reference --out DIR", log=log
     )
     path = folder / "reference.json"
-    path.write_text(json.dumps(found.to_json()) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(reference.to_json()) + "\n", encoding="utf-8")
     return path
 
 

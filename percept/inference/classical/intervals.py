@@ -10,37 +10,23 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.classical.moments import Moments, check_option, finite_values, plain, tail_of
 from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.record import Family, FloatOrArray, Interval, Joint, Kind, Side, percent
-from percept.notebook import NotebookRecord
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ratio(NotebookRecord):
-    """A ratio to the reference, with its equal-tailed interval.
+    """A ratio to the reference, unit-free, with its equal-tailed interval."""
 
-    Parameters
-    ----------
-    quantity : {"bias", "weber"}
-        Average user over reference (1 is no bias), or SD between users over reference.
-    estimate, lower, upper : float or ndarray
-        Unit-free.
-    level : float
-        Confidence level.
-    family : {"normal", "lognormal"}
-        Distribution between users; under ``"lognormal"`` the average is the geometric mean.
-    n : int or ndarray of int
-        Subjects.
-    """
-
-    quantity: Literal["bias", "weber"]
+    quantity: Literal["bias", "weber"]  # Average user over reference, or SD between users over reference
     estimate: FloatOrArray
     lower: FloatOrArray
     upper: FloatOrArray
     level: float
-    family: Family
-    n: int | NDArray[np.int64]
+    family: Family  # Under "lognormal" the average is the geometric mean
+    n: int | NDArray[np.int64]  # Subjects
 
     @property
     def covers(self) -> str:
@@ -278,7 +264,7 @@ def bias(
     Returns
     -------
     Ratio
-        Of shape (...).
+        With estimate, lower and upper of shape (...), 1 being no bias.
 
     Raises
     ------

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.record import FloatOrArray
-from percept.notebook import NotebookRecord
 
 _HUGE = 960  # binary exponent above which a sum of values may overflow
 _MOST_SUBJECTS = 2.0**53  # whole numbers above this are not told apart by doubles

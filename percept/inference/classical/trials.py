@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.classical.moments import (
     Moments,
     check_option,
@@ -17,7 +18,6 @@ from percept.inference.classical.moments import (
     sample,
 )
 from percept.inference.record import Family
-from percept.notebook import NotebookRecord
 
 _SHAPIRO_MOST = 5000  # beyond, the published approximation of its p-value is not valid
 
@@ -39,24 +39,12 @@ class SubjectMeans(NotebookRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class Normality(NotebookRecord):
-    """Shapiro–Wilk test on the scale of a family.
+    """Shapiro–Wilk test on the scale of a family."""
 
-    Parameters
-    ----------
-    statistic : float
-        W; 1 for a perfect fit.
-    p_value : float
-        Small where the family fits badly. With ten subjects only gross misfit shows.
-    family : {"normal", "lognormal"}
-        What was tested: the values, or their logarithms.
-    n : int
-        Subjects.
-    """
-
-    statistic: float
-    p_value: float
-    family: Family
-    n: int
+    statistic: float  # W; 1 for a perfect fit
+    p_value: float  # Small where the family fits badly; with ten subjects only gross misfit shows
+    family: Family  # Whether the values were tested, or their logarithms
+    n: int  # Subjects
 
 
 def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Family = "normal") -> SubjectMeans:
@@ -96,7 +84,7 @@ def check_normality(x: ArrayLike, *, family: Family = "normal") -> Normality:
     Returns
     -------
     Normality
-        For information, never a switch of method.
+        With statistic (W) and p_value: for information, never a switch of method.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
@@ -34,6 +35,9 @@ class Model(Protocol):
     def priors(self) -> Mapping[str, float]:
         """Priors in force, by their names in `Priors`; none under the reference prior."""
 
+    def identity(self) -> tuple[object, ...]:
+        """Everything that decides density and locations, as arrays and plain values."""
+
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
 
@@ -64,6 +68,17 @@ class Pooled:
     def priors(self) -> dict[str, float]:
         """Priors in force, by name."""
         return self.density.layout.priors_in_force
+
+    def identity(self) -> tuple[object, ...]:
+        """Everything that decides density and locations: statistics, priors, options, resolution."""
+        density = self.density
+        return (
+            "pooled",
+            dataclasses.astuple(density.statistics),
+            dataclasses.astuple(density.priors),
+            dataclasses.astuple(density.layout.options),
+            dataclasses.astuple(density.resolution),
+        )
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
@@ -123,6 +138,10 @@ class Product:
         """Priors in force in any of the models, by name."""
         return {name: value for model in self.models for name, value in model.priors.items()}
 
+    def identity(self) -> tuple[object, ...]:
+        """Return what decides each of the models."""
+        return ("product", *(model.identity() for model in self.models))
+
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
         parts = [model(part) for model, part in zip(self.models, self.split(points), strict=True)]
@@ -180,6 +199,10 @@ class Unpooled:
         """None that could be set."""
         return {}
 
+    def identity(self) -> tuple[object, ...]:
+        """Everything that decides the density: cells and counts, the data being standardised."""
+        return ("unpooled", self.cells, self._n)
+
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, C), shape (W,)."""
         t = points * self._unit
@@ -231,6 +254,10 @@ class IntervalEstimands:
             for side in ("lower", "upper")
             for p, e in self.cells
         )
+
+    def identity(self) -> tuple[object, ...]:
+        """Return what beside the model decides the limits."""
+        return ("intervals", self.kinds, self.level, self.share, self.confidence)
 
     def components(self, points: Array) -> Array:
         """ConditionalMoments per draw, packed: shape (W, 3 C)."""

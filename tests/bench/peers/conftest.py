@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from percept.bench.peers.joint import PlainDensity, shapes
-from percept.bench.peers.responses import Responses
+from percept.bench.peers.model import PlainDensity, Responses, shapes
 from percept.reproduce.published import dataset
 
 

@@ -2,20 +2,15 @@
 
 import dataclasses
 import html.parser
-import importlib.util
 import json
 
 import numpy as np
 import pytest
 
 from percept.bench.growth import Growth
-from percept.bench.peers.document import build_document, reached
-from percept.bench.peers.engines import engine
-from percept.bench.peers.measure import Measured, Startup, measure
+from percept.bench.peers.document import PAGE, build_document, reached, write_benchmark
+from percept.bench.peers.processes import COMMANDS, Measured, Startup, Whole, comparisons
 from percept.bench.peers.reference import LongRun, Reference
-from percept.bench.peers.whole import COMMANDS, Whole, comparisons
-from percept.bench.peers.write import PAGE, write_benchmark
-from percept.errors import RefusalError
 
 
 def row(name, size, warm, error, *, how="draws", cold_more=10.0, steps=14.0):
@@ -160,20 +155,3 @@ def test_page_holds_everything_and_asks_for_nothing(tmp_path):
     assert json.loads((tmp_path / "out" / "benchmark.json").read_text(encoding="utf-8")) == made
     svg = (tmp_path / "out" / "figures" / "time-warm.svg").read_text(encoding="utf-8")
     assert "time (s)" in svg
-
-
-def test_an_engine_in_its_own_process_agrees_with_what_it_is_measured_against(sessions):
-    """emcee's stretch moves on the joint density, far too short: an honest error, not agreement."""
-    startups, found = measure([engine("emcee")], sessions, reference(), quick=True)
-    assert [one.engine for one in startups] == ["emcee"]
-    (one,) = found
-    assert one.repeats == 1
-    assert 0.0 < one.warm < one.cold or startups[0].seconds == (0.0,)
-    assert one.error > 0.1
-    assert one.agreement > 3.0
-
-
-@pytest.mark.skipif(importlib.util.find_spec("nutpie") is not None, reason="nutpie is installed")
-def test_an_engine_that_is_not_installed_says_what_to_install(sessions):
-    with pytest.raises(RefusalError, match=r"process of nutpie failed.*pip install 'percept\[peers\]'"):
-        measure([engine("nutpie")], sessions, reference(), quick=True)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.bench.peers.engines import ENGINES, engine
+from percept.bench.peers.engines import percept_model
 from percept.bench.peers.reference import LongRun, Reference, make_reference, stored_reference
-from percept.bench.peers.with_percept import estimands_of
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 from percept.inference.sampling.records import Settings
 from percept.inference.sampling.run import sample
 
@@ -55,9 +54,9 @@ def test_stored_reference_comes_from_two_samplers_that_agree(stored):
 
 
 def test_a_short_run_agrees_with_the_stored_reference(sessions, stored):
-    estimands = estimands_of(sessions)
+    model, estimands = percept_model(sessions)
     assert estimands.cells == stored.cells
-    run = sample(estimands.model, estimands, Settings(tolerance=0.05, seed=71))
+    run = sample(model, estimands, Settings(tolerance=0.05, seed=71))
     value = run.estimates.value.reshape(stored.own.value.shape)
     error = np.hypot(run.errors.reshape(value.shape), stored.own.error)
     assert np.abs((value - stored.own.value) / error).max() < stats.norm.isf(0.5 * 1e-4 / value.size)
@@ -91,14 +90,8 @@ def test_finished_runs_are_not_run_again(tmp_path, sessions, stored):
         (tmp_path / f"{name}-{'a' * 12}.jsonl").write_text(text, encoding="utf-8")
     lines = []
     found = make_reference(
-        sessions, "a" * 64, tmp_path, command="x", own_effective=100, other_effective=100, told=lines.append
+        sessions, "a" * 64, tmp_path, command="x", own_effective=100, other_effective=100, log=lines.append
     )
     assert lines[-1] == "own: run 2, 120 of 100 effective draws"
     assert np.array_equal(found.own.value, stored.own.value)
     assert found.own.runs == 2
-
-
-def test_engines_are_found_by_name():
-    assert all(engine(one.name) is one for one in ENGINES)
-    with pytest.raises(UsageError, match="no such engine; they are percept, percept-stretch"):
-        engine("stan")

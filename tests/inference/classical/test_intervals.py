@@ -162,25 +162,6 @@ def test_stiffness_and_damping_hold_together(make, joint, least, most):
     assert least - 4 * np.sqrt(0.16 / studies) <= held <= most + 4 * np.sqrt(0.16 / studies)
 
 
-@pytest.mark.parametrize("family", ["normal", "lognormal"])
-@pytest.mark.parametrize("n", [3, 10])
-def test_each_kind_covers_what_it_says_and_the_misreading_does_not(family, n):
-    studies, sigma = 10_000, 0.3
-    drawn = np.random.default_rng(n).normal(1.0, sigma, (studies, n + 1))
-    users, newcomer = (np.exp(drawn) if family == "lognormal" else drawn)[:, :n], drawn[:, n]
-    mean, user, share = (make(users, family=family) for make in KINDS)
-    ends = [np.stack([interval.lower, interval.upper]) for interval in (mean, user, share)]
-    mean_ends, user_ends, share_ends = np.log(ends) if family == "lognormal" else ends
-    low, high = stats.norm.cdf((share_ends - 1.0) / sigma)
-    for held, stated in (
-        ((mean_ends[0] <= 1.0) & (mean_ends[1] >= 1.0), 0.99),
-        ((user_ends[0] <= newcomer) & (user_ends[1] >= newcomer), 0.99),
-        (high - low >= 0.99, 0.95),
-        ((mean_ends[0] <= newcomer) & (mean_ends[1] >= newcomer), mean.expected_share[0]),
-    ):
-        assert abs(held.mean() - stated) <= 4 * np.sqrt(stated * (1 - stated) / studies)
-
-
 @pytest.mark.parametrize("level", [0.5, 0.9, 0.999999, 1.0 - 1e-12])
 @pytest.mark.parametrize("make", [t_interval, prediction_interval])
 def test_levels_up_to_the_last_digit(make, level):

@@ -1,0 +1,311 @@
+"""Engines and whole commands timed in processes of their own.
+
+``python -m percept.bench.peers.processes TASK.json`` is the process of one engine: a first run from the start
+of the process, then runs of every budget. It prints JSON.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from percept.bench.peers.engines import Engine, engine, missing_packages
+from percept.bench.peers.model import Responses
+from percept.errors import RefusalError
+
+if TYPE_CHECKING:
+    # What it needs would count as the start of every engine's process.
+    from percept.bench.peers.reference import Reference
+
+_SPACING = 1000  # seeds between processes
+
+
+@dataclasses.dataclass(frozen=True)
+class Startup:
+    """What the first run of a process takes beyond a later one: imports, data, building and compiling."""
+
+    engine: str
+    seconds: tuple[float, ...]  # Wall time of every process
+    processor: float  # Median processor time of the same, s
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """One engine at one budget, limits worked out in one way; medians over repeats."""
+
+    engine: str
+    how: str  # "mixture" or "draws"
+    size: float  # Budget in the engine's unit
+    repeats: int
+    warm: float  # Wall time of sampling and limits, s
+    cold: float  # The same with the start of the process, s
+    warm_range: tuple[float, float]  # Shortest and longest warm time
+    processor: float  # Processor time of a warm run, s
+    error: float  # Root mean square over all limits of the difference from the reference, over half-widths
+    error_range: tuple[float, float]  # Smallest and largest
+    effective_per_second: float  # Effective draws of the slowest quantity, per second of a warm run
+    effective_per_processor_second: float  # The same per second of processor time
+    agreement: float  # Root mean square of (limit - reference) over the Monte Carlo error of both
+    notes: dict[str, float]  # Medians of what the engine said
+
+
+def measure(
+    engines: Sequence[Engine],
+    source: str,
+    reference: Reference,
+    *,
+    starts: int = 3,
+    seconds: float = 150.0,
+    quick: bool = False,
+    log: Callable[[str], None] = lambda line: None,
+) -> tuple[list[Startup], list[Measured]]:
+    """Measure engines one after the other."""
+    startups: list[Startup] = []
+    measured: list[Measured] = []
+    with tempfile.TemporaryDirectory() as folder:
+        study = str(Path(folder, "study.npz"))
+        Responses.of_sessions(source).save(study)
+        for one in engines:
+            budgets = ((one.quick, 1),) if quick else one.budgets
+            children = []
+            for start in range(1 if quick else starts):
+                log(f"{one.title}: process {start + 1}")
+                task = {
+                    "engine": one.name, "study": study, "source": str(Path(source).resolve()),
+                    "budgets": budgets if start == 0 else ((budgets[0][0], 0),), "seconds": seconds,
+                    "seed": 1 + _SPACING * start,
+                }  # fmt: skip
+                children.append(_child(task, Path(folder, "task.json")))
+            startup = _startup(one.name, children)
+            startups.append(startup)
+            measured += _reduced(one.name, children[0]["runs"], startup, reference)
+    return startups, measured
+
+
+def _child(task: dict[str, Any], file: Path) -> dict[str, Any]:
+    file.write_text(json.dumps(task | {"started": time.time()}), encoding="utf-8")
+    output = _output(["-m", "percept.bench.peers.processes", str(file)], f"the process of {task['engine']}")
+    # Some libraries print to standard output, around the result.
+    result: dict[str, Any] = json.JSONDecoder().raw_decode(output, output.index('{"first"'))[0]
+    return result
+
+
+def _output(arguments: Sequence[str], name: str, **changes: str) -> str:
+    """Run Python in a process of its own; its standard output."""
+    from percept.bench.measure import as_installed
+
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, check=False, env=as_installed(**changes)
+    )
+    if done.returncode:
+        last = done.stderr.strip().splitlines()[-1:] or ["no message"]
+        raise RefusalError(f"{name} failed: {last[0]}")
+    return done.stdout
+
+
+def _startup(name: str, children: list[dict[str, Any]]) -> Startup:
+    runs = children[0]["runs"]
+    again = [run for run in runs if run["size"] == runs[0]["size"]]
+    warm, processor = (statistics.median(run[key] for run in again) for key in ("seconds", "processor"))
+    return Startup(
+        name,
+        tuple(max(child["first"] - warm, 0.0) for child in children),
+        max(statistics.median(child["first_processor"] for child in children) - processor, 0.0),
+    )
+
+
+def _reduced(name: str, runs: list[dict[str, Any]], startup: Startup, reference: Reference) -> list[Measured]:
+    rows = []
+    for size in dict.fromkeys(run["size"] for run in runs):
+        group = [run for run in runs if run["size"] == size]
+        seconds = [run["seconds"] for run in group]
+        warm, processor = statistics.median(seconds), statistics.median(run["processor"] for run in group)
+        for how in group[0]["limits"]:
+            limits = [run["limits"][how] for run in group]
+            values = np.array([one["value"] for one in limits])
+            claimed = np.hypot([one["error"] for one in limits], reference.own.error)
+            errors = [reference.relative_error(value) for value in values]
+            effective = statistics.median(one["effective"] for one in limits)
+            rows.append(
+                Measured(
+                    engine=name,
+                    how=how,
+                    size=size,
+                    repeats=len(group),
+                    warm=warm,
+                    cold=statistics.median(startup.seconds) + warm,
+                    warm_range=(min(seconds), max(seconds)),
+                    processor=processor,
+                    error=statistics.median(errors),
+                    error_range=(min(errors), max(errors)),
+                    effective_per_second=effective / warm,
+                    effective_per_processor_second=effective / processor,
+                    agreement=float(np.sqrt(np.mean(((values - reference.own.value) / claimed) ** 2))),
+                    notes={
+                        key: statistics.median(run["notes"][key] for run in group)
+                        for key in group[0]["notes"]
+                    },
+                )
+            )
+    return rows
+
+
+_NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"
+#: Name to arguments of Python; SESSIONS, SCENE, OUT and SEED, another in every round, are filled in.
+COMMANDS = {
+    "import pymc": ("-c", "import pymc"),
+    "import what percept fit needs": ("-c", f"import {_NEEDED}"),
+    "percept report": (
+        "-m", "percept", "report", "SESSIONS", "--out", "OUT", "--seed", "SEED", "--scene", "SCENE",
+    ),
+    "percept fit": ("-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--seed", "SEED"),
+    "percept fit, 2 %": (
+        "-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--seed", "SEED", "--tolerance", "0.02",
+    ),
+    "percept fit, classical": (
+        "-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--method", "classical",
+    ),
+}  # fmt: skip
+#: Command, what it is compared with, and the largest ratio promised.
+_PROMISES = (
+    ("percept report", "import pymc", 2.0),
+    ("percept fit", "import pymc", 1.0),
+    ("percept fit, classical", "import pymc", 0.35),
+    ("percept fit, 2 %", "import what percept fit needs", 1.6),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Whole:
+    """Wall times of one command, each in a new process."""
+
+    name: str
+    command: str  # As typed
+    seconds: tuple[float, ...]  # Every run, s, in order
+    median: float  # Their median
+    processor: float  # Median processor time, s
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """A command's time over another's."""
+
+    command: str
+    against: str
+    ratio: float  # Median over the rounds, of wall times
+    processor_ratio: float  # Of the median processor times
+    promised: float  # Largest ratio promised
+
+    @property
+    def kept(self) -> bool:
+        """Whether the wall time keeps the promise."""
+        return self.ratio <= self.promised
+
+
+def installed_commands() -> dict[str, tuple[str, ...]]:
+    """Commands whose packages are installed."""
+    return {
+        name: words
+        for name, words in COMMANDS.items()
+        if name != "import pymc" or not missing_packages(("pymc",))
+    }
+
+
+def whole_commands(
+    sessions: str, scene: str, *, repeats: int, commands: Mapping[str, Sequence[str]]
+) -> list[Whole]:
+    """Run every command in turn, round by round, so that all see the machine alike."""
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
+    for round_ in range(repeats + 1):
+        for name, words in commands.items():
+            with tempfile.TemporaryDirectory() as out:
+                spent = _timed(_filled(words, sessions, scene, str(Path(out, "out")), str(round_)))
+            if round_:  # the first fills the system's caches
+                times[name].append(spent)
+    rows = []
+    for name, words in commands.items():
+        wall, processor = zip(*times[name], strict=True)
+        filled = _filled(words, "SESSIONS", "SCENE", "DIR", "SEED")
+        typed = " ".join(f'"{word}"' if " " in word else word for word in filled)
+        typed = f"python {typed}".replace("python -m percept", "percept")
+        rows.append(Whole(name, typed, wall, statistics.median(wall), statistics.median(processor)))
+    return rows
+
+
+def comparisons(rows: Sequence[Whole]) -> list[Comparison]:
+    """Return the ratios that are promised, of the commands that were run."""
+    by_name = {one.name: one for one in rows}
+    found = []
+    for command, against, promised in _PROMISES:
+        if command in by_name and against in by_name:
+            one, other = by_name[command], by_name[against]
+            ratio = statistics.median(a / b for a, b in zip(one.seconds, other.seconds, strict=True))
+            found.append(Comparison(command, against, ratio, one.processor / other.processor, promised))
+    return found
+
+
+def _filled(words: Sequence[str], sessions: str, scene: str, out: str, seed: str) -> list[str]:
+    values = {"SESSIONS": sessions, "SCENE": scene, "OUT": out, "SEED": seed}
+    return [values.get(word, word) for word in words]
+
+
+def _timed(words: Sequence[str]) -> tuple[float, float]:
+    """Wall and processor seconds of one process; percept finds no posterior kept from an earlier one."""
+    before, started = os.times(), time.perf_counter()
+    _output(words, " ".join(words[:3]), PERCEPT_CACHE="off")
+    wall, after = time.perf_counter() - started, os.times()
+    processor = after.children_user + after.children_system - before.children_user - before.children_system
+    return wall, processor
+
+
+def main(task_file: str) -> None:
+    """Run an engine as its task says and print what it gave."""
+    task = json.loads(Path(task_file).read_text(encoding="utf-8"))
+    warnings.simplefilter("ignore")  # samplers warn about runs as short as some of these are meant to be
+    sampler = engine(task["engine"]).prepare(Responses.load(task["study"]), task["source"])
+    seed = task["seed"]
+    runs: list[dict[str, Any]] = []
+    sampler(task["budgets"][0][0], seed)
+    first, first_processor = time.time() - task["started"], processor_seconds()
+    for size, repeats in task["budgets"]:
+        for _ in range(repeats):
+            if runs and time.time() - task["started"] > task["seconds"]:
+                break
+            seed += 1
+            before = processor_seconds()
+            fitted = sampler(size, seed)
+            spent = processor_seconds() - before
+            runs.append({"size": size, "processor": spent} | dataclasses.asdict(fitted))
+    result = {"first": first, "first_processor": first_processor, "runs": runs}
+    json.dump(result, sys.stdout, default=np.ndarray.tolist)
+
+
+def processor_seconds() -> float:
+    """Processor seconds of this process, of those it has waited for, and of its children that still run."""
+    times = os.times()
+    seconds = times.user + times.system + times.children_user + times.children_system
+    # Linux lists running children; where a system does not, they count when they end.
+    for listed in Path("/proc/self/task").glob("*/children"):
+        for pid in listed.read_text().split():
+            with suppress(FileNotFoundError, ProcessLookupError):
+                # User and system time, the 14th and 15th fields; the second may hold spaces.
+                fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+                seconds += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return seconds
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,234 @@
+"""Posteriors that were sampled before, found by what they depend on."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import io
+import json
+import logging
+import os
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import percept
+from percept.errors import UsageError
+from percept.files import exclusive, remove_abandoned, shared, write_whole
+from percept.inference.sampling.estimands import Estimates
+from percept.inference.sampling.records import Gate, Run, Settings
+
+_SUFFIX = ".npz"
+_ARRAYS = ("points", "components", "errors", "times")
+#: Bytes the cache may take where PERCEPT_CACHE_LIMIT does not say otherwise.
+_DEFAULT_LIMIT = 1_000_000_000
+_log = logging.getLogger("percept.cache")
+
+
+def cache_folder() -> Path | None:
+    """Return PERCEPT_CACHE, None where it is "off", else ``percept`` in the user's cache folder."""
+    named = os.environ.get("PERCEPT_CACHE")
+    if named == "off":
+        return None
+    if named:
+        return Path(named).expanduser()
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
+    elif sys.platform == "darwin":
+        base = "~/Library/Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(base).expanduser() / "percept"
+
+
+def cache_limit() -> int:
+    """Return how many bytes the cache may take: PERCEPT_CACHE_LIMIT, in megabytes, or a gigabyte."""
+    text = os.environ.get("PERCEPT_CACHE_LIMIT")
+    if not text:
+        return _DEFAULT_LIMIT
+    try:
+        megabytes = float(text)
+    except ValueError:
+        megabytes = 0.0
+    if not 0.0 < megabytes < 1e12:
+        raise UsageError(
+            "must be a number of megabytes above zero.",
+            key="PERCEPT_CACHE_LIMIT",
+            value=text,
+            hint="Use --no-cache to do without the cache.",
+        )
+    return int(megabytes * 1e6)
+
+
+@functools.cache
+def numbers_version(*parts: str) -> str:
+    """Return what else decides the digits of a result: versions, and a digest of parts of percept's code."""
+    # emcee's version is read without importing it, which would cost what the cache saves.
+    packages = {name: metadata.version(name) for name in ("numpy", "scipy", "emcee")}
+    root = Path(percept.__file__).parent
+    code = hashlib.sha256()
+    for part in parts:
+        for path in sorted((root / part).rglob("*.py")) or [root / f"{part}.py"]:
+            code.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return f"percept {percept.__version__} {packages} code {code.hexdigest()}"
+
+
+def digest(*parts: object) -> str:
+    """Return the SHA-256 of nested tuples, lists and dicts of text, numbers, None and arrays."""
+    return hashlib.sha256(json.dumps(parts, default=_array, sort_keys=True).encode()).hexdigest()
+
+
+def _array(value: Any) -> list[object]:
+    if not isinstance(value, np.ndarray) or value.dtype.hasobject:
+        raise TypeError(f"{type(value).__name__} has no digest.")
+    return [value.dtype.str, value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
+
+
+def encode(run: Run) -> bytes:
+    """Turn a run into an npz archive: its arrays, and the rest as JSON."""
+    rest = {
+        "names": run.estimates.names,
+        "gate": dataclasses.asdict(run.gate),
+        "steps": run.steps,
+        "stride": run.stride,
+        "settings": dataclasses.asdict(run.settings),
+    }
+    arrays = {name: getattr(run, name) for name in _ARRAYS}
+    arrays |= {"value": run.estimates.value, "scale": run.estimates.scale}
+    archive = io.BytesIO()
+    np.savez(archive, rest=np.frombuffer(json.dumps(rest).encode(), dtype=np.uint8), **arrays)
+    return archive.getvalue()
+
+
+def decode(data: bytes) -> Run:
+    """Turn an archive into the run it was made of; damage raises whatever numpy's reader meets."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as kept:
+        rest = json.loads(kept["rest"].tobytes())
+        gate = Gate(**{**rest["gate"], "reasons": tuple(rest["gate"]["reasons"])})
+        return Run(
+            **{name: kept[name] for name in _ARRAYS},
+            estimates=Estimates(tuple(rest["names"]), kept["value"], kept["scale"]),
+            gate=gate,
+            steps=rest["steps"],
+            stride=rest["stride"],
+            settings=Settings(**rest["settings"]),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One stored run."""
+
+    key: str  # Digest of what it was asked
+    size: int  # Bytes
+    used: int  # When it was last stored or found, ns
+
+
+class PosteriorCache:
+    """Runs that were finished before, by what they were asked; safe to share between processes.
+
+    An entry is written whole or not at all, and is discarded with a message when it is damaged. Nothing here
+    can fail an analysis: what cannot be read is computed, what cannot be written is said and left. Beyond
+    `limit` bytes the entries not used for longest go.
+    """
+
+    def __init__(self, folder: Path, *, limit: int | None = None) -> None:
+        self.folder = folder
+        self.limit = cache_limit() if limit is None else limit
+
+    def run(self, asked: tuple[object, ...], compute: Callable[[], Run]) -> Run:
+        """Return the stored run of what is asked, or compute and store it; equal in every digit."""
+        path = self._path(digest(numbers_version("inference"), *asked))
+        found = self._load(path)
+        if found is None:
+            found = compute()
+            self._store(path, found)
+        return found
+
+    def entries(self) -> list[Entry]:
+        """Return what is stored, the longest unused first."""
+        found = []
+        for path in self.folder.glob(f"[!.]*{_SUFFIX}"):
+            with suppress(FileNotFoundError):
+                status = path.stat()
+                found.append(Entry(path.stem, status.st_size, status.st_mtime_ns))
+        return sorted(found, key=lambda entry: (entry.used, entry.key))
+
+    def clear(self) -> int:
+        """Remove every entry and what killed processes left; return how many entries went."""
+        if not self.folder.is_dir():
+            return 0
+        with exclusive(self.folder) as held:
+            entries = self.entries()
+            for entry in entries:
+                self._path(entry.key).unlink(missing_ok=True)
+            if held:
+                remove_abandoned(self.folder)
+        return len(entries)
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}{_SUFFIX}"
+
+    def _load(self, path: Path) -> Run | None:
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            _log.warning("A stored posterior cannot be read (%s) and is computed again.", _why(error))
+            return None
+        try:
+            run = decode(data)
+        except Exception as damage:  # noqa: BLE001 - bytes at will can raise anything in zip, npy and JSON
+            _log.warning("A stored posterior is damaged (%s): discarded, computed again.", damage)
+            with suppress(OSError):
+                path.unlink()
+            return None
+        _stamp(path)
+        _log.info("posterior %s found in %s", path.stem[:12], self.folder)
+        return run
+
+    def _store(self, path: Path, run: Run) -> None:
+        data = encode(run)
+        if len(data) > self.limit:
+            _log.info("posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data))
+            return
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with shared(self.folder):
+                write_whole(path, data)
+                _stamp(path)
+                self._evict(keep=path.stem)
+            with exclusive(self.folder, wait=False) as held:
+                if held:
+                    remove_abandoned(self.folder)
+        except BlockingIOError:
+            pass  # somebody else is writing, and will tidy up
+        except OSError as error:
+            _log.warning("The posterior was not kept for next time in %s: %s.", self.folder, _why(error))
+
+    def _evict(self, *, keep: str) -> None:
+        entries = self.entries()
+        total = sum(entry.size for entry in entries)
+        for entry in entries:
+            if total > self.limit and entry.key != keep:
+                self._path(entry.key).unlink(missing_ok=True)
+                total -= entry.size
+
+
+def _stamp(path: Path) -> None:
+    """Mark as used now; the file system's own times are milliseconds apart."""
+    now = time.time_ns()
+    with suppress(OSError):  # gone by another process, or not ours to touch: its turn comes sooner
+        os.utime(path, ns=(now, now))
+
+
+def _why(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

@@ -1,0 +1,222 @@
+"""Files that are whole or not there, folders that one run holds, and folders of results moved into place."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import secrets
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from percept.errors import UsageError
+
+_SUFFIX = ".part"
+_ASIDE = ".percept-unfinished-"
+_HINT = "Rename it, or choose another folder."
+# What a file system says that has no locks; those of NFS before version 4 among them.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
+
+    `path` is never seen in part, whatever stops the process or the machine: the bytes go to the disk first.
+    """
+    path = path.resolve()
+    aside = path.with_name(f".{path.name}-{secrets.token_hex(8)}{_SUFFIX}")
+    aside.touch(exist_ok=False)  # with the permissions any new file has, which `tempfile` would not give
+    try:
+        yield aside
+        _sync(aside, os.O_RDWR)
+        aside.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            aside.unlink()
+        raise
+    _sync_folder(path.parent)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file by `whole_file`."""
+    with whole_file(path) as aside:
+        aside.write_bytes(data)
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove what `whole_file` left in a folder when its process was killed.
+
+    To be called by the one who holds the folder by `exclusive`: nobody is writing then.
+    """
+    for path in folder.glob(f".*-*{_SUFFIX}"):
+        with suppress(OSError):
+            path.unlink()
+
+
+@contextmanager
+def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
+    """Hold a folder alone, among those who ask by this function or `shared`.
+
+    The operating system locks the folder itself, so the lock ends with the process however that ends.
+    """
+    with _locked(folder, alone=True, wait=wait) as held:
+        yield held
+
+
+@contextmanager
+def shared(folder: Path) -> Iterator[bool]:
+    """Hold a folder together with others; `exclusive` waits, or fails, as long as it lasts."""
+    with _locked(folder, alone=False, wait=True) as held:
+        yield held
+
+
+def _sync(path: Path, mode: int) -> None:
+    handle = os.open(path, mode)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+if sys.platform == "win32":
+
+    @contextmanager
+    def _locked(folder: Path, *, alone: bool, wait: bool) -> Iterator[bool]:
+        yield False
+
+    def _sync_folder(folder: Path) -> None:
+        """Do nothing: a folder cannot be opened here."""
+
+else:
+    import fcntl
+
+    @contextmanager
+    def _locked(folder: Path, *, alone: bool, wait: bool) -> Iterator[bool]:
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            how = fcntl.LOCK_EX if alone else fcntl.LOCK_SH
+            try:
+                fcntl.flock(handle, how if wait else how | fcntl.LOCK_NB)
+                held = True
+            except BlockingIOError:
+                raise
+            except OSError as error:
+                if error.errno not in _NO_LOCKS:
+                    raise
+                held = False
+            yield held
+        finally:
+            os.close(handle)
+
+    def _sync_folder(folder: Path) -> None:
+        with suppress(OSError):  # some network file systems refuse it
+            _sync(folder, os.O_RDONLY)
+
+
+@contextmanager
+def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
+    """Give an empty folder to write into; its files move to `out_dir` at the end, `last` as the last of them.
+
+    An error inside leaves `out_dir` as it was. A list of the files and their hashes goes with them, in the
+    form of ``sha256sum`` and named after `last`. A file of an earlier list that is not written again goes,
+    unless somebody changed it. Every other file stays. Of two runs into one folder the later one wins.
+    """
+    if not str(out_dir):
+        raise UsageError("the name of the folder to write is empty.", hint="Name one, or leave it out.")
+    out = Path(out_dir).resolve()
+    if out.exists() and not out.is_dir():
+        raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))
+    missing = [parent for parent in out.parents if not parent.exists()]
+    held = ExitStack()
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        # Only within one file system is a move all or nothing, and a folder may be where another begins.
+        place = out if out.is_dir() else out.parent
+        _remove_abandoned(place)
+        aside = _make_aside(place, held)
+    except OSError as error:
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+    try:
+        yield aside
+        out.mkdir(exist_ok=True)
+        with exclusive(out):
+            _move(aside, out, last)
+    except OSError as error:
+        if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
+            raise
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+        held.close()
+        with suppress(OSError):
+            for parent in missing:
+                parent.rmdir()  # only where nothing came of it: a folder with something in it stays
+
+
+def _make_aside(place: Path, held: ExitStack) -> Path:
+    """Make a folder in `place` and hold it."""
+    while True:
+        aside = Path(tempfile.mkdtemp(prefix=_ASIDE, dir=place))
+        with suppress(FileNotFoundError):
+            held.enter_context(shared(aside))
+            if aside.exists():  # nobody took it for an abandoned one before it was held
+                return aside
+
+
+def _remove_abandoned(place: Path) -> None:
+    """Remove folders of runs that were killed: nobody holds them any more."""
+    for aside in place.glob(f"{_ASIDE}*"):
+        with suppress(OSError), exclusive(aside, wait=False) as held:
+            if held:
+                shutil.rmtree(aside)
+
+
+def _move(aside: Path, out: Path, last: str) -> None:
+    files = sorted(path.relative_to(aside) for path in aside.rglob("*") if path.is_file())
+    new = {path: _hash(aside / path) for path in files}
+    listing = Path(last).with_suffix(".sha256")
+    _refuse_in_the_way(out, [*files, listing])
+    old = _listed(out / listing)
+    (aside / listing).write_text(
+        "".join(f"{digest}  {path.as_posix()}\n" for path, digest in new.items()), encoding="utf-8"
+    )
+    for path in [*(path for path in files if path.name != last), listing, Path(last)]:
+        (out / path).parent.mkdir(parents=True, exist_ok=True)
+        (aside / path).replace(out / path)
+    for path, digest in old.items():
+        stale = out / path
+        if path not in new and stale.is_file() and _hash(stale) == digest:
+            stale.unlink()
+
+
+def _refuse_in_the_way(out: Path, files: list[Path]) -> None:
+    """Refuse before the first move: a folder where a file goes, a file where a folder does."""
+    for path in files:
+        if (out / path).is_dir():
+            raise UsageError("a file is needed here, and this is a folder.", file=str(out / path), hint=_HINT)
+        for folder in path.parents:
+            if (out / folder).exists() and not (out / folder).is_dir():
+                raise UsageError(
+                    "a folder is needed here, and this is a file.", file=str(out / folder), hint=_HINT
+                )
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _listed(path: Path) -> dict[Path, str]:
+    """Return what an earlier list names, inside its own folder only."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return {}
+    found = {Path(name): digest for digest, _, name in (line.partition("  ") for line in lines) if name}
+    return {
+        path: digest for path, digest in found.items() if not path.is_absolute() and ".." not in path.parts
+    }

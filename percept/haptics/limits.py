@@ -1,0 +1,287 @@
+"""What a device can carry: the stiffest couplings, the region of stable ones, passive rendering (Eq. 10).
+
+With b the device's damping, β the coupling's in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over all ω
+reads K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above; below 1/8 nothing
+is stable. Under the true hold it is K² ≤ 16bβ and β ≤ πb.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from percept.errors import UsageError
+from percept.haptics.arrays import (
+    FloatArray,
+    IntArray,
+    Scalars,
+    checked_period,
+    nonnegative_array,
+    one_of,
+    ratio,
+    stored,
+)
+from percept.haptics.impedance import DISCRETIZATIONS, HOLDS, device_parts, warp
+from percept.haptics.records import AnyDevice, Device, Environment
+from percept.haptics.search import rising_root, search_grid, section_minimum
+from percept.haptics.stability import demands
+from percept.html import NotebookRecord
+
+_MODELS = ("colgate", "tustin")
+# β/b of the cheapest coupling: where ∂K/∂β = 0, β² − 5.5·bβ − 2b² = 0.
+_CHEAPEST = (11 + np.sqrt(153)) / 4
+# b_c/b up to which the limit is set at DC under the backward difference (β = 5b there).
+_DC_LIMIT = 5 - 2 * np.sqrt(5)
+
+
+def max_coupling_stiffness(
+    device_damping: ArrayLike,
+    coupling_damping: ArrayLike,
+    period: float,
+    *,
+    discretization: str = "backward",
+    hold: str = "average",
+) -> FloatArray:
+    """Return the largest k_c with which a rigid device is stable.
+
+    Parameters
+    ----------
+    device_damping : array_like
+        b_d, N·s/m, zero or more.
+    coupling_damping : array_like
+        b_c, N·s/m, zero or more.
+    period : float
+        Sampling period T, s.
+    discretization : {"backward", "tustin"}
+        Eq. 6 (default), or Eq. 12's form.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+
+    Returns
+    -------
+    ndarray
+        N/m, of the broadcast shape; 0 where no positive stiffness is stable.
+
+    Raises
+    ------
+    UsageError
+        A negative damping, T not positive, a value that is not finite, an unknown discretization or hold.
+    """
+    period = checked_period(period)
+    one_of(discretization, "discretization", DISCRETIZATIONS)
+    one_of(hold, "hold", HOLDS)
+    b, b_c = np.broadcast_arrays(
+        nonnegative_array(device_damping, "device damping", "N·s/m"),
+        nonnegative_array(coupling_damping, "coupling damping", "N·s/m"),
+    )
+    if discretization == "tustin":
+        return (_stretch(b, b_c, hold) / period)[()]
+    at_dc = 4 * np.sqrt(b) * (np.sqrt(b) + np.sqrt(b + b_c))
+    if hold == "true":
+        stretch = np.minimum(at_dc, np.maximum(0.0, 2 * (np.pi * b - b_c)))
+    else:
+        c = ratio(b_c, b, empty=np.inf)
+        interior = (c > _DC_LIMIT) & (c < 8)
+        stretch = np.where(c > _DC_LIMIT, 0.0, at_dc)
+        room = np.where(interior, ratio(8 * b - b_c, b, empty=0.0), 1.0)
+        stretch = np.where(interior, 2 * b * _interior_root(np.where(interior, c, 7.0), room), stretch)
+    return (stretch / period)[()]
+
+
+def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
+    """Return the largest K = k_c·T at a damping β in Tustin's form, N·s/m; 0 where there is none."""
+    if hold == "true":
+        return np.where(beta <= np.pi * b, 4 * np.sqrt(b) * np.sqrt(beta), 0.0)
+    rho = ratio(b, beta, empty=0.0)
+    inner = np.clip(rho, 0.125, 0.2)
+    # 8ρ − 1 as (8b − β)/β, which keeps its digits next to the limit.
+    left = np.where(rho > 0.2, 0.6, np.maximum(0.0, ratio(8 * b - beta, beta, empty=0.0)))
+    kappa = np.sqrt(left / 27) * (1 + inner) / inner
+    return np.where(rho > 0.2, 4 * np.sqrt(b) * np.sqrt(beta), 2 * beta * kappa)
+
+
+def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
+    """Return δ = K/2b of the backward difference: 27δ² = (c + δ)(e − δ)(1 + c + δ)², e = `room` = 8 − c.
+
+    The difference of the two sides is convex between the root and e: Newton from e falls onto the root
+    without overshooting.
+    """
+    c, room = np.broadcast_arrays(c, room)
+    shape, c, room = c.shape, c.ravel(), room.ravel()
+
+    def excess(which: IntArray, delta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        beta, left = c[which] + delta, room[which] - delta
+        value = 27 * delta**2 - beta * left * (1 + beta) ** 2
+        return value, 54 * delta - (1 + beta) ** 2 * (left - beta) - 2 * beta * left * (1 + beta)
+
+    return rising_root(excess, room, np.zeros_like(room), room).reshape(shape)
+
+
+def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: str) -> FloatArray:
+    """Return the largest stable k_c at each b_c, of any device; only that of a rigid one needs no search."""
+    if isinstance(device, Device) and not device.modes:
+        return np.asarray(max_coupling_stiffness(device.damping, b_c, period, hold=hold))
+
+    def limits(omega: FloatArray) -> FloatArray:
+        return stiffness_limits(omega, device, b_c, period, hold)
+
+    omega = search_grid(device, period)
+    seen = limits(omega[:, None])
+    least = seen.argmin(axis=0)
+    low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, omega.size - 1)]
+    return np.minimum(seen.min(axis=0), limits(section_minimum(limits, low, high)))
+
+
+def stiffness_limits(
+    omega: ArrayLike, device: AnyDevice, b_c: FloatArray, period: float, hold: str
+) -> FloatArray:
+    """Return the largest k_c that Eq. 10 allows at each ω: 0 where no positive one is, inf where any is."""
+    grid = warp(omega, period)
+    available, _ = device_parts(grid, device)
+    # Eq. 10 is viscous·β² + elastic·K² ≤ available·β.
+    viscous, elastic = demands(grid, hold)
+    spare = available - viscous * b_c
+    a, half_b = viscous / 4 + elastic, (viscous * b_c - available / 2) / 2
+    # a·K² + 2·half_b·K − b_c·spare = 0, in the form that adds terms of one sign.
+    root = np.hypot(half_b, np.sqrt(a) * np.sqrt(b_c) * np.sqrt(np.maximum(spare, 0.0)))
+    falling = ratio(root - half_b, a, empty=np.inf)
+    rising = ratio(b_c * spare, root + half_b, empty=0.0)
+    stretch = np.where(half_b <= 0, falling, rising)
+    return (np.where((spare < 0) | (available < 0), 0.0, stretch) / grid.period)[()]
+
+
+@dataclass(frozen=True)
+class BestDamping(NotebookRecord):
+    """The coupling damping with which a stiffness asks least of the device; floats or arrays."""
+
+    coupling_damping: Scalars  # b_c, N·s/m
+    device_damping: Scalars  # The b_d a rigid device then needs, N·s/m
+
+
+def best_coupling_damping(stiffness: ArrayLike, period: float) -> BestDamping:
+    """Return the b_c with which a coupling of given stiffness needs the least device damping (Eqs 6, 8).
+
+    Parameters
+    ----------
+    stiffness : array_like
+        k_c, N/m, zero or more.
+    period : float
+        Sampling period T, s.
+
+    Returns
+    -------
+    BestDamping
+        b_c, about 0.1248·k_cT, and the b_d then needed, 0.10695·k_cT, N·s/m, of the stiffness's shape.
+
+    Raises
+    ------
+    UsageError
+        A negative stiffness, T not positive, a value that is not finite.
+    """
+    stretch = nonnegative_array(stiffness, "stiffness", "N/m") * checked_period(period)
+    needed = 1 / (_CHEAPEST * 2 * np.sqrt((8 / _CHEAPEST - 1) / 27) * (1 + _CHEAPEST))
+    return BestDamping(
+        coupling_damping=stored((_CHEAPEST * needed - 0.5) * stretch), device_damping=stored(needed * stretch)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class StableRegion(NotebookRecord):
+    """Every coupling a rigid device can carry, as a polygon in the plane of (k_c, b_c).
+
+    The vertices go around the region, and the last joins the first. All but the corner at the origin lie
+    exactly on the region's edge.
+    """
+
+    stiffness: FloatArray  # (n,) N/m
+    damping: FloatArray  # (n,) N·s/m
+    device_damping: float  # b_d, N·s/m
+
+
+def stable_region(
+    device_damping: float, period: float, *, hold: str = "average", points: int = 257
+) -> StableRegion:
+    """Return the region of (k_c, b_c), by Eq. 6's coupling, that Eq. 10 allows a rigid device.
+
+    Parameters
+    ----------
+    device_damping : float
+        b_d, N·s/m, zero or more.
+    period : float
+        Sampling period T, s.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+    points : int
+        Vertices along the curved edge, at least 2.
+
+    Returns
+    -------
+    StableRegion
+        A polygon of points + 1 vertices.
+
+    Raises
+    ------
+    UsageError
+        A damping that is negative or not one number, T not positive, an unknown hold.
+    """
+    period = checked_period(period)
+    one_of(hold, "hold", HOLDS)
+    b = nonnegative_array(device_damping, "device damping", "N·s/m")
+    if b.ndim:
+        raise UsageError("a stable region is for one device damping.", value=device_damping)
+    # Half-cosine spacing: the edge leaves both ends like a square root.
+    fraction = np.sin(np.linspace(0, np.pi / 2, points)) ** 2
+    if hold == "true":
+        # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the whole edge.
+        damping = np.pi * b * fraction
+        stretch = 2 * np.pi * b * (1 - fraction)
+    else:
+        beta = b * (4.0 + 4.0 * fraction)
+        stretch = _stretch(np.broadcast_to(b, beta.shape), beta, hold)
+        damping = np.maximum(beta - stretch / 2, 0.0)
+    stiffness, damping = np.append(stretch, 0.0) / period, np.append(damping, 0.0)
+    stiffness.flags.writeable = damping.flags.writeable = False
+    return StableRegion(stiffness=stiffness, damping=damping, device_damping=float(b))
+
+
+def passivity_damping(environment: Environment, period: float, *, model: str = "colgate") -> FloatArray:
+    """Return the device damping above which an environment rendered without coupling is passive.
+
+    Parameters
+    ----------
+    environment : Environment
+        Its parameters may be arrays.
+    period : float
+        Sampling period T, s.
+    model : {"colgate", "tustin"}
+        "colgate": true zero-order hold and backward differences (Colgate & Schenkel), b_d > k·T/2 + abs(b)
+        for an environment without mass. "tustin": the averaging hold and Tustin's method (Eqs 7, 8),
+        b_d ≥ k·T/2 − b, whatever the mass.
+
+    Returns
+    -------
+    ndarray
+        N·s/m, of the environment's shape; a negative value is met by every device.
+
+    Raises
+    ------
+    UsageError
+        T not positive, an unknown model.
+
+    Notes
+    -----
+    Colgate and Schenkel ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT. With
+    u = sin²(θ/2) and backward differences throughout, the right-hand side is
+    k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so largest at DC, k·T/2 − b, or at Nyquist,
+    k·T/2 + b + 2m/T. In the paper's own model
+    Re Z_h = b_d + cos²(θ/2)(b − k·T/2) + (2m/T)·sin²(θ/2), smallest at DC where it can be negative at all.
+    """
+    one_of(model, "model", _MODELS)
+    period = checked_period(period)
+    k, b, m = (np.asarray(part) for part in (environment.stiffness, environment.damping, environment.mass))
+    elastic = k * (period / 2)
+    if model == "colgate":
+        return (elastic + b + m * (2 / period))[()]
+    return (elastic - b + 0.0 * m)[()]

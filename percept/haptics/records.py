@@ -1,0 +1,226 @@
+"""What is connected to what: devices, environments and couplings, checked once, when they are made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from percept.errors import UsageError
+from percept.haptics.arrays import (
+    LARGEST,
+    ComplexArray,
+    FloatArray,
+    Scalars,
+    complex_array,
+    nonnegative_array,
+    stored,
+)
+
+_UNITS = {"stiffness": "N/m", "damping": "N·s/m", "mass": "kg"}
+
+
+class _Parameters:
+    """Checks the fields named in `_UNITS` when a record is made: real, finite, not negative."""
+
+    def __post_init__(self) -> None:
+        owner = type(self).__name__
+        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
+            if field.name in _UNITS:
+                value = nonnegative_array(
+                    getattr(self, field.name), f"{owner} {field.name}", _UNITS[field.name]
+                )
+                object.__setattr__(self, field.name, stored(value))
+
+
+@dataclass(frozen=True)
+class Environment(_Parameters):
+    """A virtual environment, Z_e = m·s + b + k/s (Eq. 7).
+
+    Parameters
+    ----------
+    stiffness : float or array_like
+        k, N/m, zero or more.
+    damping : float or array_like
+        b, N·s/m, zero or more.
+    mass : float or array_like, optional
+        m, kg, zero or more.
+
+    Raises
+    ------
+    UsageError
+        Where a value is negative, NaN, infinite or not a number.
+
+    Notes
+    -----
+    Arrays broadcast against ω and each other by numpy's rules: with ω of shape (n, 1, 1), stiffness and
+    damping of shape (environments, draws) give results of shape (n, environments, draws).
+    """
+
+    stiffness: Scalars
+    damping: Scalars
+    mass: Scalars = 0.0
+
+
+@dataclass(frozen=True)
+class Coupling(_Parameters):
+    """A virtual coupling, Z_c = b + k/s (Eq. 6 or 12).
+
+    Parameters
+    ----------
+    stiffness : float or array_like
+        k_c, N/m, zero or more.
+    damping : float or array_like
+        b_c, N·s/m, zero or more.
+
+    Raises
+    ------
+    UsageError
+        Where a value is negative, NaN, infinite or not a number.
+    """
+
+    stiffness: Scalars
+    damping: Scalars
+
+
+@dataclass(frozen=True)
+class Mode(_Parameters):
+    """One flexible mode of a device: a mass carried by a spring and a damper.
+
+    Its impedance at the handle, m·s(b·s + k)/(m·s² + b·s + k), is passive whatever the numbers.
+
+    Parameters
+    ----------
+    mass : float or array_like
+        kg, zero or more.
+    stiffness : float or array_like
+        N/m, zero or more.
+    damping : float or array_like
+        N·s/m, zero or more.
+
+    Raises
+    ------
+    UsageError
+        Where a value is negative, NaN, infinite or not a number.
+    """
+
+    mass: Scalars
+    stiffness: Scalars
+    damping: Scalars
+
+
+@dataclass(frozen=True)
+class Device(_Parameters):
+    """A haptic device, Z_d = m·s + b (Eq. 5), with flexible modes beside it where there are any.
+
+    Parameters
+    ----------
+    mass : float or array_like
+        kg, zero or more.
+    damping : float or array_like
+        N·s/m, zero or more.
+    modes : iterable of Mode, optional
+        Each adds its own impedance.
+
+    Raises
+    ------
+    UsageError
+        Where a value is negative, NaN, infinite or not a number, or a mode is not a `Mode`.
+    """
+
+    mass: Scalars
+    damping: Scalars
+    modes: tuple[Mode, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        modes = tuple(self.modes)
+        for mode in modes:
+            if not isinstance(mode, Mode):
+                raise UsageError("Device modes must be Mode records.", value=mode)
+        object.__setattr__(self, "modes", modes)
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedDevice:
+    """A device known by its measured impedance, interpolated linearly and never extrapolated.
+
+    Parameters
+    ----------
+    omega : array_like, shape (n,)
+        rad/s, zero or more, increasing, at least two.
+    impedance : array_like of complex, shape (n,)
+        Z_d, N·s/m.
+
+    Raises
+    ------
+    UsageError
+        Where the table is too short, unordered, of unequal lengths, or holds a value that is not finite.
+    """
+
+    omega: FloatArray
+    impedance: ComplexArray
+
+    def __post_init__(self) -> None:
+        omega = nonnegative_array(self.omega, "TabulatedDevice omega", "rad/s")
+        impedance = complex_array(self.impedance, "TabulatedDevice impedance")
+        if omega.ndim != 1 or omega.size < 2 or impedance.shape != omega.shape:
+            raise UsageError(
+                "TabulatedDevice needs omega and impedance of equal length, two or more.",
+                value=(omega.shape, impedance.shape),
+            )
+        if np.any(np.diff(omega) <= 0):
+            row = int(np.flatnonzero(np.diff(omega) <= 0)[0]) + 1
+            raise UsageError(
+                "TabulatedDevice omega must increase.",
+                value=float(omega[row]),
+                hint="Sort the table, drop repeats.",
+            )
+        bad = ~(np.abs(impedance) <= LARGEST)
+        if bad.any():
+            raise UsageError(
+                f"TabulatedDevice impedance must be finite and at most {LARGEST:g} N·s/m in magnitude.",
+                value=complex(impedance[bad][0]),
+            )
+        omega.flags.writeable = False
+        object.__setattr__(self, "omega", omega)
+        object.__setattr__(self, "impedance", impedance)
+
+    def at(self, omega: ArrayLike) -> ComplexArray:
+        """Return Z_d at ω (rad/s, conjugate for negative), linear between the rows of the table.
+
+        Raises
+        ------
+        UsageError
+            Where abs(ω) lies outside the table.
+        """
+        omega = np.asarray(omega, dtype=np.float64)
+        size = np.abs(omega)
+        outside = ~((size >= self.omega[0]) & (size <= self.omega[-1]))
+        if outside.any():
+            raise UsageError(
+                f"the device's table covers {self.omega[0]:g} to {self.omega[-1]:g} rad/s only.",
+                value=float(omega[outside][0]),
+                hint="Measure further, or narrow the frequency range; nothing is extrapolated.",
+            )
+        value = np.interp(size, self.omega, self.impedance)
+        return np.where(omega < 0, np.conj(value), value)
+
+
+AnyDevice: TypeAlias = Device | TabulatedDevice
+"""What every argument called `device` accepts."""
+
+
+def refuse_arrays(device: AnyDevice, coupling: Coupling) -> None:
+    """Refuse arrays where one verdict is asked for."""
+    parts = [coupling.stiffness, coupling.damping]
+    if isinstance(device, Device):
+        parts += [device.mass, device.damping]
+        parts += [part for mode in device.modes for part in (mode.mass, mode.stiffness, mode.damping)]
+    if any(np.ndim(part) for part in parts):
+        raise UsageError(
+            "a verdict is for one device and one coupling.",
+            hint="For arrays use stability_margin or required_damping.",
+        )

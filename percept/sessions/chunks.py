@@ -1,0 +1,263 @@
+"""Files larger than memory: read block by block with the reader's checks, reduced to what models need."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from percept.errors import RefusalError, UsageError
+from percept.sessions import checks
+from percept.sessions.options import ReadOptions
+from percept.sessions.read import Reading
+from percept.sessions.records import IDS, Notice, Place, Source
+from percept.sessions.table import FileTable
+
+#: Each trial of a subject, session and environment takes a bit, so that its number is bounded.
+_TRIALS = 1 << 24
+_PAIRS = ("kk", "kb", "bb")
+_Family = Literal["lognormal", "normal"]
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """Sufficient statistics of a study's responses.
+
+    Attributes
+    ----------
+    cells : DataFrame
+        One row per subject and environment, in order of first appearance: `subject`, `environment`, `n`
+        (trials with every parameter), `mean_k`, `mean_b` (mean response, unit-free), and the sums of
+        squares and products about the means `scatter_kk`, `scatter_kb`, `scatter_bb`. Columns of a
+        parameter that was not measured are NaN.
+    references : DataFrame
+        `environment`, `k_ref` (N/m), `b_ref` (N·s/m).
+    family : {"lognormal", "normal"}
+        A response is log(adjusted/reference), or (adjusted − reference)/reference.
+    sources : tuple of Source
+    notices : tuple of Notice
+    counts : mapping of str to int
+        Rows by what became of them.
+    """
+
+    cells: pd.DataFrame
+    references: pd.DataFrame
+    family: _Family
+    sources: tuple[Source, ...] = ()
+    notices: tuple[Notice, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+def reduce_sessions(
+    *paths: str | Path,
+    family: _Family = "lognormal",
+    columns: Mapping[str, Any] | None = None,
+    options: ReadOptions | None = None,
+) -> Reduced:
+    """Read files of any size in bounded memory, with the checks of :func:`read_sessions`.
+
+    Parameters
+    ----------
+    *paths : str or Path
+        As for :func:`read_sessions`. Memory holds a few megabytes of a file at a time, and a bit per trial.
+    family : {"lognormal", "normal"}, optional
+        Scale of the responses.
+    columns, options
+        As for :func:`read_sessions`.
+
+    Returns
+    -------
+    Reduced
+
+    Raises
+    ------
+    UsageError
+        As :func:`read_sessions`; reading ends with the block in which something is wrong.
+    RefusalError
+        An adjustment of zero or below on the log scale, or such a reference on either.
+    """
+    if family not in ("lognormal", "normal"):
+        raise UsageError('family is "lognormal" or "normal".', value=family)
+    reading = Reading((options or ReadOptions()).with_columns(columns))
+    cells = _Cells(reading, family)
+    with closing(reading.tables(paths)) as tables:
+        for table in tables:
+            with reading.problems.collecting():
+                cells.measure(table)
+                for frame in table.frames():
+                    # Rows left out are counted; the log of single ones would grow with the file.
+                    table.exclusions.clear()
+                    if len(frame) and not reading.problems.total:
+                        cells.add(frame, table.name)
+            reading.problems.raise_if_any()
+    return cells.reduced()
+
+
+class _Cells:
+    """Counts, means and scatters of every visit (a subject's session in an environment) so far."""
+
+    def __init__(self, reading: Reading, family: _Family) -> None:
+        self.reading = reading
+        self.family: _Family = family
+        self.parameters: Sequence[str] = ()
+        self.references: dict[str, dict[str, float]] = {}
+        self.visits = pd.DataFrame()
+        # By visit, its trials as the bits of a whole number.
+        self.seen: dict[tuple[str, ...], int] = {}
+
+    def measure(self, table: FileTable) -> None:
+        """Hold every file to trials of the same parameters."""
+        if table.form != "trials":
+            hint = "Read it with read_sessions."
+            raise UsageError("a published summary is not reduced.", file=table.name, hint=hint)
+        parameters = tuple(p for p in ("k", "b") if p in table.parameters)
+        if self.parameters and self.parameters != parameters:
+            hint = "Reduce them one by one."
+            raise UsageError("the files do not have the same parameters.", file=table.name, hint=hint)
+        self.parameters = parameters
+
+    def add(self, frame: pd.DataFrame, file: str) -> None:
+        """Check and add one block."""
+        problems, rows = self.reading.problems, frame["row"].to_numpy()
+        place = lambda at: {"file": file, "row": int(rows[at])}  # noqa: E731
+        declared = self.reading.options.environments
+        checks.settle_references(frame, declared, self.references, self.parameters, place, problems)
+        visits = frame.groupby(list(IDS), sort=False)
+        self._check_trials(frame, visits.indices, place)
+        problems.raise_if_any()
+        responses = {p: self._response(p, frame, file) for p in self.parameters}
+        complete = ~np.isnan(list(responses.values())).any(axis=0)
+        parts = frame[list(IDS)].assign(rows=1.0, n=complete.astype(float))
+        for p, response in responses.items():
+            parts[f"mean_{p}"] = np.where(complete, response, 0.0)
+        parts[[f"scatter_{pair}" for pair in self._pairs]] = 0.0
+        block = self._sums(parts, list(IDS), visits.ngroup().to_numpy())
+        self.visits = self._sums(pd.concat([self.visits, block]), list(IDS))
+
+    @property
+    def _pairs(self) -> list[str]:
+        return [pair for pair in _PAIRS if set(pair) <= set(self.parameters)]
+
+    def _check_trials(self, frame: pd.DataFrame, visits: Mapping[Any, Any], place: Place) -> None:
+        """Find trials that stand twice, in this block or in an earlier one."""
+        trials, problems = frame["trial"].to_numpy(), self.reading.problems
+        wrong = (trials < 0) | (trials >= _TRIALS)
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            raise UsageError(
+                "trial numbers are negative or too large to be checked in blocks.",
+                column="trial",
+                value=int(trials[at]),
+                hint="Number the trials of each subject and environment 1, 2, 3 …",
+                **place(at),
+            )
+        for visit, rows in visits.items():
+            bits = np.zeros(int(trials[rows].max()) + 1, dtype=np.uint8)
+            bits[trials[rows]] = 1
+            if bits.sum() < len(rows):
+                checks.check_duplicates(frame, place, problems)
+                return
+            own = int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
+            both = self.seen.get(visit, 0) & own
+            self.seen[visit] = self.seen.get(visit, 0) | own
+            for row in rows if both else ():
+                if both >> int(trials[row]) & 1:
+                    checks.add_duplicate((*visit, trials[row]), "an earlier row", place(int(row)), problems)
+
+    def _response(self, p: str, frame: pd.DataFrame, file: str) -> npt.NDArray[np.float64]:
+        adjusted, reference = (frame[f"{p}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref"))
+        log = self.family == "lognormal"
+        bad = (reference <= 0) | (adjusted <= 0 if log else False)
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise RefusalError(
+                f"no response in the family {self.family!r}.",
+                file=file,
+                row=int(frame["row"].iloc[at]),
+                column=f"{p}_adj",
+                value=float(adjusted[at]),
+                hint="Zero and negative adjustments need the normal family; references are positive.",
+            )
+        return np.log(adjusted / reference) if log else (adjusted - reference) / reference
+
+    def reduced(self) -> Reduced:
+        """Check what needs the whole study, and lay the cells out."""
+        reading, options = self.reading, self.reading.options
+        reading.refuse_nothing(len(self.visits))
+        cells = self._sums(self.visits, ["subject", "environment"])
+        cells["sessions"] = self.visits.groupby(["subject", "environment"], sort=False).size().to_numpy()
+        environments = cells["environment"].unique()
+        for p in self.parameters:
+            self._check_units(p, cells)
+        reading.notice_unnamed(environments)
+        if options.unfinished == "exclude":
+            kept, unfinished = checks.drop_unfinished(cells)
+            if unfinished:
+                reading.counts["excluded: unfinished subject"] = int(cells["rows"].sum() - kept["rows"].sum())
+            cells = kept.reset_index(drop=True)
+        for what in IDS:
+            names = (cells if what in cells else self.visits)[what].unique()
+            reading.notices += checks.look_alikes(names, what)
+        reading.notices += checks.repeats_over_sessions(cells["sessions"])
+        reading.counts.update(checks.count_grid(cells, cells["rows"]))
+        reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())
+        measures = [*(f"mean_{p}" for p in ("k", "b")), *(f"scatter_{pair}" for pair in _PAIRS)]
+        # Zeros of a cell that holds no trial would read as data.
+        measured = cells.reindex(columns=measures).where(cells["n"] > 0)
+        references = {
+            c: [self.references.get(c, {}).get(e, np.nan) for e in environments] for c in ("k_ref", "b_ref")
+        }
+        return Reduced(
+            pd.concat([cells[["subject", "environment"]], cells["n"].astype(np.int64), measured], axis=1),
+            pd.DataFrame({"environment": environments, **references}),
+            self.family,
+            tuple(reading.sources),
+            tuple(dict.fromkeys(reading.notices)),
+            dict(reading.counts),
+        )
+
+    def _check_units(self, p: str, cells: pd.DataFrame) -> None:
+        """Compare adjustments with references, trials by their cell's mean."""
+        mean = cells[f"mean_{p}"].to_numpy()
+        ratio = np.exp(mean) if self.family == "lognormal" else 1.0 + mean
+        n = cells["n"].to_numpy()
+        known = np.flatnonzero((ratio > 0) & (n > 0))
+        if len(known):
+            rising = known[np.argsort(ratio[known])]
+            reached = np.cumsum(n[rising])
+            typical = float(ratio[rising[np.searchsorted(reached, 0.5 * reached[-1])]])
+            place = {"file": self.reading.sources[0].name}
+            problems = self.reading.problems
+            self.reading.notices += checks.check_units(
+                p, typical, self.reading.declared_units, place, problems
+            )
+            problems.raise_if_any()
+
+    def _sums(self, parts: pd.DataFrame, by: list[str], code: Any = None) -> pd.DataFrame:
+        """Merge counts, means and scatters of parts of the same cell, cells in order of first appearance."""
+        code = parts.groupby(by, sort=False).ngroup().to_numpy() if code is None else code
+        first = np.flatnonzero(~pd.Series(code).duplicated().to_numpy())
+
+        def total(values: Any) -> npt.NDArray[np.float64]:
+            return np.bincount(code, weights=values, minlength=len(first)).astype(np.float64)
+
+        merged = parts[by].iloc[first].reset_index(drop=True)
+        n = parts["n"].to_numpy()
+        merged["rows"], merged["n"] = total(parts["rows"]), total(n)
+        some, gaps = np.maximum(merged["n"].to_numpy(), 1.0), {}
+        for p in self.parameters:
+            values = parts[f"mean_{p}"].to_numpy()
+            mean = total(n * values) / some
+            # Once more about that mean: it loses nothing to an offset, and neither do the scatters.
+            mean += total(n * (values - mean[code])) / some
+            merged[f"mean_{p}"], gaps[p] = mean, values - mean[code]
+        for pair in self._pairs:
+            inside = parts[f"scatter_{pair}"].to_numpy()
+            merged[f"scatter_{pair}"] = total(inside + n * gaps[pair[0]] * gaps[pair[1]])
+        return merged

@@ -1,0 +1,451 @@
+"""Text to cells, under the one dialect in which every line has as many; Parquet, Excel and frames too."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TextIO
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from percept.errors import UsageError
+from percept.sessions import files
+from percept.sessions.records import clip
+
+Quoting = Literal["doubled", "backslash", "wrapped"]
+
+_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
+_SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
+_FIRST_LINE = re.compile(r"[^\r\n]*")
+_MARK = "\ufeff"
+#: A line of more cells than this is no session table; the bound keeps hostile lines cheap.
+_CELLS = 20_000
+#: The dialect of a large file is found from about as many characters.
+_HEAD = 1 << 18
+#: The pandas parser rounds correctly by default since 3.1; before, it had to be asked.
+_EXACT: Any = None if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else "round_trip"
+#: A cell of more characters may be a number too small for a double without an exponent.
+_LONG = 300
+_EXTRA = "Install what reads it: pip install 'percept[tables]'."
+# Cells hold recordings of mouse tracks, beyond the module's 128 kB; a block bounds them.
+csv.field_size_limit(max(csv.field_size_limit(), 8 * files.BLOCK))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A rectangular stretch of a table of text."""
+
+    header: list[str]  # Column names, without surrounding space
+    cells: list[list[str]]  # Data records, each as long as `header`
+    rows: list[int]  # Physical line of each data record
+    dropped: Counter[str]  # Records left out as no data, by reason
+
+
+class _Misfit(Exception):  # noqa: N818 - a control value between two functions, never shown
+    """A dialect that does not fit; `width` is the number of header cells it gave."""
+
+    def __init__(self, width: int, message: str, **place: Any) -> None:
+        super().__init__(message)
+        self.width = width
+        self.error = UsageError(message, **place)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a file separates and quotes its cells, and its header."""
+
+    file: str
+    delimiter: str
+    quoting: Quoting
+    line: str  # The file's first line as it stands
+    names: list[str]  # The header's cells as they stand
+    width: int  # Cells of a record as they stand
+
+    @property
+    def header(self) -> list[str]:
+        """Column names, without surrounding space and an empty last one."""
+        header = [name.strip() for name in self.names]
+        return header[:-1] if header[-1] == "" else header
+
+    def grid(self, text: str, first_row: int, *, last: bool) -> Grid:
+        """Split a stretch of text below the header."""
+        try:
+            return self.rectangle(*self.records(*_records(text, self, first_row), last=last))
+        except _Misfit as misfit:
+            raise misfit.error from None
+
+    def records(
+        self, cells: list[list[str]], rows: list[int], *, last: bool
+    ) -> tuple[list[list[str]], list[int], Counter[str]]:
+        """Drop what is no data."""
+        dropped = Counter[str]()
+        kept: list[int] = []
+        for at, record in enumerate(cells):
+            if record == self.names:
+                dropped["repeated header"] += 1
+            elif not any(record) or not any(cell.strip() for cell in record):
+                dropped["blank line"] += 1
+            elif last and at == len(cells) - 1 and "".join(record).strip() == "END OF FILE":
+                dropped["end-of-file mark"] += 1
+            else:
+                kept.append(at)
+        return [cells[at] for at in kept], [rows[at] for at in kept], dropped
+
+    def rectangle(self, cells: list[list[str]], rows: list[int], dropped: Counter[str]) -> Grid:
+        """Hold records to one width; one empty trailing column of header, records or both may go."""
+        header, named, width = self.header, len(self.names), self.width
+        fits = width in (named, len(header)) or width == named + 1 == len(header) + 1
+        odd = next((at for at, r in enumerate(cells) if len(r) != width or (width > named and r[-1])), None)
+        if odd is not None or not fits:
+            wrong = next((at for at, r in enumerate(cells) if len(r) not in (named, len(header))), odd or 0)
+            raise _Misfit(
+                named,
+                f"{len(cells[wrong])} cells where the header has {named}.",
+                file=self.file,
+                row=rows[wrong],
+                value=clip(self.delimiter.join(cells[wrong])),
+                hint="Mend this line, or the quoting of a cell in it.",
+            )
+        return Grid(
+            header, [r[: len(header)] for r in cells] if width > len(header) else cells, rows, dropped
+        )
+
+
+@dataclass
+class Block:
+    """A stretch of a table: its text where it has one, and its cells."""
+
+    layout: Layout | None = None
+    text: str = ""
+    first_row: int = 1
+    last: bool = True
+    cells: Grid | None = None
+
+    def grid(self) -> Grid:
+        """Split the text."""
+        if self.cells is None:
+            assert self.layout is not None  # a block has cells or a text
+            self.cells = self.layout.grid(self.text, self.first_row, last=self.last)
+        return self.cells
+
+
+def text_blocks(
+    stream: TextIO, *, file: str, delimiter: str | None, large: bool, resolves: Callable[[list[str]], bool]
+) -> Iterator[Block]:
+    """Find the dialect of a text, and cut it into stretches of whole records."""
+    with stream:
+        text, first_row = _stretch(stream, file, _HEAD) if large else stream.read(), 1
+        if sep := _SEP_LINE.match(text):
+            delimiter = delimiter or sep[1]
+            text, first_row = text[sep.end() :], 2
+        text = text.lstrip(_MARK)
+        line = _FIRST_LINE.match(text)[0]  # type: ignore[index]  # it matches any text
+        following = _stretch(stream, file, files.BLOCK)
+        layout, grid = _find_layout(
+            _without_marks(text, line), file, delimiter, first_row, resolves, last=not following
+        )
+        yield Block(layout, cells=grid)
+        while following:
+            first_row += files.line_ends(text)
+            text, following = following, _stretch(stream, file, files.BLOCK)
+            yield Block(layout, _without_marks(text, line), first_row, not following)
+
+
+def _stretch(stream: TextIO, file: str, size: int) -> str:
+    """Read about `size` characters up to the end of a record."""
+    lines = [stream.read(size), stream.readline(size)]
+    if len(lines[1]) >= size:
+        hint = "This is no session table, or its line ends are lost."
+        raise UsageError(f"a line of more than {size} characters.", file=file, hint=hint)
+    # A quoted cell may hold line ends: a record ends where quotes are even, escaped ones too.
+    quotes, escaped, length = 0, 0, 0
+    if '"' in lines[0] or '"' in lines[1]:
+        quotes, escaped = (sum(line.count(sign) for line in lines) for sign in ('"', '\\"'))
+    while (quotes % 2 or escaped % 2) and length < size and (line := stream.readline(size)):
+        lines.append(line)
+        quotes, escaped, length = quotes + line.count('"'), escaped + line.count('\\"'), length + len(line)
+    return "".join(lines)
+
+
+def _without_marks(text: str, line: str) -> str:
+    """Drop the byte-order mark that an appending writer puts before each repeated header."""
+    if _MARK not in text:
+        return text
+    for end in ("\n", "\r"):
+        text = text.replace(f"{end}{_MARK}{line}", f"{end}{line}")
+    return text.removeprefix(_MARK) if text.startswith(_MARK + line) else text
+
+
+def _find_layout(
+    text: str,
+    file: str,
+    delimiter: str | None,
+    first_row: int,
+    resolves: Callable[[list[str]], bool],
+    *,
+    last: bool,
+) -> tuple[Layout, Grid]:
+    """Find the one dialect that fits a text with its header, and split it."""
+    if not text.strip():
+        raise UsageError("the file has no header.", file=file, hint="Leave it out, or export it again.")
+    fits: list[tuple[Layout, Grid]] = []
+    misfits: list[_Misfit] = []
+    for candidate in [delimiter] if delimiter else [d for d in _DELIMITERS if d in text]:
+        failed: list[_Misfit] = []
+        for quoting in _quotings(text):
+            layout = Layout(file, candidate, quoting, _FIRST_LINE.match(text)[0], [], 0)  # type: ignore[index]
+            try:
+                fits.append(_with_header(layout, text, first_row, last=last))
+                break
+            except _Misfit as misfit:
+                failed.append(misfit)
+        else:
+            misfits.append(max(failed, key=lambda misfit: misfit.width))
+    if len(fits) > 1:
+        fits = [fit for fit in fits if resolves(fit[0].header)] or fits
+    if len(fits) == 1:
+        return fits[0]
+    if fits:
+        names = " and ".join(_DELIMITERS[layout.delimiter] for layout, _ in fits)
+        raise UsageError(
+            f"the lines can be split by {names} alike.",
+            file=file,
+            hint='Declare [sessions] delimiter = ";" (or the one that is right).',
+        )
+    if misfits:
+        raise max(misfits, key=lambda misfit: misfit.width).error
+    raise UsageError(
+        "this is not a table: no comma, semicolon, tab or bar separates its columns.",
+        file=file,
+        row=first_row,
+        hint="Export it as CSV, or declare [sessions] delimiter.",
+    )
+
+
+def _quotings(text: str) -> tuple[Quoting, ...]:
+    """Conventions to try, in order; PsychoPy's own is tried only on a file that says it is PsychoPy's."""
+    if '"' not in text:
+        return ("doubled",)
+    head = text[: text.find("\n") + 1 or len(text)]
+    if "psychopyVersion" in head or "expName" in head:
+        return ("wrapped", "doubled")
+    return ("doubled", "backslash")
+
+
+def _with_header(layout: Layout, text: str, first_row: int, *, last: bool) -> tuple[Layout, Grid]:
+    """Split a text under a dialect that is tried, its first line that is not blank being the header."""
+    file = layout.file
+    cells, rows = _records(text, layout, first_row)
+    start = next((at for at, record in enumerate(cells) if any(cell.strip() for cell in record)), None)
+    if start is None:
+        raise _Misfit(0, "the file has no header.", file=file)
+    layout = replace(layout, names=cells[start])
+    if len(layout.names) < 2:
+        raise _Misfit(1, "the header has a single cell.", file=file, row=rows[start])
+    kept, kept_rows, dropped = layout.records(cells[start + 1 :], rows[start + 1 :], last=last)
+    if not kept:
+        hint = "Leave the file out."
+        raise _Misfit(
+            len(layout.names), "there are no data below the header.", file=file, row=rows[start], hint=hint
+        )
+    layout = replace(layout, width=len(kept[0]))
+    return layout, layout.rectangle(kept, kept_rows, dropped)
+
+
+def _records(text: str, layout: Layout, first_row: int) -> tuple[list[list[str]], list[int]]:
+    """Split a text into records, and give the physical line on which each starts."""
+    delimiter, file = layout.delimiter, layout.file
+    hint = "Write the table again as CSV with quotes doubled."
+    if layout.quoting == "backslash":
+        text = text.replace('\\"', '""')
+    lines = io.StringIO(text, newline="").readlines()
+    if layout.quoting == "wrapped":
+        cells = [_join(line.rstrip("\r\n").split(delimiter), delimiter) for line in lines]
+        ends = list(range(1, len(lines) + 1))
+    else:
+        unclosed = "a quoted cell is not closed, or text follows its closing quote."
+        # Quotes come between a delimiter and the next one; the csv module lets them stand anywhere.
+        pieces = text.split('"')
+        for at in range(0, len(pieces) - 1, 2):
+            if pieces[at] and pieces[at][-1] not in (delimiter, "\r", "\n"):
+                row = first_row + files.line_ends('"'.join(pieces[: at + 1]))
+                raise _Misfit(0, unclosed, file=file, row=row, hint=hint)
+        reader = csv.reader(lines, delimiter=delimiter, strict=True)
+        cells, ends = [], []
+        try:
+            for record in reader:
+                cells.append(record or [""])
+                ends.append(reader.line_num)
+        except csv.Error:
+            row = first_row + (ends[-1] if ends else 0)
+            raise _Misfit(0, unclosed, file=file, row=row, hint=hint) from None
+    rows = [first_row, *(first_row + end for end in ends[:-1])][: len(cells)]
+    longest = max(range(len(cells)), key=lambda at: len(cells[at]), default=None)
+    if longest is not None and len(cells[longest]) > _CELLS:
+        message = f"more than {_CELLS} cells in a line."
+        raise _Misfit(0, message, file=file, row=rows[longest], hint=hint)
+    if "\r" in text:
+        closing = [lines[end - 1] for end in ends]
+        alone = [at for at, line in enumerate(closing) if line.endswith("\r")]
+        if alone and any(line.endswith("\n") for line in closing):
+            message = "a carriage return stands alone in a file whose lines end otherwise."
+            raise _Misfit(0, message, file=file, row=first_row + ends[alone[0]] - 1, hint=hint)
+    return cells, rows
+
+
+def _join(pieces: list[str], delimiter: str) -> list[str]:
+    """Put a line's pieces together again where PsychoPy's quotes wrap a cell that holds the delimiter."""
+    if not any('"' in piece for piece in pieces):
+        return pieces
+    closing = [len(pieces)] * (len(pieces) + 1)
+    for at in range(len(pieces) - 1, -1, -1):
+        closing[at] = at if pieces[at].endswith('"') else closing[at + 1]
+    cells: list[str] = []
+    at = 0
+    while at < len(pieces):
+        # A cell quoted at both ends without a delimiter inside was not quoted by the writer: it stays.
+        whole = len(pieces[at]) > 1 and pieces[at].endswith('"')
+        last = closing[at + 1] if pieces[at].startswith('"') and not whole else len(pieces)
+        if last == len(pieces):
+            cells.append(pieces[at])
+            at += 1
+        else:
+            cells.append(delimiter.join(pieces[at : last + 1])[1:-1])
+            at = last + 1
+    return cells
+
+
+def plain_columns(
+    block: Block, texts: Sequence[int], numbers: Sequence[int], mark: str
+) -> dict[int, npt.NDArray[Any]] | None:
+    """Read columns of a stretch without quotes by pandas' C parser; None where cells need a closer look.
+
+    The parser takes what percept refuses: short lines, "True" for 1, words for NaN and infinity. So the lines
+    must be of one width, and cells of numbers must hold nothing but digits, signs and the mark.
+    """
+    layout, text = block.layout, block.text
+    if layout is None or not text or '"' in text or _MARK in text or not layout.delimiter.isascii():
+        return None
+    raw = text.encode() + (b"" if text.endswith("\n") else b"\n")
+    if b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n"):
+        return None
+    # Of each character: 0 for what ends a cell, 1 for what numbers are made of, 2 for others.
+    kinds = bytearray(b"\2" * 256)
+    for kind, group in ((1, f"0123456789+-eE{mark}"), (0, f"{layout.delimiter}\r\n")):
+        for character in group.encode():
+            kinds[character] = kind
+    characters = np.frombuffer(raw, dtype=np.uint8)
+    ends = np.flatnonzero((characters == ord(layout.delimiter)) | (characters == ord("\n")))
+    lines, beside = divmod(len(ends), layout.width)
+    ends_line = (characters[ends] == ord("\n"))[: lines * layout.width].reshape(lines, layout.width)
+    if beside or not ends_line[:, -1].all() or ends_line[:, :-1].any():
+        return None
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    found = np.maximum.reduceat(np.frombuffer(raw.translate(kinds), dtype=np.uint8), starts)
+    found = found.reshape(lines, layout.width)
+    # A last line with a single cell may say that the file ends.
+    if (
+        (found[:, list(numbers)] == 2).any()
+        or not found.any(axis=1).all()
+        or found[-1].astype(bool).sum() < 2
+    ):
+        return None
+    kinds_of_columns: dict[Any, Any] = dict.fromkeys(texts, object) | dict.fromkeys(numbers, np.float64)
+    blank: Any = {at: [""] for at in numbers}
+    try:
+        parsed = pd.read_csv(
+            io.BytesIO(raw),
+            sep=layout.delimiter,
+            header=None,
+            usecols=[*texts, *numbers],
+            dtype=kinds_of_columns,
+            decimal=mark,
+            keep_default_na=False,
+            na_values=blank,
+            quoting=csv.QUOTE_NONE,
+            skip_blank_lines=False,
+            float_precision=_EXACT,
+            engine="c",
+        )
+    except (ValueError, OverflowError):
+        return None
+    columns = {at: parsed[at].to_numpy() for at in (*texts, *numbers)}
+    # Only an exponent, or a very long cell, makes a number too small for a double.
+    small = b"e-" in raw or b"E-" in raw or int((ends - starts).max()) > _LONG
+    for at in numbers:
+        if np.isinf(columns[at]).any() or (small and (columns[at] == 0).any()):
+            return None
+    return columns
+
+
+def frame_grid(frame: pd.DataFrame, *, file: str) -> Grid:
+    """Grid of a DataFrame; a row's number is its position plus 2, as if a header were line 1."""
+    columns = [frame.iloc[:, at].tolist() for at in range(frame.shape[1])]
+    return _typed_grid([str(name) for name in frame.columns], columns, file)
+
+
+def parquet_grid(data: bytes, *, file: str) -> Grid:
+    """Grid of a Parquet file."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise UsageError("a Parquet file needs pyarrow.", file=file, hint=_EXTRA) from None
+    try:
+        table = pq.read_table(io.BytesIO(data))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        message = f"a broken Parquet file: {str(error).rstrip('.')}."
+        raise UsageError(message, file=file, hint="Write it again.") from None
+    return _typed_grid(list(table.column_names), [column.to_pylist() for column in table.columns], file)
+
+
+def excel_grid(data: bytes, *, file: str, sheet: str | None) -> Grid:
+    """Grid of one sheet of an Excel workbook; formulas count with the values Excel stored."""
+    try:
+        import openpyxl  # type: ignore[import-untyped, unused-ignore]
+    except ImportError:
+        raise UsageError("an Excel workbook needs openpyxl.", file=file, hint=_EXTRA) from None
+    try:
+        book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
+        names = list(book.sheetnames)
+        known = sheet is None or sheet in names
+        page = (book[sheet] if sheet else book.worksheets[0]) if known else None
+        rows = [] if page is None else list(page.iter_rows(values_only=True))
+        book.close()
+    # openpyxl lets whatever its XML reader meets escape: KeyError, ValueError, zlib.error and others.
+    except Exception as error:  # noqa: BLE001
+        hint = "Save it again, or as CSV."
+        raise UsageError(f"a broken workbook: {error}.", file=file, hint=hint) from None
+    if not known:
+        raise UsageError(f"no such sheet; there are {', '.join(names)}.", file=file, value=sheet)
+    if not rows:
+        raise UsageError("the sheet is empty.", file=file, hint="Name another with [sessions] sheet.")
+    width = max((at + 1 for at, name in enumerate(rows[0]) if name is not None), default=0)
+    columns = [[row[at] if at < len(row) else None for row in rows[1:]] for at in range(width)]
+    return _typed_grid([_text(name) for name in rows[0][:width]], columns, file)
+
+
+def _typed_grid(header: Sequence[str], columns: Iterable[Iterable[Any]], file: str) -> Grid:
+    cells = [[_text(value) for value in record] for record in zip(*columns, strict=True)]
+    kept = [at for at, record in enumerate(cells) if any(cell.strip() for cell in record)]
+    if not kept:
+        raise UsageError("there are no data below the header.", file=file, hint="Leave it out.")
+    blank = Counter({"blank line": len(cells) - len(kept)} if len(kept) < len(cells) else {})
+    return Grid([name.strip() for name in header], [cells[at] for at in kept], [at + 2 for at in kept], blank)
+
+
+def _text(value: Any) -> str:
+    """Write a typed cell as text; `repr` of a float reads back as the same double."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        return "" if value != value else repr(float(value))
+    if value is None or value is pd.NA or value is pd.NaT:
+        return ""
+    return str(value)

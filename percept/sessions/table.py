@@ -1,0 +1,376 @@
+"""One file's cells to its observations, block by block: rows selected, numbers and units converted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from percept.errors import UsageError
+from percept.sessions import values
+from percept.sessions.columns import Resolution, Slot, check_columns, resolve, unused_columns
+from percept.sessions.files import Input, is_workbook, open_text
+from percept.sessions.grids import Block, Grid, excel_grid, parquet_grid, plain_columns, text_blocks
+from percept.sessions.options import CANONICAL, KEPT_COLUMNS, ExcludeRule, ReadOptions
+from percept.sessions.records import IDS, NUMBERS, Exclusion, Notice, Problems, shown
+from percept.sessions.summary import read_summary
+
+#: Columns of a block by name: texts as read, numbers as doubles, and `row`, the physical row of each.
+_Columns = dict[str, npt.NDArray[Any]]
+#: Above this, doubles do not tell whole numbers apart.
+_WHOLE = 2.0**53
+
+
+def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Generator[Block]:
+    """Give the cells of one input, whatever its format, in blocks."""
+    file, data = entry.name, entry.data or b""
+    if data.startswith(b"PAR1"):
+        yield Block(cells=parquet_grid(data, file=file))
+        return
+    if data.startswith(b"PK\x03\x04") and is_workbook(data, file):
+        yield Block(cells=excel_grid(data, file=file, sheet=options.sheet))
+        return
+    text, encoding = open_text(entry, options.encoding)
+    if encoding == "cp1252" and options.encoding is None:
+        notices.append(Notice("not UTF-8; read as Windows-1252", file))
+
+    def resolves(header: list[str]) -> bool:
+        try:
+            found = resolve(header, options.columns, file=file)
+        except UsageError:
+            return False
+        return found.form == "summary" or bool(found.present & {"k_adj", "b_adj"})
+
+    yield from text_blocks(
+        text, file=file, delimiter=options.delimiter, large=entry.data is None, resolves=resolves
+    )
+
+
+class FileTable:
+    """One file: where its columns stand, its observations, and what became of its rows."""
+
+    def __init__(
+        self,
+        name: str,
+        blocks: Iterator[Block],
+        options: ReadOptions,
+        named: Mapping[str, str],
+        problems: Problems,
+    ) -> None:
+        self.name, self.options, self.named, self.problems = name, options, named, problems
+        first = next(blocks)
+        self._blocks = chain([first], blocks)
+        self.header = header = first.grid().header
+        self.counts: Counter[str] = Counter()  # Rows by what became of them
+        self.exclusions: list[Exclusion] = []
+        self.found: Resolution = resolve(header, options.columns, file=name)
+        self.form = self.found.form
+        rules = self.found.rules
+        self.notices = [Notice(text, name) for text in self.found.announced]
+        self.notices += [
+            Notice(f"{c} is taken from the file's name; column {rules[c].name!r} is not used", name)
+            for c in sorted(named.keys() & rules.keys())
+        ]
+        if unused := unused_columns(header, self.found, options):
+            self.notices.append(Notice(f"columns not used: {shown(unused)}", name))
+        self.declared_units = {c for c, rule in rules.items() if rule.unit is not None}
+        self.parameters: set[str] = set()
+        if self.form == "trials":
+            check_columns(header, self.found, options, named, file=name)
+            self.parameters = {p for p in ("k", "b") if f"{p}_adj" in rules}
+            self._prepare()
+
+    def _prepare(self) -> None:
+        options = self.options
+        self._mark = None if options.decimal is None else values.DecimalMark(options.decimal)
+        self._groups = list(dict.fromkeys([*(c for c in KEPT_COLUMNS if c in self.header), *options.groups]))
+        rules = [rule for rule in options.exclude if rule.column not in CANONICAL]
+        own = [*self._groups, *options.only, *(rule.column for rule in rules if rule.equals)]
+        self._own = {f"own:{name}": self._position(name) for name in own}
+        self._limited = {f"limit:{r.column}": self._position(r.column) for r in rules if not r.equals}
+        # What JSON cells lack: the keys found instead, and whether any cell had the path.
+        self._lacking: dict[str, dict[str, None]] = {}
+        self._picked: set[str] = set()
+
+    def _position(self, name: str) -> int:
+        if self.header.count(name) != 1:
+            raise UsageError(
+                "this column is wanted, and is not there or there twice.",
+                file=self.name,
+                row=1,
+                column=name,
+                hint=f"The columns are {shown(self.header)}.",
+            )
+        return self.header.index(name)
+
+    def _place(self, column: str, row: int | None = None) -> dict[str, Any]:
+        """Where a canonical or an own column stands, for messages."""
+        rule = self.found.rules.get(column)
+        name = column.removeprefix("limit:") if rule is None else rule.name
+        return {"file": self.name, "column": name} | ({} if row is None else {"row": int(row)})
+
+    def frames(self) -> Iterator[pd.DataFrame]:
+        """Give the observations of each block: canonical columns, groups, and the physical `row` of each."""
+        events: list[_Columns] = []
+        for block in self._blocks:
+            if self.form == "summary":
+                yield self._summary(block.grid())
+                continue
+            data = self._observations(self._fast(block) or self._cells(block.grid()))
+            if self.options.keep is None:
+                yield self._frame(self._within_limits(data))
+            else:
+                events.append(self._last_events(data))
+        if events:
+            data = self._last_events({c: np.concatenate([e[c] for e in events]) for c in events[0]})
+            yield self._frame(self._within_limits(data))
+        if self.form == "trials":
+            self._check_paths()
+
+    def _summary(self, grid: Grid) -> pd.DataFrame:
+        self._count(grid)
+        return read_summary(
+            grid, self.found, file=self.name, decimal=self.options.decimal, problems=self.problems,
+            notices=self.notices,
+        )  # fmt: skip
+
+    def _count(self, grid: Grid) -> None:
+        self.counts["rows read"] += len(grid.cells)
+        self.counts.update(grid.dropped)
+
+    def _cells(self, grid: Grid) -> _Columns:
+        """Take columns out of records; of a wide table each record gives a row for each of its slots."""
+        self._count(grid)
+        slots = [self._slot(slot, grid) for slot in self.found.slots]
+        columns = {
+            c: np.array([slot[c] for slot in slots], dtype=object).reshape(len(slots), -1).T.ravel()
+            for c in slots[0]
+        }
+        return columns | {"row": np.repeat(np.array(grid.rows, dtype=np.int64), len(slots))}
+
+    def _slot(self, slot: Slot, grid: Grid) -> dict[str, list[str]]:
+        every = {c for s in self.found.slots for c in s.columns}
+        out = {
+            c: [record[slot.columns[c]] for record in grid.cells]
+            if c in slot.columns
+            else [""] * len(grid.cells)
+            for c in CANONICAL
+            if c in every
+        }
+        fixed = {"environment": slot.environment, "trial": slot.trial, **self.named}
+        out |= {c: [value] * len(grid.cells) for c, value in fixed.items() if value is not None}
+        own = self._own | self._limited
+        return out | {c: [record[at] for record in grid.cells] for c, at in own.items()}
+
+    def _fast(self, block: Block) -> _Columns | None:
+        """Take columns of a plain block at the speed of pandas' parser; None where it may not be used."""
+        (slot, *others), rules = self.found.slots, self.found.rules.values()
+        by_text = {rule.column for rule in self.options.exclude if rule.equals} | self.options.only.keys()
+        numbers = {c: at for c, at in slot.columns.items() if c in (*NUMBERS, "trial")}
+        numbers |= self._limited
+        texts = {c: at for c, at in ({**slot.columns, **self._own}).items() if c not in numbers}
+        sign = "." if self._mark is None else self._mark.sign
+        layout = block.layout
+        if (
+            block.cells is not None
+            or layout is None
+            or others
+            or slot.environment is not None
+            or any(rule.path is not None for rule in rules)
+            or by_text & numbers.keys()
+            or set(texts.values()) & set(numbers.values())
+            or (self._mark is None and layout.delimiter != "," and "," in block.text)
+        ):
+            return None
+        columns = plain_columns(block, sorted(set(texts.values())), sorted(set(numbers.values())), sign)
+        if columns is None:
+            return None
+        data = {c: columns[at] for c, at in (texts | numbers).items()}
+        trial = data.get("trial", np.ones(1))
+        if not ((np.abs(trial) < _WHOLE) & (trial == np.round(trial))).all():
+            return None
+        count = len(next(iter(data.values())))
+        self.counts["rows read"] += count
+        data |= {c: np.full(count, value, dtype=object) for c, value in self.named.items()}
+        return data | {"row": np.arange(block.first_row, block.first_row + count)}
+
+    def _observations(self, data: _Columns) -> _Columns:
+        """Select and check the observations of a block, and convert their numbers."""
+        for name, texts in self.options.only.items():
+            data = self._keep(data, _among(data[f"own:{name}"], texts), f"{name} is not {' or '.join(texts)}")
+        for rule in self.options.exclude:
+            if rule.equals:
+                key = rule.column if rule.column in CANONICAL else f"own:{rule.column}"
+                if key not in data:
+                    raise UsageError(
+                        "a rule names a column that the file does not have.",
+                        file=self.name,
+                        row=1,
+                        key=f"sessions.exclude {rule.column}",
+                        hint=f"The columns are {shown(self.header)}.",
+                    )
+                data = self._exclude(data, _among(data[key], rule.equals), rule.why)
+        for canonical, found in self.found.rules.items():
+            if found.path is not None:
+                data[canonical] = self._pick(data, canonical, found.path)
+        blank = np.logical_and.reduce([_blank(data[c]) for c in ("k_adj", "b_adj") if c in data])
+        data = self._exclude(data, blank, "no adjustment", log=lambda who: "" not in who)
+        for c in (*IDS, "trial"):
+            for at in self._without(data, c):
+                self.problems.add(
+                    f"an adjustment without {c}.",
+                    hint="Fill it in, or leave such rows out with [sessions] only or exclude.",
+                    **self._place(c, data["row"][at]),
+                )
+        self._convert(data)
+        return data
+
+    @staticmethod
+    def _without(data: _Columns, c: str) -> Sequence[int]:
+        """Rows whose id is blank; ids are few, so that they are looked at once each."""
+        cells = data.get(c)
+        if cells is None or cells.dtype != object or all(name.strip() for name in pd.unique(cells)):
+            return ()
+        return [at for at, cell in enumerate(cells) if not cell.strip()]
+
+    def _keep(self, data: _Columns, mask: npt.NDArray[np.bool_], reason: str) -> _Columns:
+        if mask.all():
+            return data
+        self.counts[reason] += int((~mask).sum())
+        return {c: column[mask] for c, column in data.items()}
+
+    def _exclude(
+        self,
+        data: _Columns,
+        out: npt.NDArray[np.bool_],
+        why: str,
+        log: Callable[[tuple[str, str]], bool] = lambda _: True,
+    ) -> _Columns:
+
+        def text(c: str, at: int) -> str:
+            return str(data[c][at]) if c in data else ""
+
+        for at in np.flatnonzero(out).tolist():
+            if log((text("subject", at).strip(), text("environment", at).strip())):
+                what = ((c, text(c, at)) for c in ("session", "environment", "trial"))
+                named = ", ".join(f"{c} {value}" for c, value in what if value)
+                row = int(data["row"][at])
+                self.exclusions.append(Exclusion(text("subject", at), named, why, self.name, row))
+        return self._keep(data, ~out, f"excluded: {why}")
+
+    def _pick(self, data: _Columns, canonical: str, path: str) -> npt.NDArray[np.object_]:
+        """Values inside the JSON cells of a column."""
+        picked = np.full(len(data["row"]), "", dtype=object)
+        for at, cell in enumerate(data[canonical]):
+            try:
+                picked[at] = values.pick(cell, path)
+                if not values.is_missing(cell):
+                    self._picked.add(canonical)
+            except values.CellError as error:
+                if error.keys is not None:
+                    # Records of other kinds of trial lack the key; a path that no record has is a wrong one.
+                    self._lacking.setdefault(canonical, {}).update(dict.fromkeys(error.keys))
+                    continue
+                self._picked.add(canonical)
+                # Whether such a row holds no adjustment is the scene's to say, hence a problem, not a blank.
+                self.problems.add(
+                    f"{error}.",
+                    value=cell,
+                    hint=f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only.",
+                    **self._place(canonical, data["row"][at]),
+                )
+        return picked
+
+    def _check_paths(self) -> None:
+        for canonical in (c for c in self._lacking if c not in self._picked):
+            keys = shown(list(self._lacking[canonical]))
+            self.problems.add(
+                f"no row has this path; the keys there are {keys or 'none'}.",
+                key=f"columns.{canonical}.path",
+                value=self.found.rules[canonical].path,
+                hint="A path begins inside the cell; correct it, or pick rows with [sessions] only.",
+                **self._place(canonical),
+            )
+
+    def _convert(self, data: _Columns) -> None:
+        """Convert columns of numbers to doubles in N/m and N·s/m, by the file's one decimal mark."""
+        names = [c for c in (*NUMBERS, "trial", *self._limited) if c in data]
+        texts = {c: data[c] for c in names if data[c].dtype == object}
+        if self._mark is None and texts:
+            columns = {self._place(c)["column"]: cells.tolist() for c, cells in texts.items()}
+            self._mark = values.decimal_mark(
+                columns, data["row"].tolist(), file=self.name, problems=self.problems
+            )
+        for c, cells in texts.items():
+            data[c] = values.parse_numbers(
+                cells.tolist(), data["row"].tolist(), mark=self._mark or values.DecimalMark("."),
+                problems=self.problems, **self._place(c),
+            )  # fmt: skip
+        for c in (c for c in NUMBERS if c in data and self.found.rules[c].unit is not None):
+            data[c] = values.convert(data[c], self.found.rules[c].unit, c[0])
+        if "trial" in data:
+            trial = data["trial"]
+            whole = (np.abs(trial) < _WHOLE) & (trial == np.round(trial))
+            for at in np.flatnonzero(~whole & ~np.isnan(trial)):
+                self.problems.add(
+                    "a trial's number must be whole.",
+                    value=texts["trial"][at] if "trial" in texts else float(trial[at]),
+                    hint="Number the trials 1, 2, 3 …",
+                    **self._place("trial", data["row"][at]),
+                )
+            data["trial"] = np.where(whole, trial, 0).astype(np.int64)
+
+    def _last_events(self, data: _Columns) -> _Columns:
+        """Reduce each trial to its last event, with the last value of each number."""
+        ids = [c for c in (*IDS, "trial") if c in data]
+        numbers = [c for c in (*NUMBERS, *self._limited) if c in data]
+        events = pd.DataFrame({c: data[c] for c in (*ids, *numbers)})
+        events[numbers] = events.groupby(ids, sort=False, dropna=False)[numbers].ffill()
+        data = data | {c: events[c].to_numpy(dtype=float) for c in numbers}
+        last = ~events.duplicated(ids, keep="last").to_numpy()
+        return self._keep(data, last, "earlier event of a trial")
+
+    def _within_limits(self, data: _Columns) -> _Columns:
+        """Leave out what lies beyond a rule's limits; earlier events of a trial are gone by now."""
+        for rule in (rule for rule in self.options.exclude if not rule.equals):
+            column = self._limited_by(data, rule)
+            out = np.zeros(len(column), dtype=bool)
+            if rule.below is not None:
+                out |= column < rule.below
+            if rule.above is not None:
+                out |= column > rule.above
+            data = self._exclude(data, out, rule.why)
+        return data
+
+    def _limited_by(self, data: _Columns, rule: ExcludeRule) -> npt.NDArray[Any]:
+        for key in (rule.column, f"limit:{rule.column}"):
+            if key in data and data[key].dtype != object:
+                return data[key]
+        raise UsageError("limits need a column of numbers.", key=f"sessions.exclude {rule.column}")
+
+    def _frame(self, data: _Columns) -> pd.DataFrame:
+        """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
+        count = len(data["row"])
+        one, nan = np.full(count, "1", dtype=object), np.full(count, np.nan)
+        columns: dict[str, Any] = {c: data.get(c, one) for c in IDS}
+        columns |= {c: data.get(c, nan) for c in ("k_ref", "b_ref")}
+        columns["trial"] = data.get("trial", np.ones(count, dtype=np.int64))
+        columns |= {c: data.get(c, nan) for c in ("k_adj", "b_adj")}
+        columns |= {g: data[f"own:{g}"] for g in self._groups}
+        return pd.DataFrame(columns | {"row": data["row"]})
+
+
+def _among(cells: npt.NDArray[Any], texts: Sequence[str]) -> npt.NDArray[np.bool_]:
+    wanted = set(texts)
+    return np.array([cell in wanted for cell in cells], dtype=bool)
+
+
+def _blank(cells: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    if cells.dtype != object:
+        return np.isnan(cells)
+    return np.array([values.is_missing(cell) for cell in cells], dtype=bool)

@@ -1,0 +1,237 @@
+"""A cell's text to its value: numbers with one decimal mark per file, JSON paths, declared units."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from percept.errors import UsageError
+from percept.sessions.records import Problems
+
+Mark = Literal[".", ","]
+
+UNITS = {"k": "N/m", "b": "N·s/m"}
+_SAME = {"k": frozenset({"N/m"}), "b": frozenset({"N·s/m", "N*s/m", "Ns/m", "N s/m"})}
+# A plain product or quotient of names; an expression such as 10**10**10 is never handed to a parser.
+_UNIT = re.compile(r"[A-Za-zµ]+(?:[·*/ ][A-Za-zµ]+){0,4}")
+
+_MISSING = frozenset({"", "nan", "na", "null", "none", "-"})
+_SPACE = " \t\xa0"
+_NUMBER = {
+    ".": re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+    ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]*)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+}
+# "1,286" is 1.286 with a decimal comma and 1286 with a comma between thousands; "0,435" and "12,5" are not.
+_TWO_READINGS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
+_WORDS = {".": "point", ",": "comma"}
+_NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
+
+
+def is_missing(cell: str) -> bool:
+    """Whether a value cell says there is no value."""
+    return cell.strip(_SPACE).lower() in _MISSING
+
+
+@dataclass(frozen=True)
+class DecimalMark:
+    """The decimal mark of a file."""
+
+    sign: Mark
+    evidence: str = ""  # Where cells disagree: how many have this mark, and one of them
+
+
+def decimal_mark(
+    columns: Mapping[str, Sequence[str]], rows: Sequence[int], *, file: str, problems: Problems
+) -> DecimalMark | None:
+    """Find the decimal mark from all the number cells that are used; None where no cell has one."""
+    commas = _with_mark(",", columns, rows)
+    if not commas:
+        has_point = any("." in cell for cells in columns.values() for cell in cells)
+        return DecimalMark(".") if has_point else None
+    if points := _with_mark(".", columns, rows):
+        return _settled(",", commas) if _weight(commas) > _weight(points) else _settled(".", points)
+    if all(_TWO_READINGS.fullmatch(cell) for _, _, cell in commas):
+        hint = (
+            'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write them '
+            "without it)."
+        )
+        for row, name, cell in commas:
+            problems.add(f"{_readings(cell)}.", file=file, row=row, column=name, value=cell, hint=hint)
+    return DecimalMark(",")
+
+
+def _with_mark(
+    sign: str, columns: Mapping[str, Sequence[str]], rows: Sequence[int]
+) -> list[tuple[int, str, str]]:
+    """Row, column and text of each number that has a mark."""
+    return [
+        (row, name, cell.strip(_SPACE))
+        for name, cells in columns.items()
+        for row, cell in zip(rows, cells, strict=True)
+        if sign in cell and _NUMBER[sign].fullmatch(cell.strip(_SPACE))
+    ]
+
+
+def _settled(sign: Mark, cells: Sequence[tuple[int, str, str]]) -> DecimalMark:
+    row, name, cell = next((c for c in cells if not _TWO_READINGS.fullmatch(c[2])), cells[0])
+    count = f"{len(cells)} cells have" if len(cells) > 1 else "1 cell has"
+    return DecimalMark(sign, f"{count} a decimal {_WORDS[sign]}, as row {row} in column {name!r} ({cell!r})")
+
+
+def _weight(cells: Sequence[tuple[int, str, str]]) -> tuple[int, int]:
+    """How much cells say for their mark: how many have one reading, and how many there are."""
+    return sum(not _TWO_READINGS.fullmatch(cell) for _, _, cell in cells), len(cells)
+
+
+def _readings(cell: str) -> str:
+    return f"can be read as {cell.replace(',', '.')} or as {re.sub('[.,]', '', cell)}"
+
+
+def parse_numbers(
+    cells: Sequence[str],
+    rows: Sequence[int],
+    *,
+    mark: DecimalMark,
+    file: str,
+    column: str,
+    problems: Problems,
+    optional: bool = True,
+) -> npt.NDArray[np.float64]:
+    """Convert cells to the nearest doubles."""
+    out = np.full(len(cells), np.nan)
+    is_number = _NUMBER[mark.sign].fullmatch
+    mend = (
+        "Correct the cell, or leave it empty if there was no adjustment." if optional else "Correct the cell."
+    )
+    for at, cell in enumerate(cells):
+        text = cell.strip(_SPACE)
+        if is_number(text):
+            out[at] = number = float(text.replace(",", "."))
+            if not math.isinf(number) and (number or not re.search("[1-9]", re.split("[eE]", text)[0])):
+                continue
+            message, hint = "beyond the range of double-precision numbers.", ""
+        elif text.lower() in _MISSING:
+            continue
+        else:
+            message, hint = _diagnosis(text, mark)
+        problems.add(message, file=file, row=int(rows[at]), column=column, value=cell, hint=hint or mend)
+    return out
+
+
+def _diagnosis(text: str, mark: DecimalMark) -> tuple[str, str]:
+    """Say what is wrong with a cell that is no number, and what to do if that is more than to correct it."""
+    other = "," if mark.sign == "." else "."
+    if _NUMBER[other].fullmatch(text):
+        found = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
+        why = mark.evidence or f"the file is read with the decimal mark {mark.sign!r}"
+        hint = f"Write it with a decimal {_WORDS[mark.sign]}, and thousands without a separator"
+        return f"{found}; {why}.", hint + (
+            "." if mark.evidence else ", or set [sessions] decimal to the mark the file has."
+        )
+    if re.fullmatch(r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?", text):
+        return "not a plain number: separators of thousands are not read.", "Write it without them."
+    if text.startswith(("[", "{")):
+        return (
+            "a list or a record, not a number.",
+            'Say which value counts, as [columns] k_adj = { name = "…", path = "-1" } (the last of a list).',
+        )
+    if text.endswith("%"):
+        return "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."
+    if text.lower().lstrip("+-") in ("inf", "infinity"):
+        return "not a finite number.", ""
+    return "not a number.", ""
+
+
+class CellError(ValueError):
+    """A cell that has no value at the path asked for; of a record that lacks a key, `keys` it has."""
+
+    def __init__(self, message: str, keys: Iterable[str] | None = None) -> None:
+        super().__init__(message)
+        self.keys = None if keys is None else tuple(keys)
+
+
+def pick(cell: str, path: str) -> str:
+    """Pick one value from a JSON cell, as text, so that no digit is lost."""
+    if is_missing(cell):
+        return ""
+    text = _NUMPY.sub(r"\1", cell)
+    try:
+        value = json.loads(
+            text, parse_float=str, parse_int=str, parse_constant=str, object_pairs_hook=_unique
+        )
+    except (json.JSONDecodeError, RecursionError):
+        raise CellError("not a JSON record or list") from None
+    for step in path.split("."):
+        value = _step(value, step)
+    if value is None:
+        return ""
+    if not isinstance(value, str):
+        raise CellError(f"{path!r} leads to a record, a list or true/false, not to a number")
+    return value
+
+
+def _step(value: Any, step: str) -> Any:
+    if isinstance(value, dict):
+        if step not in value:
+            raise CellError(f"the record has no {step!r}", value)
+        return value[step]
+    if isinstance(value, list) and re.fullmatch(r"-?[0-9]{1,9}", step):
+        if -len(value) <= int(step) < len(value):
+            return value[int(step)]
+        raise CellError(f"the list has no item {step}")
+    if value is None:
+        return None
+    raise CellError(f"there is no {step!r} in it")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    record = dict(pairs)
+    if len(record) < len(pairs):
+        raise CellError("a key stands twice in the record")
+    return record
+
+
+@lru_cache
+def factor(unit: str | None, parameter: str) -> Fraction:
+    """Exact factor from a declared unit to percept's; pint is imported only for units of other names."""
+    if unit is None or unit in _SAME[parameter]:
+        return Fraction(1)
+    import pint
+
+    text = re.sub(r"\bNs\b", "N*s", unit).replace("·", "*").replace(" ", "*")
+    try:
+        if not _UNIT.fullmatch(unit):
+            raise ValueError(unit)
+        quantity = _registry().Quantity(Fraction(1), text)
+        return Fraction(quantity.to(UNITS[parameter].replace("·", "*")).magnitude)
+    except (pint.errors.PintError, ValueError, TypeError, AttributeError):
+        raise UsageError(
+            f"not a unit of {'stiffness' if parameter == 'k' else 'damping'}.",
+            key="unit",
+            value=unit,
+            hint=f"Declare one that converts to {UNITS[parameter]}.",
+        ) from None
+
+
+@lru_cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
+def convert(values: npt.NDArray[np.float64], unit: str | None, parameter: str) -> npt.NDArray[np.float64]:
+    """Convert numbers to N/m or N·s/m, rounding once."""
+    scale = factor(unit, parameter)
+    if scale.numerator == 1:
+        return values / scale.denominator
+    return values * float(scale)

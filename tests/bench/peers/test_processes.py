@@ -1,0 +1,105 @@
+"""Engines and whole commands in processes of their own, and the parts of percept bench that run them."""
+
+import hashlib
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from percept.bench.peers.processes import processor_seconds, whole_commands
+from percept.bench.peers.reference import stored_reference
+from percept.bench.peers.run import run_reference
+from percept.cli import main
+from percept.errors import RefusalError
+
+
+def test_commands_take_turns_and_are_timed(tmp_path):
+    log = tmp_path / "log"
+    note = "import os, sys; open(sys.argv[1], 'a').write(sys.argv[2] + os.environ['PERCEPT_CACHE'] + ' ')"
+    work = note + "; sum(range(6_000_000))"
+    commands = {"note": ("-c", note, "SESSIONS", "a"), "work": ("-c", work, "SESSIONS", "b")}
+    light, heavy = whole_commands(str(log), "scene.toml", repeats=2, commands=commands)
+    assert log.read_text() == "aoff boff " * 3
+    assert light.command.startswith('python -c "import os, sys')
+    assert len(light.seconds) == 2
+    # Both start an interpreter; only one of them works.
+    assert heavy.processor > light.processor
+    assert heavy.median == pytest.approx(sum(heavy.seconds) / 2)
+
+
+def test_a_command_that_fails_is_named():
+    with pytest.raises(RefusalError, match="-c import no_such_library failed: ModuleNotFoundError"):
+        whole_commands("x", "y", repeats=1, commands={"bad": ("-c", "import no_such_library")})
+
+
+def test_reference_command_goes_on_from_what_is_there(tmp_path, sessions):
+    digest = hashlib.sha256(Path(sessions).read_bytes()).hexdigest()
+    stored = stored_reference(digest)
+    for name, run in (("own", stored.own), ("other", stored.other)):
+        row = {"value": run.value.tolist(), "error": run.error.tolist(), "effective": 6e5}
+        file = tmp_path / f"{name}-{digest[:12]}.jsonl"
+        file.write_text(f"{json.dumps(row)}\n" * 2, encoding="utf-8")
+    found = json.loads(run_reference(tmp_path).read_text(encoding="utf-8"))
+    assert found["own"]["effective"] == 1.2e6
+    assert found["own"]["value"] == stored.own.value.tolist()
+    assert found["sessions_sha256"] == digest
+
+
+def test_an_engine_nobody_knows_is_wrong_usage(tmp_path, capsys):
+    assert main(["bench", "peers", "--engines", "stan", "--out", str(tmp_path / "out")]) == 2
+    assert "no such engine; they are percept, percept-stretch" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+without_peers = pytest.mark.skipif(
+    importlib.util.find_spec("pymc") is not None, reason="the extra percept[peers] is installed"
+)
+
+
+@without_peers
+def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys):
+    """A whole quick benchmark of what is installed."""
+    out = tmp_path / "out"
+    words = ["bench", "peers", "--engines", "percept", "nutpie", "emcee", "--quick", "--out", str(out)]
+    assert main(words) == 0
+    said = capsys.readouterr().err
+    assert "nutpie, written plainly: left out, nutpie, pymc" in said
+    assert "import pymc: left out, pymc not installed; pip install 'percept[peers]'" in said
+    found = json.loads((out / "benchmark.json").read_text(encoding="utf-8"))
+    assert [one["name"] for one in found["engines"]] == ["percept", "emcee"]
+    assert [one["name"] for one in found["left_out"]] == ["nutpie, written plainly", "import pymc"]
+    assert [one["against"] for one in found["comparisons"]] == ["import what percept fit needs"]
+    text = (out / "index.html").read_text(encoding="utf-8")
+    assert "Left out, since packages are not installed here: nutpie, written plainly (nutpie" in text
+    # emcee's stretch moves on the joint density, far too short: an honest error, not agreement.
+    (row,) = (one for one in found["measured"] if one["engine"] == "emcee")
+    assert row["repeats"] == 1
+    assert row["error"] > 0.1
+    assert row["agreement"] > 3.0
+    ours = next(one for one in found["measured"] if (one["engine"], one["how"]) == ("percept", "mixture"))
+    assert ours["error"] < 0.1
+    assert ours["agreement"] < 3.0
+
+
+@without_peers
+def test_nothing_installed_is_refused(tmp_path, capsys):
+    assert main(["bench", "peers", "--engines", "pymc", "--out", str(tmp_path / "out")]) == 1
+    assert "none of these engines is installed" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(
+    not list(Path("/proc/self/task").glob("*/children")), reason="needs a system that lists children"
+)
+def test_running_children_count():
+    before = processor_seconds()
+    code = "print(sum(range(20_000_000)), flush=True); input()"
+    child = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    with child:
+        assert child.stdout.readline() == b"199999990000000\n"
+        running = processor_seconds() - before
+    # Waited for, the child counts among those that ended: the sum goes on from where it was.
+    # Up to rounding: clock ticks of a hundredth are added as doubles.
+    assert processor_seconds() - before > running - 1e-6 > 0.1

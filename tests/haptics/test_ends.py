@@ -1,0 +1,283 @@
+"""DC, Nyquist and beyond: true limits, conjugates, refusals, and never NaN."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from percept.bench import twins_haptics as twin
+from percept.errors import UsageError
+from percept.haptics import (
+    Coupling,
+    Device,
+    Environment,
+    Mode,
+    absolute_stability,
+    coupling_admittance,
+    coupling_impedance,
+    device_impedance,
+    effective_impedance,
+    environment_impedance,
+    hold,
+    magnitude_envelope,
+    magnitude_envelope_ellipse,
+    max_coupling_stiffness,
+    perceived_impedance,
+    perceived_magnitude,
+    required_damping,
+    required_damping_at,
+    stability_margin,
+)
+from percept.haptics.limits import stiffness_limits
+
+NYQUIST = np.pi / 1e-3
+
+
+def near(values, theta):
+    """The one-sided limit in high precision."""
+    with mpmath.workdps(twin.DIGITS):
+        period = mpmath.mpf(values["period"])
+        numbers = {key: mpmath.mpf(value) for key, value in values.items()}
+        numbers["omega"] = (mpmath.mpf(theta) if theta else mpmath.pi - mpmath.mpf("1e-25")) / period
+        return {
+            name: complex(formula(twin._point(numbers, mpmath)))
+            for name, formula in {
+                "eff": twin.effective,
+                "vc": twin.coupled,
+                "h": twin.direct,
+            }.items()
+        }
+
+
+ZERO_PATTERNS = [
+    {},
+    {"k_c": 0.0},
+    {"k_e": 0.0},
+    {"k_e": 0.0, "k_c": 0.0},
+    {"m_e": 0.0},
+    {"m_e": 0.0, "b_e": 0.0},
+    {"m_e": 0.0, "b_e": 0.0, "b_c": 0.0},
+    {"k_e": 0.0, "b_e": 0.0},
+    {"k_c": 0.0, "b_c": 0.0},
+    {"k_e": 0.0, "b_e": 0.0, "m_e": 0.0},
+    {"b_e": 0.0, "b_c": 0.0},
+]
+
+
+@pytest.mark.parametrize("zeros", ZERO_PATTERNS, ids=lambda zeros: "+".join(zeros) or "none")
+@pytest.mark.parametrize("end", ["dc", "nyquist"])
+def test_coupled_forms_have_their_limits_whatever_is_absent(zeros, end):
+    values = {
+        "period": 1e-3,
+        "m": 0.0,
+        "b_d": 5.0,
+        "k_e": 1000.0,
+        "b_e": 2.0,
+        "m_e": 0.3,
+        "k_c": 5e4,
+        "b_c": 80.0,
+    }
+    values |= zeros
+    limit = near(values, "1e-25" if end == "dc" else None)
+    omega = 0.0 if end == "dc" else NYQUIST
+    environment = Environment(values["k_e"], values["b_e"], values["m_e"])
+    coupling = Coupling(values["k_c"], values["b_c"])
+    device = Device(values["m"], values["b_d"])
+    ours = {
+        "eff": effective_impedance(omega, environment, coupling, 1e-3).value,
+        "vc": perceived_impedance(omega, device, environment, 1e-3, coupling=coupling),
+        "h": perceived_impedance(omega, device, environment, 1e-3),
+    }
+    for name, value in ours.items():
+        for part, expected in ((value.real, limit[name].real), (value.imag, limit[name].imag)):
+            if abs(expected) > 1e20:
+                assert part == np.copysign(np.inf, expected), name
+            else:
+                assert part == pytest.approx(expected, rel=1e-13, abs=1e-18), name
+
+
+def test_effective_stiffness_has_its_limits():
+    environment, coupling = Environment(1000.0, 2.0, 0.3), Coupling(5e4, 80.0)
+    shown = effective_impedance([0.0, 1e-5, NYQUIST * (1 - 1e-9), NYQUIST], environment, coupling, 1e-3)
+    assert shown.stiffness[0] == pytest.approx(1000 * 5e4 / 51000, rel=1e-14)
+    assert shown.stiffness[1] == pytest.approx(shown.stiffness[0], rel=1e-12)
+    # Next to Nyquist the environment's mass is immovable and takes b_c²/m off the coupling's stiffness.
+    assert shown.stiffness[3] == pytest.approx(5e4 - 80**2 / 0.3, rel=1e-14)
+    assert shown.stiffness[2] == pytest.approx(shown.stiffness[3], rel=1e-6)
+
+
+def test_device_at_the_ends():
+    device = Device(2.0, 5.0, (Mode(0.5, 1e4, 3.0), Mode(0.5, 0.0, 3.0), Mode(0.0, 1.0, 1.0)))
+    at_dc, at_nyquist = device_impedance([0.0, NYQUIST], device, 1e-3)
+    assert at_dc == 5.0
+    assert at_nyquist.real == pytest.approx(11.0)
+    assert at_nyquist.imag == np.inf
+
+
+def test_hold_of_both_kinds():
+    np.testing.assert_array_equal(hold([0.0, NYQUIST], 1e-3), [1.0, 0.0])
+    np.testing.assert_allclose(hold([0.0, NYQUIST], 1e-3, kind="true"), [1.0, -2j / np.pi], atol=1e-16)
+    h = 0.7
+    np.testing.assert_allclose(
+        hold(2 * h / 1e-3, 1e-3, kind="true"), np.sin(h) / h * np.exp(-1j * h), rtol=1e-14
+    )
+
+
+def test_hold_keeps_its_digits_next_to_nyquist():
+    theta = np.pi - np.array([1e-14, 1e-12, 1e-9])
+    with mpmath.workdps(40):
+        half = [mpmath.mpf(float(angle)) / 2 for angle in theta]
+        exact = [mpmath.cos(h) * mpmath.expj(-h) for h in half]
+        parts = np.array([[float(value.real), float(value.imag)] for value in exact])
+    found = hold(theta, 1.0)
+    np.testing.assert_allclose(np.transpose([found.real, found.imag]), parts, rtol=1e-15)  # a few roundings
+
+
+def test_beside_an_undamped_resonance_the_stiffness_is_that_of_springs_in_series():
+    """k₁k₂/(k₁ + k₂), k₁ = k − mΩ²: a few ulp from the pole too it is huge, and never cancels to nothing."""
+    period = 1e-3
+    environment, coupling = Environment(1000.0, 0.0, mass=0.5), Coupling(5000.0, 0.0)
+    pole = 2 / period * np.arctan(np.sqrt(6000 / 0.5) * period / 2)
+    omega = pole + np.arange(-2000, 2001) * np.spacing(pole)
+    found = effective_impedance(omega, environment, coupling, period).stiffness
+    rate = 2 / period * np.tan(omega * period / 2)
+    own = 1000.0 - 0.5 * rate**2
+    with np.errstate(divide="ignore"):
+        series = own * 5000.0 / (own + 5000.0)
+    # An ulp of ω moves the denominator by some 1e-12 of 5000; what is seen of it moves by a few.
+    far = np.abs(own + 5000.0) > 1e-9
+    np.testing.assert_allclose(found[far], series[far], rtol=1e-2)
+    assert np.abs(found).min() > 1e15
+
+
+def test_an_undamped_resonance_of_mass_and_coupling_is_infinite():
+    omega = np.linspace(0.1, 3.0, 4001)
+    # Z_c is -Z_e to the last digits, and at hundreds of these omega to the very last.
+    mass, spring = Environment(0.0, 0.0, 1.0), Coupling((2 * np.tan(omega / 2)) ** 2, 0.0)
+    shown = effective_impedance(omega, mass, spring, 1.0)
+    assert np.isinf(shown.stiffness).sum() > 100
+    assert not np.isnan(shown.value).any()
+
+
+def test_stiffness_and_mass_are_infinite_where_they_should_be():
+    value = environment_impedance([0.0, NYQUIST], Environment(10.0, 1.0, 0.1), 1e-3)
+    np.testing.assert_array_equal(value.real, [1.0, 1.0])
+    np.testing.assert_array_equal(value.imag, [-np.inf, np.inf])
+    assert coupling_impedance(0.0, Coupling(10.0, 1.0), 1e-3).imag == -np.inf
+    assert coupling_admittance(0.0, Coupling(10.0, 1.0), 1e-3) == 0
+    assert coupling_admittance(1.0, Coupling(0.0, 0.0), 1e-3).real == np.inf
+
+
+def test_nyquist_is_a_few_ulp_wide_and_a_hard_wall():
+    device = Device(1.0, 5.0)
+    for ulps in (-4, -1, 0, 1):
+        omega = np.pi + ulps * np.spacing(np.pi)
+        assert device_impedance(omega, device, 1.0).imag == np.inf
+    below = np.pi - 6 * np.spacing(np.pi)
+    assert np.isfinite(device_impedance(below, device, 1.0))
+    for beyond in (np.pi + 6 * np.spacing(np.pi), -4.0):
+        with pytest.raises(
+            UsageError, match=r"omega is above the Nyquist frequency, 3\.14.* rad/s at a period of 1 s"
+        ):
+            device_impedance(beyond, device, 1.0)
+
+
+@pytest.mark.parametrize("period", [0.0, -1e-3, np.nan, np.inf, [1e-3, 2e-3], "1 ms"])
+def test_period_is_one_positive_number(period):
+    with pytest.raises(UsageError, match="period must be"):
+        device_impedance(1.0, Device(1.0, 5.0), period)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: hold(np.nan, 1e-3), "omega must be finite"),
+        (lambda: hold(1.0, 1e-3, kind="zoh"), "hold must be one of 'average', 'true'"),
+        (
+            lambda: coupling_impedance(1.0, Coupling(1, 1), 1e-3, discretization="euler"),
+            "discretization must be one of 'tustin', 'backward'",
+        ),
+        (lambda: perceived_magnitude(1.0, Device(1, 1), np.nan, 0.0, 1e-3), "stiffness must be finite"),
+        (
+            lambda: perceived_magnitude(1.0, Device(1, 1), -np.inf, 0.0, 1e-3),
+            r"stiffness must be finite and at most 1e\+100",
+        ),
+        (
+            lambda: perceived_magnitude(1.0, Device(1, 1), -1e101, 0.0, 1e-3),
+            r"stiffness must be finite and at most 1e\+100",
+        ),
+        (
+            lambda: perceived_magnitude([1.0, 2.0], Device(1, 1), 1.0, 0.0, 1e-3, out=np.empty(3)),
+            r"out must be float64 of shape \(2,\)",
+        ),
+        (
+            lambda: perceived_magnitude(
+                [1.0, 2.0], Device(1, 1), 1.0, 0.0, 1e-3, out=np.empty(2, dtype=np.float32)
+            ),
+            r"out must be float64 of shape \(2,\)",
+        ),
+    ],
+)
+def test_wrong_arguments_are_refused(call, message):
+    with pytest.raises(UsageError, match=message):
+        call()
+
+
+parameter = st.one_of(st.just(0.0), st.floats(1e-15, 1e15))
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    log_period=st.floats(-6, 0),
+    place=st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1), st.floats(-15, 0).map(lambda e: 10**e)),
+    p=st.lists(parameter, min_size=10, max_size=10),
+    kind=st.sampled_from(["average", "true"]),
+    discretization=st.sampled_from(["tustin", "backward"]),
+)
+def test_never_nan_and_negative_omega_is_the_conjugate(log_period, place, p, kind, discretization):
+    period = 10**log_period
+    omega = np.pi / period * place
+    device = Device(p[0], p[1], (Mode(p[2], p[3], p[4]),))
+    environment, coupling = Environment(p[5], p[6], p[7]), Coupling(p[8], p[9])
+    options = {"hold": kind}
+
+    def complex_values(omega):
+        return [
+            device_impedance(omega, device, period),
+            environment_impedance(omega, environment, period),
+            coupling_impedance(omega, coupling, period, discretization=discretization),
+            coupling_admittance(omega, coupling, period, discretization=discretization),
+            perceived_impedance(omega, device, environment, period, **options),
+            perceived_impedance(
+                omega,
+                device,
+                environment,
+                period,
+                coupling=coupling,
+                discretization=discretization,
+                **options,
+            ),
+        ]
+
+    values = complex_values(omega)
+    assert not np.isnan(values).any()
+    if omega:
+        np.testing.assert_array_equal(complex_values(-omega), np.conj(values))
+    box = (-p[5], p[8]), (-p[6], p[9])
+    shape = [[p[5] ** 2, 0.0], [0.0, p[6] ** 2]]
+    numbers = [
+        perceived_magnitude(omega, device, -p[5], p[6], period, mass=p[7], **options),
+        *magnitude_envelope(omega, device, *box, period, mass=p[7], **options),
+        *magnitude_envelope_ellipse(omega, device, (p[8], p[9]), shape, 1.5, period, **options),
+        required_damping_at(omega, coupling, period, discretization=discretization, **options),
+        stability_margin(omega, device, coupling, period, discretization=discretization, **options),
+        required_damping(coupling, period, discretization=discretization, **options).damping,
+        required_damping(coupling, period, discretization=discretization, **options).omega,
+        max_coupling_stiffness(p[1], p[9], period, discretization=discretization, **options),
+        stiffness_limits(omega, device, np.float64(p[9]), period, options["hold"]),
+        absolute_stability(
+            device, coupling, period, discretization=discretization, **options
+        ).smallest_margin,
+    ]
+    assert not np.isnan(numbers).any()

@@ -1,0 +1,132 @@
+"""A notebook shows every record with its fields and numbers; a browser on the machine prints pages."""
+
+from __future__ import annotations
+
+import dataclasses
+import stat
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept import Scene, Study, haptics, inference, read_sessions
+from percept.errors import UsageError
+from percept.html import NotebookRecord, fields_html, find_browser, print_pdf
+from percept.planning import plan_mean
+from tests import DATASETS
+
+COUPLING = haptics.Coupling(stiffness=50e3, damping=100.0)
+DEVICE = haptics.Device(mass=1.0, damping=5.0)
+X = [9.0, 11.0, 10.5, 8.0, 12.0]
+
+
+@pytest.fixture(scope="module")
+def study():
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
+    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda _: haptics.required_damping(COUPLING, 1e-3),
+        lambda _: haptics.absolute_stability(DEVICE, COUPLING, 1e-3),
+        lambda _: haptics.effective_impedance(10.0, haptics.Environment(1e3, 1.0), COUPLING, 1e-3),
+        lambda _: inference.bias(X, 10.0),
+        lambda _: inference.t_interval(X),
+        lambda _: inference.Moments.from_values(X),
+        lambda _: plan_mean(0.1, sd=0.2),
+        lambda study: study.band,
+        lambda study: study.coupling,
+        lambda study: study.sensitivity,
+        lambda study: study.scene,
+    ],
+)
+def test_records(study, made):
+    record = made(study)
+    page = record._repr_html_()
+    assert page.startswith("<table>")
+    assert page.endswith("</table>")
+    assert "object at 0x" not in page
+    if isinstance(record, NotebookRecord):
+        for field in dataclasses.fields(record):
+            assert f"<th>{field.name}</th>" in page
+
+
+def test_numbers_are_rounded_text_is_escaped_and_long_arrays_are_told_by_their_shape():
+    page = fields_html(
+        {
+            "<name>": "a & <b>",
+            "one": np.float64(1.0) / 3.0,
+            "none": None,
+            "flag": True,
+            "few": np.array([1.5, 2.0]),
+            "many": np.zeros((3, 400)),
+            "long": list(range(9)),
+            "by": {"k": 2.0},
+            "table": pd.DataFrame({"x": ["<i>"]}),
+        },
+        caption="it's <so>",
+    )
+    assert "<caption>it&#x27;s &lt;so&gt;</caption>" in page
+    assert "<tr><th>&lt;name&gt;</th><td>a &amp; &lt;b&gt;</td></tr>" in page
+    cells = {
+        "one": "0.333333",
+        "none": "–",
+        "flag": "True",
+        "few": "1.5, 2",
+        "by": "k: 2",
+        "long": "9 values",
+    }
+    cells["many"] = "array of shape 3 × 400"
+    for name, text in cells.items():
+        assert f"<tr><th>{name}</th><td>{text}</td></tr>" in page
+    assert "&lt;i&gt;" in page
+    assert "<i>" not in page
+
+
+def test_records_within_records_and_tables_shown_as_text():
+    inner = {"coupling": haptics.Coupling(stiffness=1 / 3, damping=2.0)}
+    assert "<td>Coupling: stiffness 0.333333, damping 2</td>" in fields_html(inner)
+    with pd.option_context("display.notebook_repr_html", False):
+        assert "<td>None</td>" not in fields_html({"table": pd.DataFrame({"x": [1.0]})})
+
+
+def program(folder, name):
+    path = folder / name
+    path.write_text("#!/bin/sh\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return path
+
+
+def test_a_browser_on_the_path_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("PERCEPT_BROWSER", raising=False)
+    assert find_browser() is None
+    found = program(tmp_path, "chromium")
+    assert Path(find_browser()) == found
+
+
+def test_the_one_that_is_named_goes_before_those_on_the_path(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    program(tmp_path, "chromium")
+    mine = program(tmp_path, "my-browser")
+    monkeypatch.setenv("PERCEPT_BROWSER", str(mine))
+    assert Path(find_browser()) == mine
+    monkeypatch.setenv("PERCEPT_BROWSER", str(tmp_path / "nowhere"))
+    assert find_browser() is None
+
+
+def test_without_a_browser_a_pdf_is_refused_with_a_way_out(tmp_path, monkeypatch):
+    monkeypatch.setenv("PERCEPT_BROWSER", "no-such-browser")
+    with pytest.raises(UsageError, match="needs a Chromium") as caught:
+        print_pdf(tmp_path / "page.html", tmp_path / "page.pdf")
+    assert "PERCEPT_BROWSER" in caught.value.hint
+
+
+def test_a_browser_that_fails_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PERCEPT_BROWSER", "false")
+    with pytest.raises(UsageError, match="could not be printed") as caught:
+        print_pdf(tmp_path / "page.html", tmp_path / "page.pdf")
+    assert Path(caught.value.file).name == "false"
