@@ -18,7 +18,7 @@ from percept.haptics import Device
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.statistics import Statistics, from_trials
-from percept.inference.sampling.records import Settings
+from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from percept.study.bayesian import prepare
 

@@ -15,7 +15,7 @@ from scipy import special
 from percept.boundary.curves import curve_gap
 from percept.errors import RefusalError, UsageError, counted
 from percept.inference.hierarchy.density import ConditionalMoments
-from percept.inference.sampling.mixture import mixture_quantile
+from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
 from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS
 from percept.study.classical import cell_moments

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from percept.inference.sampling.estimands import Estimates
-from percept.inference.sampling.records import Gate, Run, Settings
+from percept.inference.sampling.endpoints import Estimates
+from percept.inference.sampling.gate import Gate, Settings
+from percept.inference.sampling.run import Run
 
 
 @pytest.fixture

@@ -27,8 +27,7 @@ from percept.calibration.sbc import (
 from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.hierarchy.density import ConditionalMoments
-from percept.inference.sampling.moves import standard_moves
-from percept.inference.sampling.reference import Reference
+from percept.inference.sampling.moves import Reference, standard_moves
 from tests.workers.clusters import QUIET
 
 PLAN = SbcPlan(design="one environment")

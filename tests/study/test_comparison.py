@@ -11,7 +11,7 @@ from percept import RefusalError, Scene, Study, UsageError
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.wider_priors import reweighted, wider, with_priors
-from percept.inference.sampling.records import Settings
+from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from percept.sessions import Sessions
 from percept.study.bayesian import Fit
@@ -72,7 +72,7 @@ def test_spreads_of_the_normal_family_are_compared_in_native_units() -> None:
     assert study.fit is not None
     sd = study.sessions.table.groupby("environment")["k_adj"].std()
     model = study.fit.prepared.model
-    spread = model.laws(thinned_points(study.fit)[0]).spread
+    spread = model.laws(thinned_points(study.fit)[0]).population_sd
     for row in study.comparison.itertuples():
         at = np.log(spread[:, model.cells.index(("k", row.environment))])
         typical = np.exp(at.mean()) * study.reference["k", row.environment]

@@ -9,7 +9,7 @@ import pytest
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.inference.hierarchy.models import Pooled, Product
 from percept.inference.hierarchy.new_environment import new_environment
-from percept.inference.sampling.mixture import mixture_quantile
+from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
 from percept.study.posterior import thinned_points
 from percept.study.prediction import expected_users, predict

@@ -86,7 +86,7 @@ def percept_model(source: str) -> tuple[Model, IntervalEstimands]:
 def _percept(study: Responses, source: str) -> Sampler:
     """Percept itself: sampled to a tolerance; limits from the mixture and from raw draws."""
     from percept.inference.hierarchy.density import ConditionalMoments
-    from percept.inference.sampling.records import Settings
+    from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 
     model, estimands = percept_model(source)

@@ -18,7 +18,7 @@ from percept.bench.peers.model import KINDS, Array
 from percept.errors import RefusalError
 from percept.inference.hierarchy.models import IntervalEstimands, Model
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores
-from percept.inference.sampling.ensembles import advance, start
+from percept.inference.sampling.moves import advance, start
 from percept.inference.sampling.warmup import warm_up
 from percept.report.plain import plain
 

@@ -14,8 +14,7 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
 from percept.inference.hierarchy.priors import draws_first
 from percept.inference.hierarchy.scales import Scales
-from percept.inference.sampling.estimands import Estimates
-from percept.inference.sampling.mixture import mixture_quantile, share_half_width
+from percept.inference.sampling.endpoints import Estimates, mixture_quantile, share_half_width
 
 Array = NDArray[np.float64]
 

@@ -1,14 +1,121 @@
-"""The gate: whether a run has mixed, so that its numbers may be reported, and what error they have."""
+"""The gate: how far estimates can be believed, whether a run's numbers may be reported, and why not."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.judgement import Judged
-from percept.inference.sampling.records import Gate, Settings
+from percept.errors import UsageError
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    normal_scores,
+    rank_rhat,
+    some_walkers,
+)
+from percept.inference.sampling.endpoints import Estimands, Estimates
 
 Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """How to sample."""
+
+    tolerance: float = 0.01
+    seed: int = 1  # Seed of the whole run
+    ensembles: int = 4  # Independent ensembles, at least 4
+    walkers: int | None = None  # Walkers per ensemble
+    most_steps: int = 20_000  # Steps per ensemble at which the run ends, whatever its error
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.tolerance < 1.0:
+            raise UsageError("must lie in (0, 1).", key="tolerance", value=self.tolerance)
+        if self.ensembles < 4:
+            raise UsageError("must be at least 4.", key="ensembles", value=self.ensembles)
+        if self.seed < 0:
+            raise UsageError("must be zero or positive.", key="seed", value=self.seed)
+        if self.most_steps < 1:
+            raise UsageError("must be at least 1.", key="most_steps", value=self.most_steps)
+        if self.walkers is not None and self.walkers < 64:
+            raise UsageError("must be at least 64.", key="walkers", value=self.walkers)
+
+
+@dataclasses.dataclass(frozen=True)
+class Gate:
+    """Verdict on a run."""
+
+    passed: bool  # Whether the run has mixed, so that its numbers may be reported with their errors
+    reasons: tuple[str, ...]  # What failed
+    rhat: float | None  # Largest rank R-hat across ensembles
+    autocorrelation_time: float  # Longest autocorrelation time of a reported quantity, in steps
+    times_run: float  # Kept steps per ensemble over that time, of a long run's last part
+    effective_draws: float  # Effective draws of the slowest reported quantity
+    acceptance: float  # Mean acceptance fraction
+    lowest_acceptance: float  # Of the slowest walker
+    worst_error: float  # Largest Monte Carlo error over half-width
+    worst: str  # The estimate it belongs to
+    tolerance_met: bool  # Whether that error is within the tolerance
+    error_reached: str  # A sentence on the error where it misses the tolerance, else empty
+
+
+#: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
+_RANKED = 1 << 14
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Judged:
+    """Estimates and how far they can be believed."""
+
+    estimates: Estimates  # Q estimates
+    errors: Array  # (Q,) Monte Carlo standard errors
+    times: Array  # (Q,) Autocorrelation times of the influence functions, in kept positions
+    slowest: float  # The longest of them, and of the times of the ranks of what is kept per draw
+    rhat: float | None  # Largest rank R-hat across ensembles of influence functions and of what is kept
+
+
+def judge(estimands: Estimands, components: Array, tolerance: float, *, full: bool) -> Judged:
+    """Estimate, and measure errors and convergence."""
+    parts = [_judge_part(part, components, tolerance, full) for part in estimands.parts()]
+    estimates = Estimates(
+        tuple(name for part in parts for name in part.estimates.names),
+        np.concatenate([part.estimates.value for part in parts]),
+        np.concatenate([part.estimates.scale for part in parts]),
+    )
+    # Ranks: a heavy tail would make the autocorrelation that of its few extreme draws.
+    varying = np.ptp(components, axis=(0, 1, 2)) > 0
+    scores = normal_scores(some_walkers(components[..., varying]))
+    slowest = float(autocorrelation_time(scores).max(initial=max(part.slowest for part in parts)))
+    rhats = [part.rhat for part in parts]
+    known = [rhat for rhat in rhats if rhat is not None]
+    return Judged(
+        estimates,
+        np.concatenate([part.errors for part in parts]),
+        np.concatenate([part.times for part in parts]),
+        slowest,
+        max([*known, _rhat(scores, slowest)]) if len(known) == len(rhats) else None,
+    )
+
+
+def _judge_part(estimands: Estimands, components: Array, tolerance: float, full: bool) -> Judged:
+    estimates, influence = estimands.estimate(components.reshape(-1, components.shape[-1]))
+    series = influence.reshape(*components.shape[:3], -1)
+    times = autocorrelation_time(some_walkers(series))
+    errors = monte_carlo_error(series, times)
+    slowest = float(times.max())
+    wanted = full or bool(np.all(errors <= tolerance * estimates.scale))
+    return Judged(estimates, errors, times, slowest, _rhat(series, slowest) if wanted else None)
+
+
+def _rhat(series: Array, slowest: float) -> float:
+    """Largest rank R-hat of series (E, T, W, V), at about every independent position."""
+    ensembles, length, _, count = series.shape
+    apart = some_walkers(series[:, :: max(1, round(min(slowest, length / 4.0)))], _RANKED)
+    return float(rank_rhat(apart.reshape(ensembles, -1, count)).max(initial=1.0))
+
+
 #: Autocorrelation times a run must span; averaging over 64 walkers or more makes ten enough.
 TIMES_NEEDED = 10.0
 _RHAT_LIMIT = 1.01

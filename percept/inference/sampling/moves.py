@@ -11,16 +11,60 @@ given, and intervals come out too narrow with clean diagnostics.
 from __future__ import annotations
 
 import dataclasses
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.reference import Reference
+from percept.inference.sampling.transport import Checked, Target, refuse_impossible
 
 Array = NDArray[np.float64]
+
+
+_DF = 20.0  # tails a little heavier than normal: a proposal must not miss what the transport did
+
+
+class Reference:
+    """Multivariate t about zero with unit scale matrix."""
+
+    def __init__(self, dimension: int) -> None:
+        self.dimension = dimension
+        self._constant = (
+            math.lgamma(0.5 * (_DF + dimension))
+            - math.lgamma(0.5 * _DF)
+            - 0.5 * dimension * math.log(math.pi * _DF)
+        )
+
+    def log_density(self, points: Array) -> Array:
+        """Log density at points of shape (N, d), shape (N,)."""
+        square = np.einsum("nd,nd->n", points, points)
+        return self._constant - 0.5 * (_DF + self.dimension) * np.log1p(square / _DF)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Draw `count` points, shape (count, d)."""
+        radius = np.sqrt(0.5 * _DF / rng.standard_gamma(0.5 * _DF, size=count))
+        return radius[:, None] * rng.standard_normal((count, self.dimension))
+
+    def turn(self, points: Array, rng: np.random.Generator) -> Array:
+        """Turn points about zero by random angles, leaving the law invariant.
+
+        A t law is normal given its radius: drawing the radius given the point and rotating towards
+        a normal draw of that radius is reversible with respect to the law, at any angle.
+        """
+        count = len(points)
+        square = np.einsum("nd,nd->n", points, points)
+        gamma = rng.standard_gamma(0.5 * (_DF + self.dimension), size=count)
+        radius = np.sqrt(0.5 * (_DF + square) / gamma)
+        # Many small angles: in a far tail only short steps are accepted.
+        angle = 0.5 * math.pi * rng.random(count) ** 2
+        towards = (np.sin(angle) * radius)[:, None] * rng.standard_normal(points.shape)
+        return np.cos(angle)[:, None] * points + towards
+
+
 Generators = Sequence[np.random.Generator]
 #: Indices of walkers, one array per ensemble.
 Groups = list[NDArray[np.intp]]
@@ -154,3 +198,69 @@ def standard_moves(reference: Reference, generators: Generators) -> list[tuple[e
     )
     shares = _SHARES if reference.dimension < _MANY else _SHARES_OF_MANY
     return list(zip(moves, shares, strict=True))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Ensembles:
+    """Everything E ensembles of W walkers need to go on."""
+
+    coords: Array  # (E, W, d) Walkers
+    log_density: Array  # (E, W) Their log densities
+    schedule: tuple[Any, ...]
+    generators: tuple[dict[str, Any], ...]  # State of each ensemble's own generator
+    accepted: NDArray[np.int64]  # (E, W) Accepted steps per walker so far
+    steps: int  # Steps taken so far
+
+
+def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensembles:
+    """Place walkers and give every ensemble a generator of its own."""
+    ensembles, walkers, dimension = points.shape
+    flat = points.reshape(-1, dimension)
+    log_density = Checked(target)(flat)
+    refuse_impossible(target, flat, log_density)
+    schedule, *generators = seed.spawn(1 + ensembles)
+    return Ensembles(
+        points.copy(),
+        log_density.reshape(ensembles, walkers),
+        # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in silence.
+        tuple(np.random.RandomState(np.random.MT19937(schedule)).get_state(legacy=True)),
+        tuple(dict(np.random.PCG64(child).state) for child in generators),
+        np.zeros((ensembles, walkers), dtype=np.int64),
+        0,
+    )
+
+
+def advance(
+    target: Target, state: Ensembles, *, steps: int, stride: int, walkers: int | None = None
+) -> tuple[Ensembles, Array]:
+    """Run all ensembles for some steps and keep every `stride`-th position."""
+    ensembles, own, dimension = state.coords.shape
+    walkers = own if walkers is None else walkers
+    generators = [np.random.Generator(np.random.PCG64()) for _ in range(ensembles)]
+    for generator, stored in zip(generators, state.generators, strict=True):
+        generator.bit_generator.state = stored
+    moves = standard_moves(Reference(dimension), generators)
+    sampler = emcee.EnsembleSampler(ensembles * own, dimension, target, moves=moves, vectorize=True)
+    current = emcee.State(
+        state.coords.reshape(-1, dimension),
+        log_prob=state.log_density.ravel(),
+        random_state=state.schedule,
+        copy=True,
+    )
+    kept = np.empty((ensembles, steps // stride, walkers, dimension))
+    accepted, before = state.accepted.ravel().copy(), state.log_density.ravel()
+    chain = sampler.sample(current, iterations=steps, store=False, skip_initial_state_check=True)
+    for step, current in enumerate(chain, start=1):
+        accepted += current.log_prob != before
+        before = np.array(current.log_prob)
+        if step % stride == 0:
+            kept[:, step // stride - 1] = current.coords.reshape(state.coords.shape)[:, :walkers]
+    after = Ensembles(
+        np.array(current.coords).reshape(state.coords.shape),
+        np.array(current.log_prob).reshape(state.log_density.shape),
+        tuple(sampler.random_state) if steps else state.schedule,
+        tuple(dict(generator.bit_generator.state) for generator in generators),
+        accepted.reshape(state.accepted.shape),
+        state.steps + steps,
+    )
+    return after, kept

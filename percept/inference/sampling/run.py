@@ -14,18 +14,90 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.checked import Checked, Target
-from percept.inference.sampling.ensembles import Ensembles, advance, start
-from percept.inference.sampling.estimands import Estimands
-from percept.inference.sampling.gate import TIMES_NEEDED, pass_gate
-from percept.inference.sampling.judgement import judge
-from percept.inference.sampling.parts import Closed
-from percept.inference.sampling.records import Gate, Progress, Run, Settings
-from percept.inference.sampling.transport import Transport
-from percept.inference.sampling.transported import Affine, Transported
+from percept.inference.sampling.endpoints import Estimands, Estimates
+from percept.inference.sampling.gate import TIMES_NEEDED, Gate, Judged, Settings, judge, pass_gate
+from percept.inference.sampling.moves import Ensembles, advance, start
+from percept.inference.sampling.transport import Affine, Checked, Target, Transport, Transported
 from percept.inference.sampling.warmup import refine, warm_up
 
 Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """State of a run, told after every round."""
+
+    steps: int  # Steps per ensemble so far
+    expected_steps: int  # Steps per ensemble the run is expected to need
+    worst_error: float
+    tolerance: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """A finished run."""
+
+    points: Array  # (E, T, W, d) Kept coordinates, one in `stride` steps
+    components: Array  # (E, T, W, C) What the estimands keep per draw
+    estimates: Estimates  # What was asked for
+    errors: Array  # (Q,) Monte Carlo standard errors
+    times: Array  # (Q,) Autocorrelation times of the influence functions, in steps
+    gate: Gate  # The verdict
+    steps: int
+    stride: int
+    settings: Settings  # As asked
+
+    def thinned(self) -> NDArray[np.intp]:
+        """Return indices (E, N) of positions thinned to the effective size, walkers flattened into steps."""
+        ensembles, length, walkers, _ = self.points.shape
+        gap = max(1, round(self.gate.autocorrelation_time / self.stride))
+        positions = np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
+        index = (positions[:, None] * walkers + np.arange(walkers)).ravel()
+        return np.broadcast_to(index, (ensembles, index.size))
+
+    def independent(self) -> Array:
+        """Return kept positions thinned to the effective size, (E, N, d)."""
+        flat = self.points.reshape(len(self.points), -1, self.points.shape[-1])
+        return flat[np.arange(len(flat))[:, None], self.thinned()]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Closed:
+    """Parts of a run that were judged and settled: their estimates, and some of their positions.
+
+    Estimates of parts are averaged, which costs a bias of the order of a part's squared Monte Carlo error.
+    """
+
+    steps: int  # Steps per ensemble they span
+    value: Array  # (Q,)
+    error: Array  # (Q,)
+    points: Array  # (E, T, W, d) Kept coordinates of the target
+    components: Array  # (E, T, W, C) What the estimands keep per draw
+    stride: int  # Steps between kept positions
+
+    def judged(self, part: Judged, steps: int) -> Judged:
+        """Average with the estimates of the next part, by steps; errors are those of independent parts."""
+        share = steps / (self.steps + steps)
+        value = self.value + share * (part.estimates.value - self.value)
+        together = np.hypot((1.0 - share) * self.error, share * part.errors)
+        return dataclasses.replace(
+            part, estimates=dataclasses.replace(part.estimates, value=value), errors=together
+        )
+
+    def positions(self, points: Array, components: Array, stride: int, most: int) -> tuple[Array, Array, int]:
+        """Append the next part's positions, thinned to one stride and to `most` of a walker in all."""
+        common = max(stride, self.stride)
+        while True:
+            parts = ((self.points, self.components, self.stride), (points, components, stride))
+            if sum(kept.shape[1] // (common // own) for kept, _, own in parts) <= most:
+                break
+            common *= 2
+        gaps = [common // own for *_, own in parts]
+        all_points = [kept[:, gap - 1 :: gap] for (kept, _, _), gap in zip(parts, gaps, strict=True)]
+        all_components = [kept[:, gap - 1 :: gap] for (_, kept, _), gap in zip(parts, gaps, strict=True)]
+        return np.concatenate(all_points, axis=1), np.concatenate(all_components, axis=1), common
+
+
 _BURN_IN = 24
 _FIRST_ROUND = 144
 #: A run predicted to take so many times its first round begins anew, with a transport fitted to that round.

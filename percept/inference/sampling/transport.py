@@ -11,15 +11,121 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.sampling.spline import Spline
+from percept.errors import RefusalError
 
 Array = NDArray[np.float64]
+
+
+class Target(Protocol):
+    """A log density to sample."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of points (W, d), shape (W,); -inf allowed, NaN not."""
+
+
+class Checked:
+    """A target whose values are never NaN."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+        return self._target.names
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of points (W, d), shape (W,)."""
+        values = self._target(points)
+        bad = np.isnan(values)
+        if bad.any():
+            where = _describe(self.names, points[int(np.argmax(bad))])
+            raise RefusalError(f"the log density is NaN at {where}.")
+        return values
+
+
+def refuse_impossible(target: Target, points: Array, values: Array) -> None:
+    """Refuse to go on when the density is -inf at all of the points."""
+    if np.all(np.isneginf(values)):
+        where = _describe(target.names, points[0])
+        raise RefusalError(
+            f"the log density is -inf at every walker, for example at {where}.",
+            hint="Check the data and the priors of these parameters.",
+        )
+
+
+def _describe(names: list[str], point: Array) -> str:
+    """Write out the four coordinates farthest from zero, in order."""
+    extreme = np.argsort(-np.abs(point))[:4]
+    return ", ".join(f"{names[i]} = {point[i]:.6g}" for i in sorted(extreme.tolist()))
+
+
+_REACH = 3.0
+_KNOTS = np.linspace(-_REACH, _REACH, 13)
+_WIDER, _BEND = 1.5, 1.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Spline:
+    """Monotone cubic pieces between evenly spaced knots, one function per coordinate; straight outside."""
+
+    coefficients: Array  # (d, pieces, 4) Of 1, t, t², t³ on every piece, t in [0, 1]
+
+    @classmethod
+    def fit(cls, points: Array) -> Self:
+        """Take standard normal quantiles to those of a sample (N, d)."""
+        values = np.quantile(points, special.ndtr(_KNOTS), axis=0).T
+        # Tied quantiles would make the map flat.
+        rise = np.maximum(np.diff(values, axis=1), 1e-6 * np.ptp(values, axis=1, keepdims=True) + 1e-300)
+        knots = values[:, :1] + np.concatenate([np.zeros_like(rise[:, :1]), np.cumsum(rise, axis=1)], 1)
+        # Harmonic means of neighbouring slopes keep the pieces monotone (Fritsch and Butland 1984).
+        inner = 2.0 * rise[:, :-1] * rise[:, 1:] / (rise[:, :-1] + rise[:, 1:])
+        left = np.concatenate([rise[:, :1], inner], axis=1)
+        right = np.concatenate([inner, rise[:, -1:]], axis=1)
+        # Outside, distances grow by slope and square: a sample says little there, and too wide costs little.
+        first, last = rise[:, :1], rise[:, -1:]
+        none = np.zeros_like(first)
+        reach = _WIDER + _BEND
+        return cls(
+            np.stack(
+                [
+                    np.concatenate([knots[:, :1] - reach * first, knots], axis=1),
+                    np.concatenate([(reach + _BEND) * first, left, _WIDER * last], axis=1),
+                    np.concatenate([-_BEND * first, 3.0 * rise - 2.0 * left - right, _BEND * last], axis=1),
+                    np.concatenate([none, left + right - 2.0 * rise, none], axis=1),
+                ],
+                axis=2,
+            )
+        )
+
+    def __call__(self, y: Array) -> tuple[Array, Array]:
+        """Values at y (d, N), and the log of the product of the derivatives, shape (N,)."""
+        size, pieces, _ = self.coefficients.shape
+        per_unit = (pieces - 2) / (2.0 * _REACH)
+        t = y * per_unit
+        t += _REACH * per_unit + 1.0
+        index = np.clip(t, 0.0, pieces - 1.0).astype(np.intp)
+        t -= index
+        index += pieces * np.arange(size)[:, None]
+        c = np.take(self.coefficients.reshape(-1, 4), index, axis=0, mode="clip")
+        c0, c1, c2, c3 = (c[..., power] for power in range(4))
+        # The cubic and its derivative, in place: c0 + t (c1 + t (c2 + t c3)) and c1 + t (2 c2 + 3 t c3).
+        c3 *= t
+        slope = (c2 + 1.5 * c3) * (2.0 * t) + c1
+        value = ((c2 + c3) * t + c1) * t + c0
+        return value, np.log(slope).sum(axis=0) + size * np.log(per_unit)
+
+
 _DRIVERS = 6  # most drivers
 _SIGNIFICANT = 4.0  # standard errors a bend or a widening must have to be believed
 _ALIKE = 1e-9  # effects that differ by no more are the same
@@ -183,3 +289,52 @@ def _solve_kept(gram: Array, right: Array, keep: NDArray[np.bool_]) -> Array:
     for column, kept in enumerate(keep.T):
         solved[kept, column] = np.linalg.solve(gram[np.ix_(kept, kept)], right[kept, column])
     return solved
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Affine:
+    """Linear map from standard coordinates."""
+
+    centre: Array  # (d,) Where zero goes
+    factor: Array  # (d, d) Lower factor of the covariance
+
+    @classmethod
+    def normal(cls, centre: Array, covariance: Array) -> Self:
+        """Map standard coordinates to a given centre (d,) and covariance (d, d)."""
+        # A ridge lets a thin sample be factored.
+        ridge = 1e-10 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
+        return cls(centre, np.linalg.cholesky(covariance + ridge))
+
+    @classmethod
+    def fit(cls, points: Array, weights: Array) -> Self:
+        """Fit to points (N, d) with weights (N,) that sum to one."""
+        centre = weights @ points
+        deviation = points - centre
+        return cls.normal(centre, (weights[:, None] * deviation).T @ deviation)
+
+    def __call__(self, z: Array) -> tuple[Array, Array]:
+        """Map points (N, d) and return them with log abs det of the Jacobian, shape (N,)."""
+        log_determinant = np.log(np.diag(self.factor)).sum()
+        return self.centre + z @ self.factor.T, np.full(len(z), log_determinant)
+
+
+class Transported:
+    """A target in the coordinates of a transport."""
+
+    def __init__(self, target: Target, transport: Affine | Transport) -> None:
+        self._target = target
+        self.transport = transport
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the target's coordinates."""
+        return self._target.names
+
+    def map(self, z: Array) -> Array:
+        """Take points to the target's coordinates."""
+        return self.transport(z)[0]
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of points (W, d) of the transport's coordinates, shape (W,)."""
+        x, log_jacobian = self.transport(points)
+        return self._target(x) + log_jacobian

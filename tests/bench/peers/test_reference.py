@@ -11,7 +11,7 @@ from scipy import stats
 from percept.bench.peers.engines import percept_model
 from percept.bench.peers.reference import LongRun, Reference, make_reference, stored_reference
 from percept.errors import RefusalError
-from percept.inference.sampling.records import Settings
+from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 
 

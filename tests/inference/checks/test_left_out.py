@@ -6,7 +6,7 @@ from scipy import stats
 
 from percept.errors import UsageError
 from percept.inference.checks.left_out import Without, leave_one_out, predict_left_out, sample_without
-from percept.inference.sampling.records import Settings
+from percept.inference.sampling.gate import Settings
 from tests.inference.checks import small
 from tests.inference.checks.test_subjects import prepared
 

@@ -12,7 +12,7 @@ from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import from_summary, from_trials
-from percept.inference.sampling.records import Settings
+from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 
 APART = Options(subject_effect=False)

@@ -8,13 +8,11 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.sampling import run as running
 from percept.inference.sampling import warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time
-from percept.inference.sampling.ensembles import Ensembles, advance, start
-from percept.inference.sampling.estimands import Estimates, Means
-from percept.inference.sampling.gate import pass_gate
-from percept.inference.sampling.judgement import Judged
-from percept.inference.sampling.records import Settings
+from percept.inference.sampling.endpoints import Estimates, Means
+from percept.inference.sampling.gate import Judged, Settings, pass_gate
+from percept.inference.sampling.moves import Ensembles, advance, start
 from percept.inference.sampling.run import sample
-from percept.inference.sampling.transported import Affine
+from percept.inference.sampling.transport import Affine
 from tests.inference.sampling.targets import Normal
 
 

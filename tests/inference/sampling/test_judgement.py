@@ -9,8 +9,8 @@ from percept.inference.sampling.diagnostics import (
     normal_scores,
     rank_rhat,
 )
-from percept.inference.sampling.estimands import Means
-from percept.inference.sampling.judgement import judge
+from percept.inference.sampling.endpoints import Means
+from percept.inference.sampling.gate import judge
 
 
 class Apart(Means):

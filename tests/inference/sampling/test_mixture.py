@@ -8,13 +8,9 @@ from scipy import integrate, optimize, special, stats
 from percept.errors import UsageError
 from percept.inference import tolerance_factor
 from percept.inference.hierarchy.models import IntervalEstimands, Unpooled
-from percept.inference.sampling import mixture as mixtures
-from percept.inference.sampling.mixture import (
-    mixture_quantile,
-    share_content,
-    share_half_width,
-)
-from percept.inference.sampling.records import Settings
+from percept.inference.sampling import endpoints as mixtures
+from percept.inference.sampling.endpoints import mixture_quantile, share_content, share_half_width
+from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 
 MIXTURES = {

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from percept.inference.sampling import run as running
-from percept.inference.sampling.ensembles import Ensembles
-from percept.inference.sampling.estimands import Estimates, Means
-from percept.inference.sampling.judgement import Judged
-from percept.inference.sampling.parts import Closed
-from percept.inference.sampling.records import Settings
-from percept.inference.sampling.run import sample
-from percept.inference.sampling.transported import Affine
+from percept.inference.sampling.endpoints import Estimates, Means
+from percept.inference.sampling.gate import Judged, Settings
+from percept.inference.sampling.moves import Ensembles
+from percept.inference.sampling.run import Closed, sample
+from percept.inference.sampling.transport import Affine
 from tests.inference.sampling.targets import Normal, SkewedHeavy
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from percept.inference.sampling.reference import Reference
-from percept.inference.sampling.transport import Transport
-from percept.inference.sampling.transported import Affine, Transported
+from percept.inference.sampling.moves import Reference
+from percept.inference.sampling.transport import Affine, Transport, Transported
 from tests.inference.sampling.targets import Normal
 
 

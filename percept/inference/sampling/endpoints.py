@@ -1,7 +1,7 @@
-"""Endpoints of a posterior that is normal given each draw: roots of a smooth mixture.
+"""Endpoints as roots of smooth mixtures, for a posterior that is normal given each draw; what a run estimates.
 
-The mean of normal CDFs over draws is far less noisy than an order statistic of draws: every draw
-informs every endpoint.
+The mean of normal CDFs over draws is far less noisy than an order statistic of draws: every draw informs
+every endpoint.
 """
 
 from __future__ import annotations
@@ -9,14 +9,63 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.sampling.roots import root
-
 Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Estimates:
+    """Estimates of Q quantities."""
+
+    names: tuple[str, ...]  # One name per estimate
+    value: Array  # (Q,) Estimates
+    scale: Array  # (Q,)
+
+
+class Estimands(Protocol):
+    """Reported quantities of a target."""
+
+    def components(self, points: Array) -> Array:
+        """Quantities kept per draw: points (W, d) to an array (W, C)."""
+
+    def parts(self) -> Sequence[Estimands]:
+        """Estimands that can be worked on apart, whose estimates make up these in their order."""
+
+    def estimate(self, components: Array) -> tuple[Estimates, Array]:
+        """Estimates from the components (S, C) of S kept draws, and their influence functions.
+
+        These, of shape (S, Q), are the first-order pull of each draw on each estimate: their mean over draws
+        is zero, and its standard error is the estimate's.
+        """
+
+
+class Means:
+    """Posterior means of functions of the coordinates, their scale being the posterior SD."""
+
+    def __init__(self, names: tuple[str, ...], function: Callable[[Array], Array]) -> None:
+        self._names = names
+        self._function = function
+
+    def components(self, points: Array) -> Array:
+        """Values of the functions, shape (W, C)."""
+        return np.asarray(self._function(points))
+
+    def parts(self) -> tuple[Means]:
+        """All means at once."""
+        return (self,)
+
+    def estimate(self, components: Array) -> tuple[Estimates, Array]:
+        """Means, with deviations as influence."""
+        mean = components.mean(axis=0)
+        return Estimates(self._names, mean, components.std(axis=0)), components - mean
+
+
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
 #: Roots over more draws than `_MANY` start from the root over one draw in `_SPARSE`.
 _MANY, _SPARSE = 4096, 8
@@ -274,3 +323,48 @@ def _half_width(
     log_low, log_high = np.log(low), np.log(high.max(axis=1))
     found = root(short_of_confidence, np.log(h), log_low, log_high, np.ones_like(h), exact)
     return np.exp(found), content
+
+
+_ITERATIONS = 60
+
+
+def root(
+    function: Callable[[Array], tuple[Array, Array]],
+    start: Array,
+    low: Array,
+    high: Array,
+    scale: Array,
+    exact: float,
+) -> Array:
+    """Find the roots of Q increasing functions side by side.
+
+    Newton's method, from the second step on by the cubic through the last two places and slopes, taken the
+    other way round: x as a function of the value. Its error is of the order of the product of the squares of
+    the last two steps. A step that leaves the bracket is replaced by its middle.
+    """
+    x, before = start, None
+    last = np.ones(x.shape)
+    for _ in range(_ITERATIONS):
+        value, slope = function(x)
+        low = np.where(value < 0, x, low)
+        high = np.where(value < 0, high, x)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            newton = x - value / slope
+            cubic = newton if before is None else _cubic(*before, x, value, slope)
+        fast, safe = ((place >= low) & (place <= high) for place in (cubic, newton))
+        after = np.where(fast, cubic, np.where(safe, newton, 0.5 * (low + high)))
+        moved = np.abs(after - x) / scale
+        # Of steps that are not the cubic's nothing is known but their own length.
+        if np.all(moved * np.where(fast, np.minimum(last, 1.0), 1.0) <= exact):
+            return after
+        before, last, x = (x, value, slope), moved, after
+    return x
+
+
+def _cubic(x0: Array, value0: Array, slope0: Array, x1: Array, value1: Array, slope1: Array) -> Array:
+    """Place of the value zero on the cubic x(value) through two places; NaN where that is far off."""
+    rise = value1 - value0
+    t = -value0 / rise
+    back = 1.0 - t
+    place = x1 + back * (back * (1.0 + 2.0 * t) * (x0 - x1) + rise * t * (back / slope0 - t / slope1))
+    return np.where(np.abs(value1) < 0.5 * np.abs(value0), place, np.nan)
