@@ -33,6 +33,7 @@ PROMISE = 1e-13  # largest relative error per unit of the formula's condition
 _NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
 
 Values: TypeAlias = Mapping[str, float]
+Computed: TypeAlias = Callable[[Values], Any]
 #: Errors over condition of percept, then of the textbook's formula in doubles where nothing is searched for.
 Check: TypeAlias = Callable[[Values, bool], list[float]]
 
@@ -105,19 +106,16 @@ def _coupling(v: Values) -> Coupling:
     return Coupling(v["k_c"], v["b_c"])
 
 
-def _effective(v: Values) -> Any:
-    return effective_impedance(v["omega"], _environment(v), _coupling(v), v["period"])
+def _at(function: Callable[..., Any], *makes: Callable[[Values], Any], **options: Any) -> Computed:
+    """Call a function of ω, of what `makes` makes of the values, and of T."""
+    return lambda v: function(v["omega"], *(make(v) for make in makes), v["period"], **options)
 
 
-def _coupled(discretization: str) -> Callable[[Values], Any]:
+def _coupled(discretization: str) -> Computed:
     return lambda v: perceived_impedance(
-        v["omega"],
-        _device(v),
-        _environment(v),
-        v["period"],
-        coupling=_coupling(v),
-        discretization=discretization,
-    )
+        v["omega"], _device(v), _environment(v), v["period"],
+        coupling=_coupling(v), discretization=discretization,
+    )  # fmt: skip
 
 
 def _magnitude(v: Values) -> Any:
@@ -129,15 +127,7 @@ def _box(v: Values) -> tuple[Any, Any]:
     return magnitude_envelope(v["omega"], _device(v), *limits, v["period"], mass=v["m_e"])
 
 
-def _required_at(discretization: str, kind: str) -> Callable[[Values], Any]:
-    return lambda v: required_damping_at(
-        v["omega"], _coupling(v), v["period"], discretization=discretization, hold=kind
-    )
-
-
-def _check(
-    ours: Callable[[Values], Any], exact: twin.Formula, inputs: tuple[str, ...], *, searched: bool = False
-) -> Check:
+def _check(ours: Computed, exact: twin.Formula, inputs: tuple[str, ...], *, searched: bool = False) -> Check:
     def errors(v: Values, at_nyquist: bool) -> list[float]:
         own = {key: v[key] for key in inputs}
         computed = [ours(v)] if searched else [ours(v), twin.in_doubles(exact, own)]
@@ -152,47 +142,28 @@ def _stiffness_limit(v: Values, at_nyquist: bool) -> list[float]:
 
 
 _W = ("omega", "period")
-_RIGID = (*_W, "m", "b_d")
-_FLEXIBLE = (*_RIGID, "m_i", "b_i", "k_i")
-_ENVIRONMENT = ("k_e", "b_e", "m_e")
-_COUPLING = ("k_c", "b_c")
-_DIRECT = (*_RIGID, *_ENVIRONMENT)
-_SEEN = (*_W, *_ENVIRONMENT, *_COUPLING)
-_ALL = (*_DIRECT, *_COUPLING)
+_RIGID, _FLEXIBLE = (*_W, "m", "b_d"), (*_W, "m", "b_d", "m_i", "b_i", "k_i")
+_ENV, _VC = ("k_e", "b_e", "m_e"), ("k_c", "b_c")
+_COUPLED, _DIRECT, _ALL = (*_W, *_VC), (*_RIGID, *_ENV), (*_RIGID, *_ENV, *_VC)
+_EFFECTIVE = _at(effective_impedance, _environment, _coupling)
 
 QUANTITIES: dict[str, Check] = {
-    "Z_d": _check(lambda v: device_impedance(v["omega"], _device(v), v["period"]), twin.rigid, _RIGID),
-    "Z_d, flexible": _check(
-        lambda v: device_impedance(v["omega"], _flexible(v), v["period"]), twin.flexible, _FLEXIBLE
+    "Z_d": _check(_at(device_impedance, _device), twin.rigid, _RIGID),
+    "Z_d, flexible": _check(_at(device_impedance, _flexible), twin.flexible, _FLEXIBLE),
+    "Z_e": _check(_at(environment_impedance, _environment), twin.environment, (*_W, *_ENV)),
+    "Z_c, Eq. 6": _check(_at(coupling_impedance, _coupling), twin.coupling_backward, _COUPLED),
+    "1/Z_c, Eq. 6": _check(_at(coupling_admittance, _coupling), twin.admittance_backward, _COUPLED),
+    "ZOH, Eq. 8": _check(_at(hold), twin.hold_average, _W),
+    "ZOH, true": _check(_at(hold, kind="true"), twin.hold_true, _W),
+    "Z_eff": _check(lambda v: _EFFECTIVE(v).value, twin.effective, (*_W, *_ENV, *_VC)),
+    "Re Z_eff": _check(
+        lambda v: _EFFECTIVE(v).damping, lambda p: p.mp.mpc(twin.effective(p)).real, (*_W, *_ENV, *_VC)
     ),
-    "Z_e": _check(
-        lambda v: environment_impedance(v["omega"], _environment(v), v["period"]),
-        twin.environment,
-        (*_W, *_ENVIRONMENT),
-    ),
-    "Z_c, Eq. 6": _check(
-        lambda v: coupling_impedance(v["omega"], _coupling(v), v["period"]),
-        twin.coupling_backward,
-        (*_W, *_COUPLING),
-    ),
-    "1/Z_c, Eq. 6": _check(
-        lambda v: coupling_admittance(v["omega"], _coupling(v), v["period"]),
-        twin.admittance_backward,
-        (*_W, *_COUPLING),
-    ),
-    "ZOH, Eq. 8": _check(lambda v: hold(v["omega"], v["period"]), twin.hold_average, _W),
-    "ZOH, true": _check(lambda v: hold(v["omega"], v["period"], kind="true"), twin.hold_true, _W),
-    "Z_eff": _check(lambda v: _effective(v).value, twin.effective, _SEEN),
-    "Re Z_eff": _check(lambda v: _effective(v).damping, lambda p: p.mp.mpc(twin.effective(p)).real, _SEEN),
-    "Z_h": _check(
-        lambda v: perceived_impedance(v["omega"], _device(v), _environment(v), v["period"]),
-        twin.direct,
-        _DIRECT,
-    ),
+    "Z_h": _check(_at(perceived_impedance, _device, _environment), twin.direct, _DIRECT),
     "Z_h, flexible, true hold": _check(
-        lambda v: perceived_impedance(v["omega"], _flexible(v), _environment(v), v["period"], hold="true"),
+        _at(perceived_impedance, _flexible, _environment, hold="true"),
         twin.direct_flexible_true,
-        (*_FLEXIBLE, *_ENVIRONMENT),
+        (*_FLEXIBLE, *_ENV),
     ),
     "Z_h_vc, Eq. 12": _check(_coupled("tustin"), twin.coupled, _ALL),
     "Z_h_vc, Eq. 6": _check(_coupled("backward"), twin.coupled_backward, _ALL),
@@ -200,25 +171,18 @@ QUANTITIES: dict[str, Check] = {
     "box, upper": _check(lambda v: _box(v)[1], twin.box_upper, _ALL),
     "box, lower": _check(lambda v: _box(v)[0], twin.box_lower, _ALL),
     "required damping at ω": _check(
-        _required_at("backward", "average"),
+        _at(required_damping_at, _coupling, discretization="backward", hold="average"),
         twin.required_at(twin.coupling_backward, twin.hold_average),
-        (*_W, *_COUPLING),
+        _COUPLED,
     ),
     "required damping at ω, true hold": _check(
-        _required_at("tustin", "true"),
+        _at(required_damping_at, _coupling, discretization="tustin", hold="true"),
         twin.required_at(twin.coupling_tustin, twin.hold_true),
-        (*_W, *_COUPLING),
+        _COUPLED,
     ),
-    "stability margin": _check(
-        lambda v: stability_margin(v["omega"], _flexible(v), _coupling(v), v["period"]),
-        twin.margin,
-        (*_FLEXIBLE, *_COUPLING),
-    ),
+    "stability margin": _check(_at(stability_margin, _flexible, _coupling), twin.margin, (*_FLEXIBLE, *_VC)),
     "required damping": _check(
-        lambda v: required_damping(_coupling(v), v["period"]).damping,
-        twin.required,
-        (*_W, *_COUPLING),
-        searched=True,
+        lambda v: required_damping(_coupling(v), v["period"]).damping, twin.required, _COUPLED, searched=True
     ),
     "largest stiffness": _stiffness_limit,
 }

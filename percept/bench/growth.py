@@ -108,9 +108,7 @@ class Growth:
     along: Annotated[str, "What varies."]
     size: Annotated[int, "Its value."]
     seconds: Annotated[float, "Median processor time over the rounds."]
-    ratio: Annotated[
-        float, "Median over the rounds of the time over that of the smallest size in the same round."
-    ]
+    ratio: Annotated[float, "Median over the rounds of the time over the smallest size's in that round."]
     ratio_low: Annotated[float, "Lower quartile of the same."]
     ratio_high: Annotated[float, "Upper quartile of the same."]
     promised: Annotated[float | None, "What the ratio is promised to stay below."]
@@ -129,15 +127,11 @@ def growth(
     for along, values in sizes.items():
         log(f"growth with {along}")
         studied = along not in (OMEGA, DRAWS)
-        tasks = {
-            size: _density_call(along, size) if studied else _propagation(along, size) for size in values
-        }
-        name = "density call" if studied else "propagation"
-        rows += _rows(name, along, tasks, rounds)
+        name, task = ("density call", _density_call) if studied else ("propagation", _propagation)
+        rows += _rows(name, along, {size: task(along, size) for size in values}, rounds)
     for along, values in fitted.items():
         log(f"fits with {along}")
-        tasks = {size: _fit(along, size) for size in values}
-        rows += _rows("fit", along, tasks, fit_rounds)
+        rows += _rows("fit", along, {size: _fit(along, size) for size in values}, fit_rounds)
     return rows
 
 
@@ -199,11 +193,10 @@ def _rows(name: str, along: str, tasks: Mapping[int, Task], rounds: int) -> list
     seconds = np.array([[_time(task, calls[size]) for size, task in tasks.items()] for _ in range(rounds)])
     quartiles = np.quantile(seconds / seconds[:, :1], [0.25, 0.5, 0.75], axis=0)
     promised = _PROMISED.get(along) if name == "density call" else None
+    numbers = zip(tasks, np.median(seconds, axis=0).tolist(), quartiles.T.tolist(), strict=True)
     return [
-        Growth(name, along, size, float(typical), float(ratio), float(low), float(high), promised)
-        for size, typical, (low, ratio, high) in zip(
-            tasks, np.median(seconds, axis=0), quartiles.T, strict=True
-        )
+        Growth(name, along, size, typical, ratio, low, high, promised)
+        for size, typical, (low, ratio, high) in numbers
     ]
 
 

@@ -5,7 +5,6 @@ Every scene is the published study less one thing.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import subprocess
@@ -24,43 +23,19 @@ if TYPE_CHECKING:
 
 #: Scenes by what each leaves out.
 SCENES = (
-    "nothing",
-    "coupling",
-    "device",
-    "one parameter",
-    "all but one environment",
-    "bayesian",
+    "nothing", "coupling", "device", "one parameter", "all but one environment", "bayesian",
     "page and figures",
-)
+)  # fmt: skip
 #: Packages, of others and of ours, that some scene does without.
 PACKAGES = (
-    "emcee",
-    "arviz_base",
-    "arviz_stats",
-    "xarray",
-    "h5netcdf",
-    "matplotlib.figure",
-    "jinja2",
-    "percept.inference.hierarchy",
-    "percept.inference.sampling",
-    "percept.boundary",
-    "percept.report.figures",
-)
+    "emcee", "arviz_base", "arviz_stats", "xarray", "h5netcdf", "matplotlib.figure", "jinja2",
+    "percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary", "percept.report.figures",
+)  # fmt: skip
 #: What a study works out, each only when it is asked for.
 STAGES = (
-    "intervals",
-    "fit",
-    "posterior_groups",
-    "regions",
-    "curve_draws",
-    "boundaries",
-    "sensitivity",
-    "coupling",
-    "realism",
-    "coupling_design",
-    "band",
-    "comparison",
-)
+    "intervals", "fit", "posterior_groups", "regions", "curve_draws", "boundaries", "sensitivity", "coupling",
+    "realism", "coupling_design", "band", "comparison",
+)  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,44 +65,34 @@ def skipping_cost(
         for _ in range(repeats)
     ]
     seconds = {scene: [work[scene]["seconds"] for work in rounds] for scene in scenes}
+    whole = median(seconds[scenes[0]])
     return tuple(
         Saving(
-            without=scene,
-            seconds=median(seconds[scene]),
-            seconds_low=min(seconds[scene]),
-            seconds_high=max(seconds[scene]),
-            share=median(seconds[scene]) / median(seconds[scenes[0]]),
-            imports=tuple(rounds[0][scene]["imports"]),
-            stages=tuple(rounds[0][scene]["stages"]),
-            coordinates=rounds[0][scene]["coordinates"],
+            scene, median(taken), min(taken), max(taken), median(taken) / whole,
+            tuple(rounds[0][scene]["imports"]), tuple(rounds[0][scene]["stages"]),
+            rounds[0][scene]["coordinates"],
         )
-        for scene in scenes
-    )
+        for scene, taken in seconds.items()
+    )  # fmt: skip
 
 
 def work_of(
     scene: str, *, tolerance: float = 0.05, points: int | None = None, method: str = "both"
 ) -> dict[str, Any]:
     """Run one scene in a fresh process."""
-    command = [sys.executable, "-m", __name__, scene, "--tolerance", str(tolerance), "--method", method]
-    if points is not None:
-        command += ["--points", str(points)]
+    task = json.dumps([scene, tolerance, method, points])
+    command = [sys.executable, "-m", __name__, task]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=as_installed())
     work: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return work
 
 
-def _main(words: Sequence[str] | None = None) -> None:
+def _main(task: str) -> None:
     """Do the work of one scene and print what it took as JSON."""
-    parser = argparse.ArgumentParser(description=_main.__doc__)
-    parser.add_argument("scene", choices=SCENES)
-    parser.add_argument("--tolerance", type=float, required=True)
-    parser.add_argument("--method", required=True)
-    parser.add_argument("--points", type=int)
-    given = parser.parse_args(words)
-    study = _study(given.scene, given.tolerance, given.method, given.points)
+    scene, tolerance, method, points = json.loads(task)
+    study = _study(scene, tolerance, method, points)
     with tempfile.TemporaryDirectory() as folder:
-        if given.scene == "page and figures":
+        if scene == "page and figures":
             from percept.report.fit import write_fit
 
             write_fit(study, Path(folder) / "out")
@@ -135,13 +100,13 @@ def _main(words: Sequence[str] | None = None) -> None:
             from percept.report.write import write_report
 
             write_report(study, Path(folder) / "out")
-    diagnostics = study.diagnostics or {"dimension": 0}
+    # Tables are kept under a name of their own, since those asked for are copies.
+    results = {name: vars(study).get(name, vars(study).get(f"_{name}")) for name in STAGES}
     work = {
         "seconds": time.process_time(),
         "imports": [name for name in PACKAGES if name in sys.modules],
-        # Tables are kept under a name of their own, since those asked for are copies.
-        "stages": [name for name in STAGES if _worked(vars(study).get(name, vars(study).get(f"_{name}")))],
-        "coordinates": diagnostics["dimension"],
+        "stages": [name for name, result in results.items() if not _empty(result)],
+        "coordinates": (study.diagnostics or {"dimension": 0})["dimension"],
     }
     sys.stdout.write(json.dumps(work) + "\n")
 
@@ -171,10 +136,9 @@ def _study(without: str, tolerance: float, method: str, points: int | None) -> S
     return Study(sessions, scene)
 
 
-def _worked(result: Any) -> bool:
-    """Say whether a stage was asked for and gave something."""
-    return result is not None and (not hasattr(result, "__len__") or len(result) > 0)
+def _empty(result: Any) -> bool:
+    return result is None or (hasattr(result, "__len__") and len(result) == 0)
 
 
 if __name__ == "__main__":
-    _main()
+    _main(sys.argv[1])

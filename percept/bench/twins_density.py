@@ -71,7 +71,7 @@ def woodbury(response: Array, x: Array, levels: Levels) -> float:
             right = pull @ values.sum(axis=0)
             distance = np.vdot(np.linalg.inv(covariance), values.T @ values)
             distance -= right @ np.linalg.solve(inner, right)
-            log_determinant = subjects * _log_determinant(covariance) + _log_determinant(inner)
+            log_determinant = subjects * np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(inner)[1]
     except np.linalg.LinAlgError:
         return float("nan")
     return float(-0.5 * (distance + log_determinant + values.size * np.log(2.0 * np.pi)))
@@ -103,7 +103,3 @@ def _model(
         row += [tau if (j, p) == (h, q) else zero for h in range(environments) for q in range(2)]
         design.append(row)
     return covariance, design
-
-
-def _log_determinant(matrix: Array) -> float:
-    return float(np.linalg.slogdet(matrix)[1])

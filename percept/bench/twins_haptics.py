@@ -23,13 +23,6 @@ def is_nyquist(theta: float) -> bool:
     return abs(theta - np.pi) <= 4 * np.spacing(np.pi)
 
 
-def error_over_condition(
-    computed: complex, exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
-) -> float:
-    """Return `errors_over_condition` of one value."""
-    return errors_over_condition((computed,), exact, inputs, at_nyquist=at_nyquist)[0]
-
-
 def errors_over_condition(
     computed: Sequence[complex], exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
 ) -> list[float]:
@@ -81,9 +74,8 @@ def limit_error_over_condition(stiffness: float, device: float, coupling: float,
         if np.isnan(stiffness):
             return float("inf")
         if k == 0:
-            return (
-                0.0 if largest_required(mpmath, k, b_c) >= b_d * (1 - mpmath.mpf("1e-15")) else float("inf")
-            )
+            enough = largest_required(mpmath, k, b_c) >= b_d * (1 - mpmath.mpf("1e-15"))
+            return 0.0 if enough else float("inf")
         step = 1 + mpmath.mpf(_STEP)
 
         def needed(k: Number, b_c: Number, t: Number) -> Number:
@@ -159,24 +151,15 @@ def effective(p: Any) -> Number:
     return series(environment(p), coupling_tustin(p))
 
 
-def direct(p: Any) -> Number:
-    """Eq. 13."""
-    return rigid(p) + hold_average(p) * environment(p)
+def perceived(device: Formula, zoh: Formula, shown: Formula) -> Formula:
+    """Eqs 11 and 13: a device, and what the hold shows of the rest."""
+    return lambda p: device(p) + zoh(p) * shown(p)
 
 
-def direct_flexible_true(p: Any) -> Number:
-    """Eq. 13 with a mode and the true hold."""
-    return flexible(p) + hold_true(p) * environment(p)
-
-
-def coupled(p: Any) -> Number:
-    """Eq. 11."""
-    return rigid(p) + hold_average(p) * effective(p)
-
-
-def coupled_backward(p: Any) -> Number:
-    """Eq. 11 with Eq. 6's coupling."""
-    return rigid(p) + hold_average(p) * series(environment(p), coupling_backward(p))
+direct = perceived(rigid, hold_average, environment)
+direct_flexible_true = perceived(flexible, hold_true, environment)
+coupled = perceived(rigid, hold_average, effective)
+coupled_backward = perceived(rigid, hold_average, lambda p: series(environment(p), coupling_backward(p)))
 
 
 def magnitude(p: Any) -> Number:

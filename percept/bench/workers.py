@@ -15,9 +15,6 @@ from typing import Annotated
 
 import numpy as np
 
-_HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
-_REFERENCES = ((1e3, 5.0), (1e4, 20.0))
-
 
 @dataclasses.dataclass(frozen=True)
 class BatchCost:
@@ -62,11 +59,11 @@ def batch_costs(
 def _write_studies(folder: Path, count: int, rng: np.random.Generator) -> list[str]:
     paths = [folder / f"study-{number}.csv" for number in range(count)]
     for path in paths:
-        lines = []
+        lines = ["subject,environment,k_ref,b_ref,k_adj,b_adj\n"]
         for subject in range(4):
             shared = rng.normal(0.0, 0.1, 2)
-            for j, (k, b) in enumerate(_REFERENCES):
+            for j, (k, b) in enumerate(((1e3, 5.0), (1e4, 20.0))):
                 k_adj, b_adj = np.array([k, b]) * np.exp(shared + rng.normal(0.0, 0.1, 2))
                 lines.append(f"S{subject},VE{j},{k},{b},{k_adj:.6g},{b_adj:.6g}\n")
-        path.write_text(_HEADER + "".join(lines), encoding="utf-8")
+        path.write_text("".join(lines), encoding="utf-8")
     return [str(path) for path in paths]

@@ -65,8 +65,8 @@ class SbcPlan:
 
     design: str  # One of `SBC_DESIGNS`
     seed: int = 1  # Of the whole
-    draws: int = 199  # Independent posterior draws a true value is ranked among
-    bins: int = 20  # Equal bins the ranks are counted in
+    draws: int = 199  # Independent posterior draws a true value is ranked among; one less than a multiple
+    bins: int = 20  # of the equal bins the ranks are counted in
     tolerance: float = 0.2  # Of the sampler, on the limits of kinds mean and user
     fault: str = "none"  # One of `FAULTS`
 
@@ -77,12 +77,6 @@ class SbcPlan:
             )
         if self.fault not in FAULTS:
             raise UsageError(f"no such fault; there are {', '.join(FAULTS)}.", key="fault", value=self.fault)
-        if self.bins < 2 or (self.draws + 1) % self.bins:
-            raise UsageError(
-                f"{self.draws} draws give {self.draws + 1} ranks, which do not fill {self.bins} bins evenly.",
-                key="draws",
-                value=self.draws,
-            )
 
     @property
     def key(self) -> str:

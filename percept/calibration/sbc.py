@@ -54,21 +54,17 @@ class EcdfBand:
             at = to
         return float(mass.sum())
 
-    def below(self, values: NDArray[np.float64]) -> Counts:
-        """Count values below each edge, shape (bins - 1,)."""
-        return np.searchsorted(np.sort(values), self.edges, side="left")
-
-    def holds(self, values: NDArray[np.float64]) -> bool:
-        """Whether the counts of values stay within the bounds."""
-        below = self.below(values)
-        return bool(np.all((below >= self.lower) & (below <= self.upper)))
-
-    def least_tail(self, values: NDArray[np.float64]) -> float:
-        """Smallest two-sided tail probability of a count, over the edges."""
-        below = self.below(values)
+    def judge(self, quantity: str, values: NDArray[np.float64]) -> Uniformity:
+        """Count values below each edge and say whether the counts stay within the bounds."""
+        below = np.searchsorted(np.sort(values), self.edges, side="left")
         low = stats.binom.cdf(below, self.count, self.edges)
         high = stats.binom.sf(below - 1, self.count, self.edges)
-        return float(min(1.0, 2.0 * np.minimum(low, high).min()))
+        return Uniformity(
+            quantity=quantity,
+            inside=bool(np.all((below >= self.lower) & (below <= self.upper))),
+            least_tail=float(min(1.0, 2.0 * np.minimum(low, high).min())),
+            below=tuple(below.tolist()),
+        )
 
 
 @functools.cache
@@ -143,11 +139,6 @@ def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
     passed = [one.values for one in placed if not one.reason]
     names = list(passed[0]) if passed else []
     band = ecdf_band(len(passed), plan.bins, ERROR / max(len(names), 1))
-    quantities = []
-    for name in names:
-        values = np.array([one[name] for one in passed])
-        below = tuple(band.below(values).tolist())
-        quantities.append(Uniformity(name, band.holds(values), band.least_tail(values), below))
     return Calibration(
         design=plan.design,
         fault=plan.fault,
@@ -158,7 +149,7 @@ def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
         tail=band.tail,
         lower=tuple(band.lower.tolist()),
         upper=tuple(band.upper.tolist()),
-        quantities=tuple(quantities),
+        quantities=tuple(band.judge(name, np.array([one[name] for one in passed])) for name in names),
     )
 
 

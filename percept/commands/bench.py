@@ -15,7 +15,7 @@ from typing import Any
 EXAMPLE = "percept bench sampling --json"
 _OUT = "benchmark"
 #: Parts that measure simulated studies.
-_SIMULATED = {"sampling", "propagation", "envelope", "skipping", "workers", "growth", "reader"}
+_SIMULATED = {"sampling", "propagation", "skipping", "workers", "growth"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,12 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "parts",
         nargs="*",
         metavar="PART",
-        help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))} (sampling, magnitude)",
+        help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))} (sampling)",
     )
     parser.add_argument("--stability", action="store_true", help="the same as the part digits")
     parser.add_argument("--cases", type=int, default=2000, metavar="N", help="haptics cases of digits (2000)")
     parser.add_argument("--studies", type=int, default=200, metavar="N", help="studies of workers (200)")
-    parser.add_argument("--rows", type=int, default=1_000_000, metavar="N", help="rows of reader (1 000 000)")
     parser.add_argument("--json", action="store_true", help="print as JSON")
     parser.add_argument(
         "--out",
@@ -55,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     if len(arguments.parts) == 1 and arguments.parts[0] in _WRITERS:
         print(_WRITERS[arguments.parts[0]](arguments))
         return 0
-    parts = list(arguments.parts) or ([] if arguments.stability else ["sampling", "magnitude"])
+    parts = list(arguments.parts) or ([] if arguments.stability else ["sampling"])
     if arguments.stability and "digits" not in parts:
         parts.append("digits")
     unknown = [part for part in parts if part not in _PARTS]
@@ -91,7 +90,7 @@ def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
             hint="Install percept with its extra: percept[bench].",
         ) from error
     if arguments.out:
-        option = {"digits": "cases", "workers": "studies", "reader": "rows"}.get(part)
+        option = {"digits": "cases", "workers": "studies"}.get(part)
         size = f" --{option} {getattr(arguments, option)}" if option else ""
         document = _bench("measure", "measurement")(
             part,
@@ -133,15 +132,11 @@ def _digits(arguments: argparse.Namespace) -> list[Any]:
 
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "sampling": lambda _: _bench("growth", "sampling_costs")(_published()),
-    "magnitude": lambda _: [_bench("propagation", "magnitude_cost")()],
     "propagation": lambda _: _bench("propagation", "study_propagation")(_published()),
-    "envelope": lambda _: _bench("propagation", "envelope_costs")(_published()),
-    "memory": lambda _: [_bench("propagation", "propagation_memory")()],
     "digits": _digits,
     "skipping": lambda _: _bench("skipping", "skipping_cost")(),
     "workers": lambda given: _bench("workers", "batch_costs")(given.studies),
     "growth": lambda _: _bench("growth", "growth")(log=_log),
-    "reader": lambda given: _bench("reader", "read_costs")(given.rows),
 }
 #: Parts run alone, which write their own files.
 _WRITERS: dict[str, Callable[[argparse.Namespace], Any]] = {

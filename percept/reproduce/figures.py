@@ -101,12 +101,13 @@ def _fig5(published: Published) -> Drawing:
 
 
 def _fig7_wide(published: Published, wall: Wall, letter: str) -> Drawing:
+    omega = np.geomspace(*_WIDE, _POINTS)
     return Drawing(
         f"fig-7{letter}",
         f"Fig. 7{letter}: {wall.name}",
         f"Boundaries, reference, and reference through the coupling, {_device(published.device)}.",
         _PAIR,
-        partial(_draw_panel, published, published.device, wall, np.geomspace(*_WIDE, _POINTS), log=True),
+        partial(_draw_panel, published, published.device, wall, omega, log=True),
     )
 
 

@@ -71,26 +71,23 @@ class Published:
     def __post_init__(self) -> None:
         table, scene = map(str, self.files) if self.files else (None, None)
         if self.limits.parameters != ("k", "b"):
-            raise UsageError(
-                "the table must have k and b.", file=table, column="parameter", value=self.limits.parameters
-            )
-        device = self.scene.device
-        if device is None or device.mass is None or device.modes:
-            raise UsageError(
-                "the reproduction needs a rigid device: mass and damping.", file=scene, key="device"
-            )
-        if self.scene.coupling is None:
-            raise UsageError(
-                "the reproduction needs the coupling of section 2.3.", file=scene, key="coupling"
-            )
-        windows = self.scene.report.zoom
-        if len(windows) != 3 or not set(windows) <= set(self.limits.environments):
-            raise UsageError(
+            raise UsageError("the table must have k and b.", file=table, column="parameter")
+        device, windows = self.scene.device, self.scene.report.zoom
+        for given, key, message in (
+            (
+                device is not None and device.mass is not None and not device.modes,
+                "device",
+                "the reproduction needs a rigid device: mass and damping.",
+            ),
+            (self.scene.coupling, "coupling", "the reproduction needs the coupling of section 2.3."),
+            (
+                len(windows) == 3 and set(windows) <= set(self.limits.environments),
+                "report.zoom",
                 "three windows are needed, those of Figs 7b, d and f, on environments of the table.",
-                file=scene,
-                key="report.zoom",
-                value=sorted(windows),
-            )
+            ),
+        ):
+            if not given:
+                raise UsageError(message, file=scene, key=key)
 
     @cached_property
     def walls(self) -> tuple[Wall, ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -80,12 +78,6 @@ def test_the_model_has_no_level_that_the_data_or_the_scene_leave_out():
     assert coordinates_of(table, parameters=["k"]) == 5 + 5
     # One environment: two spreads and one correlation.
     assert coordinates_of(one) == 3
-
-
-def test_a_scene_that_is_none_stops():
-    with pytest.raises(subprocess.CalledProcessError) as caught:
-        work_of("everything", tolerance=0.5)
-    assert "argument scene: invalid choice: 'everything'" in str(caught.value.stderr)
 
 
 def test_savings_are_shares_of_leaving_nothing_out():

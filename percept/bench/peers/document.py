@@ -15,7 +15,7 @@ import numpy as np
 from percept import __version__
 from percept.bench.growth import Growth
 from percept.bench.measure import machine
-from percept.bench.peers.engines import ENGINES, Engine, engine
+from percept.bench.peers.engines import ENGINES, engine
 from percept.bench.peers.processes import Comparison, Measured, Startup, Whole, comparisons
 from percept.bench.peers.reference import Reference
 from percept.files import filled_folder
@@ -98,12 +98,16 @@ def build_document(
     times = reached(measured)
     compared = comparisons(whole)
     promises = _promises(measured, times)
-    run_engines = [one for one in ENGINES if one.name in {row.engine for row in measured}]
+    engines = [one for one in ENGINES if one.name in {row.engine for row in measured}]
+    packages = {name for one in engines for name in one.packages}
+    # What is installed here: rows may have been measured elsewhere.
+    installed = {one.name.lower(): one.version for one in importlib.metadata.distributions()}
     document = {
         "schema": SCHEMA,
         "command": command,
         "machine": machine(loads, seconds),
-        "versions": _versions(run_engines),
+        "versions": {"percept": __version__}
+        | {name: installed[name] for name in sorted(packages) if name in installed},
         "reference": {
             "command": reference.command, "own_effective": reference.own.effective,
             "own_runs": reference.own.runs, "own_scatter": reference.own.scatter,
@@ -112,26 +116,19 @@ def build_document(
             "mean_square_apart": (reference.apart**2).mean(),
             "relative_error": np.sqrt(((reference.own.error / reference.half_width) ** 2).mean()),
         },
-        "engines": [{"name": one.name, "title": one.title, "unit": one.unit} for one in run_engines],
+        "engines": [{"name": one.name, "title": one.title, "unit": one.unit} for one in engines],
         "left_out": [{"name": name, "missing": missing} for name, missing in (left_out or {}).items()],
         "startups": startups,
         "measured": measured,
         "reached": times,
         "whole": whole,
-        "comparisons": [dataclasses.asdict(one) | {"kept": one.kept} for one in compared],
+        "comparisons": compared,
         "growth": growth,
         "promises": promises,
-        "losses": _losses(times, promises, compared) + _grown(growth),
+        "losses": _losses(times, promises, compared, growth),
     }  # fmt: skip
     collected: dict[str, Any] = plain(document)
     return collected
-
-
-def _versions(engines: Sequence[Engine]) -> dict[str, str]:
-    """Versions of what is installed here: rows may have been measured elsewhere."""
-    names = sorted({name for one in engines for name in one.packages})
-    installed = {one.name.lower(): one.version for one in importlib.metadata.distributions()}
-    return {"percept": __version__} | {name: installed[name] for name in names if name in installed}
 
 
 def _promises(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[str, Any]]:
@@ -171,9 +168,12 @@ def _promises(measured: Sequence[Measured], times: Sequence[Reached]) -> list[di
 
 
 def _losses(
-    times: Sequence[Reached], promises: Sequence[dict[str, Any]], compared: Sequence[Comparison]
+    times: Sequence[Reached],
+    promises: Sequence[dict[str, Any]],
+    compared: Sequence[Comparison],
+    growth: Sequence[Growth],
 ) -> list[str]:
-    """Say where percept is not the fastest, or a promise is not kept."""
+    """Say where percept is not the fastest, and which promises are not kept."""
     lines = []
     for row in times:
         for state, ratio in (("warm", row.warm_ratio), ("cold", row.cold_ratio)):
@@ -192,17 +192,13 @@ def _losses(
         for one in compared
         if not one.kept
     ]
-    return lines
-
-
-def _grown(growth: Sequence[Growth]) -> list[str]:
-    """Say where run time grows more than is promised."""
-    return [
+    lines += [
         f"With {one.along} a {one.task} at {one.size} takes {one.ratio:.2f} times as long as at the least; "
         f"{one.promised:g} is promised."
         for one in growth
         if one.promised is not None and one.ratio > one.promised
     ]
+    return lines
 
 
 PAGE = "index.html"

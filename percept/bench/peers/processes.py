@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from percept.bench.peers.engines import Engine, engine, missing_packages
+from percept.bench.peers.engines import Engine, engine
 from percept.bench.peers.model import Responses
 from percept.errors import RefusalError
 
@@ -133,6 +133,8 @@ def _reduced(name: str, runs: list[dict[str, Any]], startup: Startup, reference:
         group = [run for run in runs if run["size"] == size]
         seconds = [run["seconds"] for run in group]
         warm, processor = statistics.median(seconds), statistics.median(run["processor"] for run in group)
+        said = [run["notes"] for run in group]
+        notes = {key: statistics.median(one[key] for one in said) for key in said[0]}
         for how in group[0]["limits"]:
             limits = [run["limits"][how] for run in group]
             values = np.array([one["value"] for one in limits])
@@ -154,31 +156,23 @@ def _reduced(name: str, runs: list[dict[str, Any]], startup: Startup, reference:
                     effective_per_second=effective / warm,
                     effective_per_processor_second=effective / processor,
                     agreement=float(np.sqrt(np.mean(((values - reference.own.value) / claimed) ** 2))),
-                    notes={
-                        key: statistics.median(run["notes"][key] for run in group)
-                        for key in group[0]["notes"]
-                    },
+                    notes=notes,
                 )
             )
     return rows
 
 
 _NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"
+_REPORT, _FIT = (("-m", "percept", command, "SESSIONS", "--out", "OUT") for command in ("report", "fit"))
 #: Name to arguments of Python; SESSIONS, SCENE, OUT and SEED, another in every round, are filled in.
 COMMANDS = {
     "import pymc": ("-c", "import pymc"),
     "import what percept fit needs": ("-c", f"import {_NEEDED}"),
-    "percept report": (
-        "-m", "percept", "report", "SESSIONS", "--out", "OUT", "--seed", "SEED", "--scene", "SCENE",
-    ),
-    "percept fit": ("-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--seed", "SEED"),
-    "percept fit, 2 %": (
-        "-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--seed", "SEED", "--tolerance", "0.02",
-    ),
-    "percept fit, classical": (
-        "-m", "percept", "fit", "SESSIONS", "--out", "OUT", "--method", "classical",
-    ),
-}  # fmt: skip
+    "percept report": (*_REPORT, "--seed", "SEED", "--scene", "SCENE"),
+    "percept fit": (*_FIT, "--seed", "SEED"),
+    "percept fit, 2 %": (*_FIT, "--seed", "SEED", "--tolerance", "0.02"),
+    "percept fit, classical": (*_FIT, "--method", "classical"),
+}
 #: Command, what it is compared with, and the largest ratio promised.
 _PROMISES = (
     ("percept report", "import pymc", 2.0),
@@ -208,20 +202,7 @@ class Comparison:
     ratio: float  # Median over the rounds, of wall times
     processor_ratio: float  # Of the median processor times
     promised: float  # Largest ratio promised
-
-    @property
-    def kept(self) -> bool:
-        """Whether the wall time keeps the promise."""
-        return self.ratio <= self.promised
-
-
-def installed_commands() -> dict[str, tuple[str, ...]]:
-    """Commands whose packages are installed."""
-    return {
-        name: words
-        for name, words in COMMANDS.items()
-        if name != "import pymc" or not missing_packages(("pymc",))
-    }
+    kept: bool  # Whether the wall time keeps the promise
 
 
 def whole_commands(
@@ -253,7 +234,8 @@ def comparisons(rows: Sequence[Whole]) -> list[Comparison]:
         if command in by_name and against in by_name:
             one, other = by_name[command], by_name[against]
             ratio = statistics.median(a / b for a, b in zip(one.seconds, other.seconds, strict=True))
-            found.append(Comparison(command, against, ratio, one.processor / other.processor, promised))
+            processor = one.processor / other.processor
+            found.append(Comparison(command, against, ratio, processor, promised, ratio <= promised))
     return found
 
 

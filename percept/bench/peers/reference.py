@@ -20,7 +20,6 @@ from percept.inference.hierarchy.models import IntervalEstimands, Model
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores
 from percept.inference.sampling.moves import advance, start
 from percept.inference.sampling.warmup import warm_up
-from percept.report.plain import plain
 
 #: Kept positions (E, T, W, d), and the steps between them.
 Kept: TypeAlias = tuple[Array, int]
@@ -79,14 +78,9 @@ class Reference:
         """Root mean square error of limits (3, 2, C) over their half-widths."""
         return float(np.sqrt(np.mean(((value - self.own.value) / self.half_width) ** 2)))
 
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values in full precision."""
-        values: dict[str, Any] = plain(self)
-        return values
-
     @classmethod
     def of_json(cls, stored: dict[str, Any]) -> Self:
-        """Undo `to_json`."""
+        """Undo `percept.report.plain`."""
         own, other = (
             LongRun(**(stored[key] | {name: np.array(stored[key][name]) for name in ("value", "error")}))
             for key in ("own", "other")

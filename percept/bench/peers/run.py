@@ -9,12 +9,13 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from percept.bench.growth import FITTED, SIZES, growth
+from percept.bench.growth import SIZES, growth
 from percept.bench.peers.document import build_document, write_benchmark
-from percept.bench.peers.engines import ENGINES, engine
-from percept.bench.peers.processes import installed_commands, measure, whole_commands
+from percept.bench.peers.engines import ENGINES, engine, missing_packages
+from percept.bench.peers.processes import COMMANDS, measure, whole_commands
 from percept.bench.peers.reference import make_reference, stored_reference
 from percept.errors import RefusalError
+from percept.report.plain import plain
 from percept.reproduce.published import dataset
 
 _EXTRA = "pip install 'percept[peers]'"
@@ -41,23 +42,20 @@ def run_benchmark(
     if not present:
         raise RefusalError("none of these engines is installed.", value=", ".join(engines), hint=_EXTRA)
     begun, before = time.perf_counter(), os.getloadavg()[0]
-    rounds = min(repeats, 1) if quick else repeats
-    commands = installed_commands()
-    if rounds and "import pymc" not in commands:
-        log(f"import pymc: left out, pymc not installed; {_EXTRA}")
-        left_out["import pymc"] = ("pymc",)
-    log("whole commands")
-    whole = whole_commands(sessions, scene, repeats=rounds, commands=commands) if rounds else []
+    whole, grown = [], []
+    if repeats:
+        commands = dict(COMMANDS)
+        if missing_packages(("pymc",)):
+            del commands["import pymc"]
+            left_out["import pymc"] = ("pymc",)
+        log("whole commands")
+        whole = whole_commands(sessions, scene, repeats=1 if quick else repeats, commands=commands)
     startups, measured = measure(
         present, sessions, reference, starts=starts, seconds=seconds, quick=quick, log=log
     )
-    if not rounds:
-        grown = []
-    elif quick:
+    if repeats:
         smallest = {along: sizes[:2] for along, sizes in SIZES.items()}
-        grown = growth(rounds=1, sizes=smallest, fitted={}, log=log)
-    else:
-        grown = growth(sizes=SIZES, fitted=FITTED, log=log)
+        grown = growth(rounds=1, sizes=smallest, fitted={}, log=log) if quick else growth(log=log)
     document = build_document(
         startups, measured, whole, reference, growth=grown, left_out=left_out,
         command=_command(engines, seconds, starts, repeats, quick),
@@ -73,7 +71,7 @@ def run_reference(out: str | Path, *, log: Callable[[str], None] = lambda line: 
         sessions, _hash(sessions), folder, command="percept bench reference --out DIR", log=log
     )
     path = folder / "reference.json"
-    path.write_text(json.dumps(reference.to_json()) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(plain(reference)) + "\n", encoding="utf-8")
     return path
 
 

@@ -1,14 +1,17 @@
-"""The session reader against pandas' C parser: seconds and memory, each in a process of its own."""
+"""The session reader against pandas' C parser: seconds and memory, each in a process of its own.
+
+Run as `python -m tests.sessions.reader_cost --rows 5000000`.
+"""
 
 from __future__ import annotations
 
+import argparse
+import dataclasses
 import json
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
@@ -33,18 +36,18 @@ print(json.dumps([time.perf_counter() - start, time.process_time() - used,
 """
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class ReadCost:
     """What reading one file cost, the best of several runs."""
 
-    way: Annotated[str, "percept, or pandas with the columns' types given."]
-    rows: Annotated[int, "Trials in the file."]
-    seconds: Annotated[float, "Wall time."]
-    cpu_seconds: Annotated[float, "Processor time."]
-    megabytes: Annotated[float, "Peak resident memory of the process."]
-    time_ratio: Annotated[float, "seconds over pandas'."]
-    cpu_ratio: Annotated[float, "cpu_seconds over pandas'."]
-    memory_ratio: Annotated[float, "megabytes over pandas'."]
+    way: str  # "percept", or "pandas" with the columns' types given
+    rows: int
+    seconds: float
+    cpu_seconds: float
+    megabytes: float  # Peak resident memory of the process
+    time_ratio: float  # Over pandas'
+    cpu_ratio: float
+    memory_ratio: float
 
 
 def read_costs(rows: int = 1_000_000, *, repeats: int = 3) -> list[ReadCost]:
@@ -56,7 +59,7 @@ def read_costs(rows: int = 1_000_000, *, repeats: int = 3) -> list[ReadCost]:
     return [ReadCost(way, rows, *cost, *(cost / best["pandas"])) for way, cost in best.items()]
 
 
-def _best(way: str, path: Path, repeats: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _best(way: str, path: Path, repeats: int) -> np.ndarray:
     command = [sys.executable, "-W", "ignore", "-c", _CHILD, way, str(path)]
     runs = [
         json.loads(subprocess.run(command, capture_output=True, check=True).stdout) for _ in range(repeats)
@@ -77,3 +80,17 @@ def write_study(path: str | Path, rows: int, *, seed: int = 0) -> int:
                 cell = f"{subject:04d},1,{environment},{k!r},{b!r}"
                 out.writelines(f"{cell},{t},{x!r},{y!r}\n" for t, (x, y) in enumerate(adjusted.tolist(), 1))
     return subjects * trials * len(_REFERENCES)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print one JSON line per way."""
+    parser = argparse.ArgumentParser(prog="tests.sessions.reader_cost", description=__doc__)
+    parser.add_argument("--rows", type=int, default=5_000_000)
+    parser.add_argument("--repeats", type=int, default=3)
+    given = parser.parse_args(arguments)
+    for cost in read_costs(given.rows, repeats=given.repeats):
+        sys.stdout.write(json.dumps(dataclasses.asdict(cost)) + "\n")
+
+
+if __name__ == "__main__":
+    main()
