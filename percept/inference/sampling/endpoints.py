@@ -1,4 +1,4 @@
-"""Endpoints as roots of smooth mixtures, for a posterior that is normal given each draw; what a run estimates.
+"""Endpoints as roots of smooth mixtures: a posterior is normal given each draw. And what a run estimates.
 
 The mean of normal CDFs over draws is far less noisy than an order statistic of draws: every draw informs
 every endpoint.
