@@ -24,7 +24,7 @@ from percept.errors import UsageError
 from percept.files import exclusive, remove_abandoned, shared, write_whole
 from percept.inference.sampling.endpoints import Estimates
 from percept.inference.sampling.gate import Gate, Settings
-from percept.inference.sampling.records import Run
+from percept.inference.sampling.run import Run
 
 _SUFFIX = ".npz"
 _ARRAYS = ("points", "components", "errors", "times")

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
-    from percept.inference.sampling.records import Progress
+    from percept.inference.sampling.run import Progress
 
 _WAIT = 2.0  # seconds before anything is shown
 _WIDE = 80  # columns that leave room for a bar beside the words

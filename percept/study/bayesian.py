@@ -17,7 +17,7 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
 from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.records import Progress, Run
+from percept.inference.sampling.run import Progress, Run
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.classical import Cell, cell_moments

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from percept.html import NotebookRecord
 from percept.inference.checks.predictive import correlation_draws, draw_prior, shrinkage
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.sampling.records import Progress
+from percept.inference.sampling.run import Progress
 from percept.scene import Scene
 from percept.sessions.values import UNITS
 from percept.study.bands import weber_trend

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.statistics import from_cells
-from percept.inference.sampling.records import Progress
+from percept.inference.sampling.run import Progress
 from percept.scene import Scene
 from percept.sessions import Reduced
 from percept.study.bayesian import Prepared, RunStore, fit, pooled

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from percept.boundary.band import BandStudy
     from percept.boundary.realism import Realism
     from percept.boundary.records import Boundary
-    from percept.inference.sampling.records import Progress
+    from percept.inference.sampling.run import Progress
     from percept.study.apparatus import Apparatus
     from percept.study.bayesian import Fit, RunStore
     from percept.study.boundaries import Range

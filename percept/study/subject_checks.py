@@ -15,7 +15,7 @@ from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, pre
 from percept.inference.checks.predictive import STATISTICS, replicate, statistics_of
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.records import Progress
+from percept.inference.sampling.run import Progress
 from percept.scene import Scene
 from percept.sessions.values import UNITS
 from percept.study.bayesian import Fit

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from percept.inference.sampling.records import Run
+from percept.inference.sampling.run import Run
 
 from percept.inference.sampling.endpoints import Estimates
 from percept.inference.sampling.gate import Gate, Settings

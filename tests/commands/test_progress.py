@@ -15,7 +15,7 @@ SESSIONS = str(dataset("hbfd_sessions.csv"))
 SAMPLING = """
 import time
 from percept.commands import progress
-from percept.inference.sampling.records import Progress
+from percept.inference.sampling.run import Progress
 progress._WAIT = 0.1
 with progress.Working("fitting", shown=True) as working:
     time.sleep(0.4)
