@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
-from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores, rank_rhat, some_walkers
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    normal_scores,
+    rank_rhat,
+    some_walkers,
+)
 from percept.inference.sampling.endpoints import Estimands, Estimates
 
 Array = NDArray[np.float64]

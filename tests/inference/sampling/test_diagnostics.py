@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores, rank_rhat
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    normal_scores,
+    rank_rhat,
+)
 
 
 def autoregressive(rho, shape, rng):

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, normal_scores, rank_rhat
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    normal_scores,
+    rank_rhat,
+)
 from percept.inference.sampling.endpoints import Means
 from percept.inference.sampling.gate import judge
 
