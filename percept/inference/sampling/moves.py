@@ -49,8 +49,8 @@ class Reference:
         radius = np.sqrt(0.5 * _DF / rng.standard_gamma(0.5 * _DF, size=count))
         return radius[:, None] * rng.standard_normal((count, self.dimension))
 
-    def turn(self, points: Array, rng: np.random.Generator) -> Array:
-        """Turn points about zero by random angles, leaving the law invariant.
+    def rotate(self, points: Array, rng: np.random.Generator) -> Array:
+        """Rotate points about zero by random angles, leaving the law invariant.
 
         A t law is normal given its radius: drawing the radius given the point and rotating towards
         a normal draw of that radius is reversible with respect to the law, at any angle.
@@ -66,138 +66,83 @@ class Reference:
 
 
 Generators = Sequence[np.random.Generator]
-#: Indices of walkers, one array per ensemble.
-Groups = list[NDArray[np.intp]]
 #: A log density, points (N, d) to (N,).
 Density = Callable[[Array], Array]
-#: Shares of the kinds of step: in many coordinates few independent draws are accepted, and turns are.
-_SHARES, _SHARES_OF_MANY, _MANY = (0.6, 0.3, 0.1), (0.2, 0.7, 0.1), 48
-_AHEAD = 4  # steps whose independent draws are weighed in one density call
-_JITTER = 1e-5
+#: Share of independent draws among the steps. From `_MANY` coordinates on few of them are accepted.
+_INDEPENDENT, _INDEPENDENT_OF_MANY, _MANY = 0.6, 0.05, 48
+#: Steps whose independent draws are weighed in one density call.
+_AHEAD = 4
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Offer:
-    """What is offered to N moving walkers."""
+class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
+    """Metropolis-Hastings step of all walkers at once, each ensemble with its own generator.
 
-    points: Array  # (N, d) Where they would go
-    log_density: Array  # (N,) The target's log density there
-    log_ratio: Array  # (N,) Log density of offering the way back, less that of offering the way there
+    Steps leave the reference law invariant, and are judged by the density over that law.
+    """
 
-
-class _EnsemblesMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
-    """Metropolis-Hastings step of all ensembles, each with its own generator."""
-
-    def __init__(self, generators: Generators) -> None:
+    def __init__(self, generators: Generators, law: Reference) -> None:
         self._generators = generators
+        self._law = law
 
     def propose(self, model: emcee.model.Model, state: emcee.State) -> tuple[emcee.State, NDArray[np.bool_]]:
         """Propose for every walker once and accept or not."""
         coords, log_prob = state.coords.copy(), state.log_prob.copy()
-        accepted = np.zeros(len(coords), dtype=bool)
-        for movers in self._rounds(np.split(np.arange(len(coords)), len(self._generators))):
-            moving = np.concatenate(movers)
-            # The density itself: emcee's own call goes through every value in Python, and its wrapper prints
-            # all of them when a run is interrupted.
-            offer = self._offer(getattr(model.log_prob_fn, "f", model.log_prob_fn), coords, movers)
-            uniform = [g.random(len(group)) for group, g in zip(movers, self._generators, strict=True)]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                gain = offer.log_ratio + offer.log_density - log_prob[moving]
-                taken = np.log(np.concatenate(uniform)) < gain
-            moved = moving[taken]
-            coords[moved], log_prob[moved] = offer.points[taken], offer.log_density[taken]
-            accepted[moved] = True
+        # The density itself: emcee's own call goes through every value in Python, and its wrapper prints all
+        # of them when a run is interrupted.
+        points, values, log_law = self._offer(getattr(model.log_prob_fn, "f", model.log_prob_fn), coords)
+        uniform = self._by_ensemble(coords, lambda own, generator: generator.random(len(own)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            accepted = np.log(uniform) < self._law.log_density(coords) - log_law + values - log_prob
+        coords[accepted], log_prob[accepted] = points[accepted], values[accepted]
         return emcee.State(coords, log_prob=log_prob), accepted
 
-    def _rounds(self, groups: Groups) -> list[Groups]:
-        """Which walkers of each ensemble move together: all of them, in one round."""
-        return [groups]
+    def _by_ensemble(self, coords: Array, draw: Callable[[Array, np.random.Generator], Array]) -> Array:
+        """Draw for the walkers (N, d) of each ensemble by its own generator."""
+        groups = np.split(coords, len(self._generators))
+        return np.concatenate([draw(own, g) for own, g in zip(groups, self._generators, strict=True)])
 
     @abstractmethod
-    def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
-        """Propose for the moving walkers, ensemble by ensemble."""
-
-
-class _ReferenceMove(_EnsemblesMove):
-    """A step that leaves the reference law invariant, judged by the density over that law."""
-
-    def __init__(self, generators: Generators, reference: Reference) -> None:
-        super().__init__(generators)
-        self._reference = reference
+    def _offer(self, density: Density, coords: Array) -> tuple[Array, Array, Array]:
+        """Points (N, d) offered to the walkers, with their log density and that of the law, each (N,)."""
 
 
 class IndependentMove(_ReferenceMove):
-    """Independent draws from the reference: they decorrelate at once where the transport fits.
+    """Independent draws from the reference law: they decorrelate at once where the transport fits.
 
-    No draw depends on where a walker is, so those of several steps share one density call, which costs far
-    less than a call for each.
+    No draw depends on where a walker is, so the draws of several steps share one density call.
     """
 
-    def __init__(self, generators: Generators, reference: Reference) -> None:
-        super().__init__(generators, reference)
+    def __init__(self, generators: Generators, law: Reference) -> None:
+        super().__init__(generators, law)
         self._ahead: list[tuple[Array, Array, Array]] = []
 
-    def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
-        law = self._reference
+    def _offer(self, density: Density, coords: Array) -> tuple[Array, Array, Array]:
         if not self._ahead:
-            drawn = [
-                law.draw(_AHEAD * len(group), g).reshape(_AHEAD, len(group), -1)
-                for group, g in zip(movers, self._generators, strict=True)
-            ]
-            points = np.concatenate(drawn, axis=1).reshape(-1, coords.shape[1])
+            law, size = self._law, coords.shape[1]
+            drawn = self._by_ensemble(
+                coords, lambda own, g: law.draw(_AHEAD * len(own), g).reshape(len(own), _AHEAD, size)
+            )
+            points = np.ascontiguousarray(drawn.swapaxes(0, 1)).reshape(-1, size)
             parts = (np.split(part, _AHEAD) for part in (points, density(points), law.log_density(points)))
             self._ahead = list(zip(*parts, strict=True))
-        points, values, own = self._ahead.pop()
-        return Offer(points, values, law.log_density(coords) - own)
+        return self._ahead.pop()
 
 
-class EllipticMove(_ReferenceMove):
-    """Turns about zero by random angles: short enough to leave places the transport serves badly."""
+class PCNMove(_ReferenceMove):
+    """Preconditioned Crank-Nicolson steps for a t law: rotations towards a fresh draw, by random angles.
 
-    def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
-        law = self._reference
-        points = np.concatenate(
-            [law.turn(coords[group], g) for group, g in zip(movers, self._generators, strict=True)]
-        )
-        return Offer(points, density(points), law.log_density(coords) - law.log_density(points))
+    Small angles leave places that the transport serves badly.
+    """
 
-
-class DifferentialMove(_EnsemblesMove):
-    """Differential evolution (ter Braak 2006) between the halves of an ensemble; needs no law."""
-
-    def _rounds(self, groups: Groups) -> list[Groups]:
-        shuffled = [g.permutation(group) for group, g in zip(groups, self._generators, strict=True)]
-        half = [len(group) // 2 for group in groups]
-        return [
-            [group[:middle] for group, middle in zip(shuffled, half, strict=True)],
-            [group[middle:] for group, middle in zip(shuffled, half, strict=True)],
-        ]
-
-    def _offer(self, density: Density, coords: Array, movers: Groups) -> Offer:
-        size = coords.shape[1]
-        groups = np.split(np.arange(len(coords)), len(self._generators))
-        differences, reach = [], []
-        for group, moving, g in zip(groups, movers, self._generators, strict=True):
-            others = np.setdiff1d(group, moving)
-            first = g.integers(len(others), size=len(moving))
-            second = (first + g.integers(1, len(others), size=len(moving))) % len(others)
-            differences.append(coords[others[first]] - coords[others[second]])
-            reach.append(1.0 + _JITTER * g.standard_normal((len(moving), 1)))
-        length = 2.38 / np.sqrt(2.0 * size) * np.concatenate(reach)
-        moving = np.concatenate(movers)
-        points = coords[moving] + length * np.concatenate(differences)
-        return Offer(points, density(points), np.zeros(len(moving)))
+    def _offer(self, density: Density, coords: Array) -> tuple[Array, Array, Array]:
+        points = self._by_ensemble(coords, self._law.rotate)
+        return points, density(points), self._law.log_density(points)
 
 
-def standard_moves(reference: Reference, generators: Generators) -> list[tuple[emcee.moves.Move, float]]:
+def standard_moves(law: Reference, generators: Generators) -> list[tuple[emcee.moves.Move, float]]:
     """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`."""
-    moves = (
-        IndependentMove(generators, reference),
-        EllipticMove(generators, reference),
-        DifferentialMove(generators),
-    )
-    shares = _SHARES if reference.dimension < _MANY else _SHARES_OF_MANY
-    return list(zip(moves, shares, strict=True))
+    share = _INDEPENDENT if law.dimension < _MANY else _INDEPENDENT_OF_MANY
+    return [(IndependentMove(generators, law), share), (PCNMove(generators, law), 1.0 - share)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -230,17 +175,14 @@ def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensemb
     )
 
 
-def advance(
-    target: Target, state: Ensembles, *, steps: int, stride: int, walkers: int | None = None
-) -> tuple[Ensembles, Array]:
+def advance(target: Target, state: Ensembles, *, steps: int, stride: int) -> tuple[Ensembles, Array]:
     """Run all ensembles for some steps and keep every `stride`-th position."""
-    ensembles, own, dimension = state.coords.shape
-    walkers = own if walkers is None else walkers
+    ensembles, walkers, dimension = state.coords.shape
     generators = [np.random.Generator(np.random.PCG64()) for _ in range(ensembles)]
     for generator, stored in zip(generators, state.generators, strict=True):
         generator.bit_generator.state = stored
     moves = standard_moves(Reference(dimension), generators)
-    sampler = emcee.EnsembleSampler(ensembles * own, dimension, target, moves=moves, vectorize=True)
+    sampler = emcee.EnsembleSampler(ensembles * walkers, dimension, target, moves=moves, vectorize=True)
     current = emcee.State(
         state.coords.reshape(-1, dimension),
         log_prob=state.log_density.ravel(),
@@ -254,7 +196,7 @@ def advance(
         accepted += current.log_prob != before
         before = np.array(current.log_prob)
         if step % stride == 0:
-            kept[:, step // stride - 1] = current.coords.reshape(state.coords.shape)[:, :walkers]
+            kept[:, step // stride - 1] = current.coords.reshape(state.coords.shape)
     after = Ensembles(
         np.array(current.coords).reshape(state.coords.shape),
         np.array(current.log_prob).reshape(state.log_density.shape),

@@ -102,9 +102,12 @@ _BURN_IN = 24
 _FIRST_ROUND = 144
 #: A run predicted to take so many times its first round begins anew, with a transport fitted to that round.
 _WORTH_REFINING = 3.0
-#: Its autocorrelation times are then about so much shorter. It has so many times the walkers, which share
-#: array calls, that it takes about so many steps; its first round is at least so long.
-_SHORTER, _MORE_WALKERS, _REFINED_STEPS, _REFINED_ROUND = 0.65, (2, 4, 8), 168, 96
+#: Autocorrelation times after that, as a fraction of those before.
+_SHORTER = 0.65
+#: How many times the walkers a refined run may have: array calls cost least for some thousand positions.
+_MORE_WALKERS = (1, 2, 4, 8)
+#: Steps that a refined run aims at, and of its first round at least.
+_REFINED_STEPS, _REFINED_ROUND = 168, 96
 #: Steps between kept positions, a fraction of an autocorrelation time. Keeping and judging a position takes
 #: as long as a few steps: long runs keep fewer.
 _STRIDE, _REFINED_STRIDE = 3, 6
@@ -113,7 +116,7 @@ _SEGMENT = 480  # steps whose positions are mapped at once
 _KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 26
 #: Positions a part may have whatever that takes: in fewer it could not span ten autocorrelation times.
 _FEWEST_POSITIONS = 32
-#: Walkers an ensemble has for accuracy. Many coordinates need more, whose positions are not kept.
+#: Walkers of an ensemble.
 _WALKERS = 64
 
 
@@ -140,8 +143,8 @@ def sample(
         if run.at_its_end(judged, settings):
             return judged
         if not run.refined and needed > _WORTH_REFINING * run.spanned:
-            by_error = _SHORTER * run.steps_by_error(judged, settings)
-            run = _Running(target, estimands, _refined(target, estimands, settings, judged.points, by_error))
+            by_error = run.steps_by_error(judged, settings)
+            run = _Running(target, estimands, _refined(target, estimands, settings, judged, by_error))
         else:
             run.go_on(judged, needed, settings)
 
@@ -151,39 +154,31 @@ def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
     return np.random.SeedSequence(settings.seed).spawn(4)
 
 
-def _walkers(settings: Settings, dimension: int, *, steps: float = 0.0) -> tuple[int, int]:
-    """Walkers of an ensemble, and of how many positions are kept, where `_WALKERS` would take `steps`."""
-    if settings.walkers:
-        return settings.walkers, settings.walkers
-    least = 2 * (dimension + 1)
-    times = 1
-    if steps and least <= _WALKERS:
-        times = min(_MORE_WALKERS, key=lambda times: abs(math.log(steps / (times * _REFINED_STEPS))))
-    return max(times * _WALKERS, least), times * _WALKERS
-
-
 def _begin(target: Target, estimands: Estimands, settings: Settings) -> Begun:
     """Warm up, burn in, and keep nothing yet."""
-    dimension = len(target.names)
-    walkers, kept = _walkers(settings, dimension)
     warm_seed, run_seed, *_ = _seeds(settings)
-    here, points = warm_up(target, (settings.ensembles, walkers), warm_seed)
-    return _burnt_in(here, points, run_seed, estimands, kept)
+    here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), warm_seed)
+    return _burnt_in(here, points, run_seed, estimands, _STRIDE, _FIRST_ROUND, refined=False)
 
 
-def _refined(target: Target, estimands: Estimands, settings: Settings, kept: Array, steps: float) -> Begun:
-    """Begin anew with a transport fitted to kept positions (E, T, W, d), and keep none of them.
+def _refined(target: Target, estimands: Estimands, settings: Settings, judged: Run, by_error: float) -> Begun:
+    """Begin anew with a transport fitted to kept positions, and keep none of them.
 
-    As many walkers as those of the positions would take `steps`.
+    As many walkers as those of the positions would need `by_error` steps for the tolerance.
     """
     *_, warm_seed, run_seed = _seeds(settings)
-    ensembles, *_, dimension = kept.shape
-    walkers, keeping = _walkers(settings, dimension, steps=steps)
+    ensembles, _, before, dimension = judged.points.shape
+    steps, walkers = _SHORTER * by_error, before
+    if not settings.walkers:
+        # No fewer steps than the autocorrelation time asks for, whatever the number of walkers.
+        wanted = max(_REFINED_STEPS, _SHORTER * _steps_to_settle(judged))
+        times = min(_MORE_WALKERS, key=lambda times: abs(math.log(steps / (times * wanted))))
+        walkers, steps = times * before, steps / times
     rng = np.random.default_rng(warm_seed)
-    here, points = refine(target, kept.reshape(-1, dimension), (ensembles, walkers), rng)
-    predicted = min(steps * kept.shape[2] / keeping, 4.0 * _REFINED_ROUND, settings.most_steps - _BURN_IN)
+    here, points = refine(target, judged.points.reshape(-1, dimension), (ensembles, walkers), rng)
+    predicted = min(steps, 4.0 * _REFINED_ROUND, settings.most_steps - _BURN_IN)
     first = math.ceil(max(predicted, _REFINED_ROUND))
-    return _burnt_in(here, points, run_seed, estimands, keeping, refined=first)
+    return _burnt_in(here, points, run_seed, estimands, _REFINED_STRIDE, first, refined=True)
 
 
 def _burnt_in(
@@ -191,20 +186,17 @@ def _burnt_in(
     points: Array,
     seed: np.random.SeedSequence,
     estimands: Estimands,
-    kept: int,
+    stride: int,
+    goal: int,
     *,
-    refined: int = 0,
+    refined: bool,
 ) -> Begun:
-    """Burn in from starting points; of so many walkers per ensemble positions will be kept.
-
-    A refined run has a first round of so many steps.
-    """
+    """Burn in from starting points."""
     state, _ = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN)
-    ensembles, _, dimension = points.shape
-    nothing = np.empty((ensembles, 0, kept, dimension))
-    components = np.empty((ensembles, 0, kept, estimands.components(here.map(points[0, :1])).shape[1]))
-    stride, first = (_REFINED_STRIDE, refined) if refined else (_STRIDE, _FIRST_ROUND)
-    return Begun(here.transport, state, nothing, components, stride, first, refined > 0)
+    ensembles, walkers, dimension = points.shape
+    count = estimands.components(here.map(points[0, :1])).shape[1]
+    nothing, components = (np.empty((ensembles, 0, walkers, size)) for size in (dimension, count))
+    return Begun(here.transport, state, nothing, components, stride, goal, refined)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -255,9 +247,7 @@ class _Running:
     def extend(self, steps: int) -> None:
         """Run every ensemble for at least `steps` and keep what is needed."""
         steps = max(self.stride, math.ceil(steps / self.stride) * self.stride)
-        self.state, walked = advance(
-            self._here, self.state, steps=steps, stride=self.stride, walkers=self._points.shape[2]
-        )
+        self.state, walked = advance(self._here, self.state, steps=steps, stride=self.stride)
         # In one order of memory: the last bits of sums depend on it.
         flat = np.ascontiguousarray(self._here.map(walked.reshape(-1, walked.shape[-1])))
         components = np.ascontiguousarray(self._estimands.components(flat))

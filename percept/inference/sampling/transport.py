@@ -128,6 +128,7 @@ class Spline:
 
 _DRIVERS = 6  # most drivers
 _SIGNIFICANT = 4.0  # standard errors a bend or a widening must have to be believed
+_NOISE = 2.0  # standard errors within which a correlation counts as none
 _ALIKE = 1e-9  # effects that differ by no more are the same
 _SHORT = 0.5  # most a coefficient of a log scale changes in one step of its fit
 _COLUMNS = 32  # points are mapped in multiples of, so that none depends on how many there are
@@ -148,23 +149,23 @@ class Transport:
 
     @classmethod
     def fit(cls, points: Array) -> Self:
-        """Fit to a sample of shape (N, d), N well above d."""
+        """Fit to a sample of shape (N, d), N well above d, whose quarters are independent of one another."""
         count, size = points.shape
         y = np.empty_like(points)
         scores = special.ndtri((np.arange(count) + 0.5) / count)
         np.put_along_axis(y, np.argsort(points, axis=0), scores[:, None], axis=0)
-        drivers = _drivers(y)
+        effective = _effective(y)
+        drivers = _drivers(y, effective)
         others = np.setdiff1d(np.arange(size), drivers)
         features = _features(y[:, drivers])
         mean, log_scale = np.zeros((2, size, features.shape[1]))
         for k, i in enumerate(drivers):
             known = 2 * k + 1
             mean[i, :known], log_scale[i, :known] = (
-                found[0] for found in _regress(features[:, :known], y[:, [i]])[:2]
+                found[0] for found in _regress(features[:, :known], y[:, [i]], effective)[:2]
             )
-        mean[others], log_scale[others], remainder = _regress(features, y[:, others])
-        covariance = remainder.T @ remainder / count
-        return cls(drivers, others, mean, log_scale, np.linalg.cholesky(covariance), Spline.fit(points))
+        mean[others], log_scale[others], remainder = _regress(features, y[:, others], effective)
+        return cls(drivers, others, mean, log_scale, _factor(remainder, effective), Spline.fit(points))
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
         """Map points (N, d) and return them with log abs det of the Jacobian, shape (N,)."""
@@ -220,7 +221,35 @@ def _features(driving: Array) -> Array:
     return np.concatenate([np.ones((len(driving), 1)), pairs], axis=1)
 
 
-def _drivers(y: Array) -> NDArray[np.intp]:
+def _effective(y: Array) -> float:
+    """Estimate the independent draws that normal scores (N, d) are worth, by what their quarters differ."""
+    quarters = np.array_split(y, 4)
+    pairs = np.triu_indices(y.shape[1], 1)
+    moments = [np.concatenate([part.mean(axis=0), (part.T @ part / len(part))[pairs]]) for part in quarters]
+    # Each of these moments would have variance 1/N, about zero or so, in N independent draws.
+    return float(min(len(y), 4.0 / np.var(moments, axis=0, ddof=1).mean()))
+
+
+def _factor(remainder: Array, effective: float) -> Array:
+    """Lower factor of the covariance of remainders (N, C), correlations within their noise left out.
+
+    A sample of few independent draws has as many chance correlations as pairs, and together they would make a
+    worse map than none.
+    """
+    covariance = remainder.T @ remainder / len(remainder)
+    sd = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sd, sd)
+    noise = _NOISE**2 / (effective * np.maximum(correlation**2, 1e-300))
+    correlation *= np.maximum(1.0 - noise, 0.0)
+    while True:
+        try:
+            np.fill_diagonal(correlation, 1.0)
+            return np.asarray(sd[:, None] * np.linalg.cholesky(correlation))
+        except np.linalg.LinAlgError:
+            correlation *= 0.9
+
+
+def _drivers(y: Array, effective: float) -> NDArray[np.intp]:
     """Order coordinates by how much they bend or widen others, strongest first."""
     count, size = y.shape
     y = np.clip(y, -_CLIP, _CLIP)
@@ -231,7 +260,7 @@ def _drivers(y: Array) -> NDArray[np.intp]:
     bend = y.T @ square / count - correlation * odd
     widen = square.T @ y / count - correlation**2 * odd
     effect = bend**2 + widen**2
-    effect[(effect * count < 2.0 * _SIGNIFICANT**2) | np.eye(size, dtype=bool)] = 0.0
+    effect[(effect * effective < 2.0 * _SIGNIFICANT**2) | np.eye(size, dtype=bool)] = 0.0
     chosen: list[int] = []
     for _ in range(_DRIVERS):
         # Of a pair that widen each other alike the first: rounding must not choose.
@@ -244,7 +273,7 @@ def _drivers(y: Array) -> NDArray[np.intp]:
     return np.array(chosen, dtype=np.intp)
 
 
-def _regress(features: Array, y: Array) -> tuple[Array, Array, Array]:
+def _regress(features: Array, y: Array, effective: float) -> tuple[Array, Array, Array]:
     """Regress the mean and log spread of columns y (N, C) on features (N, F), F odd.
 
     Returns coefficients of the means and of the log spreads, (C, F), those that are significant, and the
@@ -255,8 +284,9 @@ def _regress(features: Array, y: Array) -> tuple[Array, Array, Array]:
     gram, right = features.T @ features, features.T @ y
     mean = np.linalg.solve(gram, right)
     error = (y - features @ mean).std(axis=0) * np.sqrt(np.diag(np.linalg.inv(gram)))[:, None]
-    keep = np.abs(mean) > _SIGNIFICANT * error
-    keep[linear] = True
+    fewer = np.sqrt(count / effective)
+    keep = np.abs(mean) > _SIGNIFICANT * fewer * error
+    keep[0] = True
     mean = _solve_kept(gram, right, keep)
     residual = y - features @ mean
     log_scale = np.zeros_like(mean)
@@ -264,7 +294,7 @@ def _regress(features: Array, y: Array) -> tuple[Array, Array, Array]:
     square = (residual * np.exp(-log_scale[0])) ** 2
     driving = np.ascontiguousarray(features[:, linear])
     noise = np.sqrt(count * square.var(axis=0) * (driving**2).mean(axis=0)[:, None])
-    widens = np.abs(driving.T @ (square - 1.0)) > _SIGNIFICANT * noise
+    widens = np.abs(driving.T @ (square - 1.0)) > _SIGNIFICANT * fewer * noise
     widens[0] = True
     some = np.flatnonzero(widens.sum(axis=0) > 1)
     if some.size:

@@ -282,24 +282,3 @@ def test_autocorrelation_times_are_in_steps_and_all_walkers_count():
     assert run.times[0] == pytest.approx(run.stride * autocorrelation_time(influence)[0])
     kept = run.points[..., 0].size
     assert run.gate.effective_draws == pytest.approx(kept * run.stride / run.gate.autocorrelation_time)
-
-
-@pytest.mark.parametrize(
-    ("dimension", "steps", "walkers", "kept"),
-    [
-        (5, 0, 64, 64),
-        (5, 400, 128, 128),
-        (5, 600, 256, 256),
-        (5, 1000, 512, 512),
-        (5, 1e9, 512, 512),
-        (40, 0, 82, 64),
-        (40, 1000, 82, 64),
-    ],
-)
-def test_an_ensemble_has_more_than_two_walkers_a_coordinate(dimension, steps, walkers, kept):
-    """Differences of the other half must span the space: emcee's own rule, and two walkers more.
-
-    A run that 64 walkers would take many steps for has more of them.
-    """
-    assert running._walkers(Settings(), dimension, steps=steps) == (walkers, kept)
-    assert running._walkers(Settings(walkers=100), dimension, steps=steps) == (100, 100)

@@ -33,13 +33,12 @@ class Walk:
     def __init__(self):
         self.rng = np.random.default_rng(1)
 
-    def __call__(self, target, state, *, steps, stride, walkers=None):
-        walkers = state.coords.shape[1] if walkers is None else walkers
+    def __call__(self, target, state, *, steps, stride):
         kept, here = [], state.coords
         for step in range(1, steps + 1):
             here = 0.98 * here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(here.shape)
             if step % stride == 0:
-                kept.append(here[:, :walkers])
+                kept.append(here)
         moved = dataclasses.replace(
             state, coords=here, accepted=state.accepted + steps, steps=state.steps + steps
         )

@@ -33,7 +33,7 @@ def test_draws_and_turns_follow_the_law(turns):
     points = law.draw(20_000, np.random.default_rng(5))
     rng = np.random.default_rng(6)
     for _ in range(turns):
-        points = law.turn(points, rng)
+        points = law.rotate(points, rng)
     assert stats.kstest(distances(points), "uniform").pvalue > 1e-4
     for column in stats.t(DF).cdf(points).T:
         assert stats.kstest(column, "uniform").pvalue > 1e-4
@@ -43,7 +43,7 @@ def test_turn_is_reversible():
     """The joint law of a point and where it turns to is symmetric; a drift would show in odd moments."""
     law = Reference(3)
     before = law.draw(40_000, np.random.default_rng(7))
-    after = law.turn(before, np.random.default_rng(8))
+    after = law.rotate(before, np.random.default_rng(8))
     u, v = stats.t(DF).cdf(before), stats.t(DF).cdf(after)
     pairs = [(distances(before), distances(after)), (u[:, 0], v[:, 0]), (u[:, 1], v[:, 1])]
     for f, g in pairs:
