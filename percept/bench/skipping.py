@@ -1,7 +1,4 @@
-"""What is saved by leaving out what a scene does not need: each scene in a process of its own.
-
-Every scene is the published study less one thing.
-"""
+"""What a scene saves that leaves one thing out of the published study, in a process of its own."""
 
 from __future__ import annotations
 
