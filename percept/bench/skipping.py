@@ -90,7 +90,7 @@ def _main(task: str) -> None:
     study = _study(scene, tolerance, method, points)
     with tempfile.TemporaryDirectory() as folder:
         if scene == "page and figures":
-            from percept.report.fit import write_fit
+            from percept.report.write import write_fit
 
             write_fit(study, Path(folder) / "out")
         else:
