@@ -214,12 +214,9 @@ def factor(unit: str | None, parameter: str) -> Fraction:
         quantity = _registry().Quantity(Fraction(1), text)
         return Fraction(quantity.to(UNITS[parameter].replace("·", "*")).magnitude)
     except (pint.errors.PintError, ValueError, TypeError, AttributeError):
-        raise UsageError(
-            f"not a unit of {'stiffness' if parameter == 'k' else 'damping'}.",
-            key="unit",
-            value=unit,
-            hint=f"Declare one that converts to {UNITS[parameter]}.",
-        ) from None
+        message = f"not a unit of {'stiffness' if parameter == 'k' else 'damping'}."
+        hint = f"Declare one that converts to {UNITS[parameter]}."
+        raise UsageError(message, key="unit", value=unit, hint=hint) from None
 
 
 @lru_cache

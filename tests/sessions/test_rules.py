@@ -484,7 +484,7 @@ def test_repeats_are_missing_where_there_are_some_and_cells_empty_where_there_ar
     [
         (
             {"exclude": [{"column": "session", "equals": "3"}]},
-            "a rule names a column that the file does not have",
+            "column 'session': this column is wanted, and is not there",
         ),
         ({"exclude": [{"column": "subject", "above": 3}]}, "limits need a column of numbers"),
         ({"exclude": [{"column": "rt", "above": 3}]}, "this column is wanted, and is not there"),
