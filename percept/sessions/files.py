@@ -306,7 +306,7 @@ def _settled(declared: str | None, marked: str | None) -> str:
 def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> UsageError | None:
     """Decode all bytes; return what is wrong with the first that are no text, and raise on a NUL."""
     decoder = codecs.getincrementaldecoder(encoding)()
-    position, lines, data = 0, 0, b"-"
+    position, lines, newlines, data = 0, 0, 0, b"-"
     stream.seek(start)
     while data:
         data = stream.read(BLOCK)
@@ -319,14 +319,14 @@ def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> U
             return UsageError(
                 f"byte {position + at + 1} is not text in {encoding}{beside}.",
                 file=file,
-                row=1 + lines + data[: max(at, 0)].count(b"\n"),
+                row=1 + newlines + data[: max(at, 0)].count(b"\n"),
                 hint="Export the table again as CSV in UTF-8.",
             )
         if (nul := text.find("\0")) >= 0:
             message = "a NUL character: this is a binary file, or UTF-16 without a byte-order mark."
             hint = 'Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".'
             raise UsageError(message, file=file, row=1 + lines + line_ends(text[:nul]), hint=hint)
-        lines += line_ends(text)
+        lines, newlines = lines + line_ends(text), newlines + data.count(b"\n")
         position += len(data)
     return None
 

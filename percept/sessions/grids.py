@@ -253,21 +253,19 @@ def _records(text: str, layout: Layout, first_row: int) -> tuple[list[list[str]]
     delimiter, file = layout.delimiter, layout.file
     hint = "Write the table again as CSV with quotes doubled."
     if layout.quoting == "backslash":
-        text = text.replace('\\"', '""')
+        # A NUL is refused before, so that it can stand for an escaped quote.
+        text = text.replace('\\"', "\0")
     lines = io.StringIO(text, newline="").readlines()
     if layout.quoting == "wrapped":
         cells = [_join(line.rstrip("\r\n").split(delimiter), delimiter) for line in lines]
         ends = list(range(1, len(lines) + 1))
     else:
         unclosed = "a quoted cell is not closed, or text follows its closing quote."
-        # Quotes come between a delimiter and the next one; the csv module lets them stand anywhere.
-        pieces = text.split('"')
-        for at in range(0, len(pieces) - 1, 2):
-            if pieces[at] and pieces[at][-1] not in (delimiter, "\r", "\n"):
-                row = first_row + files.line_ends('"'.join(pieces[: at + 1]))
-                raise _MisfitError(0, unclosed, file=file, row=row, hint=hint)
-        reader = csv.reader(lines, delimiter=delimiter, strict=True)
+        if (before := _misplaced(text, delimiter, layout.quoting)) is not None:
+            row = first_row + files.line_ends(before)
+            raise _MisfitError(0, unclosed, file=file, row=row, hint=hint)
         cells, ends = [], []
+        reader = csv.reader(lines, delimiter=delimiter, strict=True, doublequote=layout.quoting == "doubled")
         try:
             for record in reader:
                 cells.append(record or [""])
@@ -275,6 +273,8 @@ def _records(text: str, layout: Layout, first_row: int) -> tuple[list[list[str]]
         except csv.Error:
             row = first_row + (ends[-1] if ends else 0)
             raise _MisfitError(0, unclosed, file=file, row=row, hint=hint) from None
+        if layout.quoting == "backslash":
+            cells = [[cell.replace("\0", '"') for cell in record] for record in cells]
     rows = [first_row, *(first_row + end for end in ends[:-1])][: len(cells)]
     longest = max(range(len(cells)), key=lambda at: len(cells[at]), default=None)
     if longest is not None and len(cells[longest]) > _CELLS:
@@ -287,6 +287,19 @@ def _records(text: str, layout: Layout, first_row: int) -> tuple[list[list[str]]
             message = "a carriage return stands alone in a file whose lines end otherwise."
             raise _MisfitError(0, message, file=file, row=first_row + ends[alone[0]] - 1, hint=hint)
     return cells, rows
+
+
+def _misplaced(text: str, delimiter: str, quoting: Quoting) -> str | None:
+    """Return what stands before a misplaced quote; the csv module takes quotes anywhere in a cell."""
+    pieces = text.split('"')
+    stops = (delimiter, "\r", "\n")
+    for at in range(0, len(pieces), 2):
+        piece, first, last = pieces[at], at == 0, at == len(pieces) - 1
+        begins, ends = first or piece.startswith(stops), last or piece.endswith(stops)
+        doubled = not piece and (first or last or quoting == "doubled")
+        if "\0" in piece or not ((begins and ends) or doubled):
+            return '"'.join(pieces[: at + begins])
+    return None
 
 
 def _join(pieces: list[str], delimiter: str) -> list[str]:

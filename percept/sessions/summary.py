@@ -48,7 +48,7 @@ def read_summary(
     numbers = ["reference", *(_LIMITS if limits else ()), *(_MOMENTS if moments else ()), "n"]
     numbers += ["level"] if "level" in text else []
     mark = DecimalMark(decimal) if decimal else None
-    mark = mark or decimal_mark({c: text[c] for c in numbers}, grid.rows, file=file, problems=problems)
+    mark = mark or decimal_mark([(c, text[c]) for c in numbers], grid.rows, file=file, problems=problems)
     frame: dict[str, Any] = {c: np.array(text[c], dtype=object) for c in ("environment", "parameter")}
     for c in numbers:
         frame[c] = parse_numbers(

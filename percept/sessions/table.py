@@ -271,7 +271,7 @@ class FileTable:
         names = [c for c in (*NUMBERS, "trial", *self._limited) if c in data]
         texts = {c: data[c] for c in names if data[c].dtype == object}
         if self._mark is None and texts:
-            columns = {self._place(c)["column"]: cells.tolist() for c, cells in texts.items()}
+            columns = [(self._place(c)["column"], cells.tolist()) for c, cells in texts.items()]
             self._mark = values.decimal_mark(
                 columns, data["row"].tolist(), file=self.name, problems=self.problems
             )
