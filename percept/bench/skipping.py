@@ -77,8 +77,7 @@ def work_of(
     scene: str, *, tolerance: float = 0.05, points: int | None = None, method: str = "both"
 ) -> dict[str, Any]:
     """Run one scene in a fresh process."""
-    task = json.dumps([scene, tolerance, method, points])
-    command = [sys.executable, "-m", __name__, task]
+    command = [sys.executable, "-m", __name__, json.dumps([scene, tolerance, method, points])]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=as_installed())
     work: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return work
