@@ -123,8 +123,8 @@ def _magnitude(v: Values) -> Any:
 
 
 def _box(v: Values) -> tuple[Any, Any]:
-    limits = (-v["k_e"], v["k_c"]), (-v["b_e"], v["b_c"])
-    return magnitude_envelope(v["omega"], _device(v), *limits, v["period"], mass=v["m_e"])
+    k, b = (-v["k_e"], v["k_c"]), (-v["b_e"], v["b_c"])
+    return magnitude_envelope(v["omega"], _device(v), k, b, v["period"], mass=v["m_e"])
 
 
 def _check(ours: Computed, exact: twin.Formula, inputs: tuple[str, ...], *, searched: bool = False) -> Check:

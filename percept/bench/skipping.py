@@ -1,7 +1,4 @@
-"""What is saved by leaving out what a scene does not need: each scene in a process of its own.
-
-Every scene is the published study less one thing.
-"""
+"""What a scene saves that leaves one thing out of the published study, in a process of its own."""
 
 from __future__ import annotations
 
@@ -80,8 +77,7 @@ def work_of(
     scene: str, *, tolerance: float = 0.05, points: int | None = None, method: str = "both"
 ) -> dict[str, Any]:
     """Run one scene in a fresh process."""
-    task = json.dumps([scene, tolerance, method, points])
-    command = [sys.executable, "-m", __name__, task]
+    command = [sys.executable, "-m", __name__, json.dumps([scene, tolerance, method, points])]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=as_installed())
     work: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return work
@@ -93,7 +89,7 @@ def _main(task: str) -> None:
     study = _study(scene, tolerance, method, points)
     with tempfile.TemporaryDirectory() as folder:
         if scene == "page and figures":
-            from percept.report.fit import write_fit
+            from percept.report.write import write_fit
 
             write_fit(study, Path(folder) / "out")
         else:

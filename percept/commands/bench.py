@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--stability", action="store_true", help="the same as the part digits")
     parser.add_argument("--cases", type=int, default=2000, metavar="N", help="haptics cases of digits (2000)")
+    parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of sampling (5)")
     parser.add_argument("--studies", type=int, default=200, metavar="N", help="studies of workers (200)")
     parser.add_argument("--json", action="store_true", help="print as JSON")
     parser.add_argument(
@@ -90,7 +91,7 @@ def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
             hint="Install percept with its extra: percept[bench].",
         ) from error
     if arguments.out:
-        option = {"digits": "cases", "workers": "studies"}.get(part)
+        option = {"sampling": "seeds", "digits": "cases", "workers": "studies"}.get(part)
         size = f" --{option} {getattr(arguments, option)}" if option else ""
         document = _bench("measure", "measurement")(
             part,
@@ -131,7 +132,7 @@ def _digits(arguments: argparse.Namespace) -> list[Any]:
 
 
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
-    "sampling": lambda _: _bench("growth", "sampling_costs")(_published()),
+    "sampling": lambda given: _bench("growth", "sampling_costs")(_published(), seeds=given.seeds),
     "propagation": lambda _: _bench("propagation", "study_propagation")(_published()),
     "digits": _digits,
     "skipping": lambda _: _bench("skipping", "skipping_cost")(),

@@ -3,37 +3,34 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from percept.report.checks import checks_of
-from percept.report.curves import close_views, readings, zoom_windows
-from percept.report.design import design_of
+import numpy as np
+
+from percept.haptics import Device, stable_region
 from percept.report.findings import findings
 from percept.report.plain import plain
-from percept.report.select import distinct
+from percept.report.select import EACH_BY_ITSELF, distinct
 from percept.study.adjustments import adjustments, design_counts
 
 if TYPE_CHECKING:
+    from percept.haptics import Coupling
+    from percept.scene import Scene
     from percept.study import Study
 
 SCHEMA = "percept-report/1"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
-# In the order they are written.
-_PARTS = (
-    "schema", "provenance", "data", "intervals", "boundaries", "zoom", "close", "readings", "passivity",
-    "coupling", "band", "design", "sensitivity", "comparison", "curve_comparison", "diagnostics", "checks",
-    "skipped", "summary",
-)  # fmt: skip
+# A close view spans 2 % around its frequency on either side, as the paper's do.
+_LOOK_BY = 0.02
+_CLOSE_POINTS = 61
+_EDGE_POINTS = 65  # of the stable region
 
 
-def build_document(
-    study: Study,
-    *,
-    curves: bool = True,
-) -> dict[str, Any]:
+def build_document(study: Study, *, curves: bool = True) -> dict[str, Any]:
     """Build the document that the page, the tables and the figures are made from.
 
     Parameters
@@ -47,50 +44,40 @@ def build_document(
     -------
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``boundaries`` with their ``zoom`` windows,
-        ``close`` views and ``readings`` at one frequency, ``coupling``, ``band``, ``design``,
+        ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``, ``design``,
         ``sensitivity``, ``comparison``, ``curve_comparison``, ``diagnostics``, ``checks``, ``skipped``, and
         what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
         of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
-    document: dict[str, Any] = dict.fromkeys(_PARTS)
-    document |= {
+    boundaries = plain(study.boundaries) if curves else []
+    windows = zoom_windows(study.scene, distinct(boundaries, "environment"))
+    document = {
         "schema": SCHEMA,
         "provenance": provenance(study),
         "data": _data(study),
         "intervals": plain(study.intervals),
-        "boundaries": [],
-        "zoom": {},
-        "close": [],
-        "readings": [],
-    }
-    document["boundaries"] = plain(study.boundaries) if curves else []
-    if document["boundaries"]:
-        document["zoom"] = zoom_windows(study.scene, distinct(document["boundaries"], "environment"))
-        document["close"] = close_views(study, document["zoom"])
-        document["readings"] = readings(study)
-    document |= {
-        "coupling": plain(study.coupling) if curves else None,
+        "boundaries": boundaries,
+        "zoom": windows,
+        "close": _close_views(study, windows),
+        "readings": _readings(study) if boundaries else [],
         "passivity": plain(study.passivity) if curves else None,
+        "coupling": plain(study.coupling) if curves else None,
         "band": plain(study.band) if curves else None,
-        "design": design_of(study) if document["boundaries"] and study.scene.coupling else None,
-    }
-    document |= {
+        "design": design_of(study) if boundaries and study.scene.coupling else None,
         "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
         "curve_comparison": plain(study.curve_comparison) if curves else [],
         "diagnostics": plain(study.diagnostics),
-        "checks": checks_of(study),
+        "checks": _checks(study),
         "skipped": _skipped(study, curves=curves),
     }
-    document["summary"] = findings(document)
-    return document
+    return document | {"summary": findings(document)}
 
 
 def provenance(study: Study) -> dict[str, Any]:
     """Say what a result was made from: versions, seed, files and scene."""
     import percept
 
-    scene = plain(study.scene.to_dict())
     return {
         "versions": {"percept": percept.__version__, "python": platform.python_version(), **_versions()},
         "seed": study.scene.inference.seed,
@@ -98,7 +85,7 @@ def provenance(study: Study) -> dict[str, Any]:
             {"name": PurePath(source.name).name, "sha256": source.sha256, "rows": source.rows}
             for source in study.sessions.sources
         ],
-        "scene": scene,
+        "scene": plain(study.scene.to_dict()),
     }
 
 
@@ -114,12 +101,11 @@ def _versions() -> dict[str, str]:
 
 def _data(study: Study) -> dict[str, Any]:
     sessions = study.sessions
-    table = sessions.table
     return {
         "form": sessions.form,
         "simulated": sessions.simulated,
         "subjects": len(sessions.subjects),
-        "rows": len(table),
+        "rows": len(sessions.table),
         "environments": list(sessions.environments),
         "parameters": list(sessions.parameters),
         "counts": plain(sessions.counts),
@@ -131,24 +117,113 @@ def _data(study: Study) -> dict[str, Any]:
     }
 
 
+def _located(record: Any, *names: str) -> dict[str, Any]:
+    where = {"file": PurePath(record.file).name if record.file else None, "row": record.row}
+    return {name: plain(getattr(record, name)) for name in names} | where
+
+
+def zoom_windows(scene: Scene, environments: list[str]) -> dict[str, list[float]]:
+    """Return the window of ω that each environment's close view shows."""
+    middle = scene.frequency.read_at
+    usual = (middle * (1 - _LOOK_BY), middle * (1 + _LOOK_BY))
+    windows = {}
+    for environment in environments:
+        low, high = scene.report.zoom.get(environment, usual)
+        low, high = max(low, scene.frequency.lower), min(high, scene.frequency.upper)
+        if low < high:
+            windows[environment] = [float(low), float(high)]
+    return windows
+
+
+def _close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[str, Any]]:
+    """Evaluate the boundaries of the average user in each window."""
+    kinds = study.scene.inference.kinds[:1]
+    return [
+        plain(record)
+        for name, (low, high) in windows.items()
+        for record in study.boundaries_at(
+            np.linspace(low, high, _CLOSE_POINTS), (name,), kinds=kinds, joints=EACH_BY_ITSELF
+        )
+    ]
+
+
+def _readings(study: Study) -> list[dict[str, Any]]:
+    """Evaluate every boundary at one frequency: 10 rad/s, or the middle of a range without it."""
+    omega = np.array([study.scene.frequency.read_at])
+    return [plain(record) for record in study.boundaries_at(omega, joints=EACH_BY_ITSELF)]
+
+
+def design_of(study: Study) -> dict[str, Any] | None:
+    """Unpack the couplings that qualify, by method, for each environment and for all together."""
+    designs = study.coupling_design
+    if not designs:
+        return None
+    (frequencies,) = {design.frequencies for design in designs.values()}
+    return {
+        "kind": "user",
+        "family": study.scene.inference.family,
+        "frequencies": frequencies,
+        "stable": _stable_edge(study),
+        "maps": [
+            {
+                "method": method,
+                "damping": plain(design.common.damping),
+                "environments": [
+                    {
+                        "name": name,
+                        "intervals": plain(region.intervals),
+                        "largest": _coupling(region.largest),
+                        "softest": _coupling(region.softest),
+                    }
+                    for name, region in zip(
+                        (*study.environments, None), (*design.each, design.common), strict=True
+                    )
+                ],
+            }
+            for method, design in designs.items()
+        ],
+    }
+
+
+def _stable_edge(study: Study) -> dict[str, Any] | None:
+    device, table = study.device, study.scene.device
+    if table is None or not isinstance(device, Device) or device.modes:
+        return None
+    region = stable_region(float(device.damping), table.period, hold=table.hold, points=_EDGE_POINTS)
+    return {"stiffness": plain(region.stiffness), "damping": plain(region.damping)}
+
+
+def _coupling(coupling: Coupling | None) -> dict[str, Any] | None:
+    if coupling is None:
+        return None
+    return {"stiffness": float(coupling.stiffness), "damping": float(coupling.damping)}
+
+
+def _checks(study: Study) -> dict[str, Any] | None:
+    """Collect the model checks that the scene asks for."""
+    asked = study.scene.checks
+    if asked is None or study.checks is None:
+        return None
+    checks: dict[str, Any] = plain(study.checks)
+    # A row per subject, environment and parameter would be most of the document.
+    checks["loo"]["cells"] = [row for row in checks["loo"]["cells"] if row["outlier"]]
+    compared = asked.compare and len(study.environments) > 1
+    return checks | {"models": plain(study.model_choice) if compared else None}
+
+
 def _skipped(study: Study, *, curves: bool) -> list[dict[str, str]]:
     """Say what is left out, and without curves also what the report alone has."""
-    found = [{"what": what, "why": why} for what, why in study.skipped]
+    skipped = [{"what": what, "why": why} for what, why in study.skipped]
     if curves or not len(study.intervals):
-        return found
+        return skipped
     coupled = study.apparatus is not None and study.scene.coupling is not None
-    left = {
+    report_alone = {
         "boundaries of Z_h": study.apparatus is not None,
         "coupling: Z_h_vc and stability": coupled,
-        "couplings that would do": coupled,
+        "admissible couplings": coupled,
         "sensitivity to the device's mass and damping": study.apparatus is not None,
         "band law": len(study.parameters) == 2 and len(study.environments) > 1,
     }
-    known = {row["what"] for row in found}
-    only = [name for name, there in left.items() if there and name not in known]
-    return [*({"what": name, "why": "only percept report has this"} for name in only), *found]
-
-
-def _located(record: Any, *names: str) -> dict[str, Any]:
-    place = {"file": PurePath(record.file).name if record.file else None, "row": record.row}
-    return {name: plain(getattr(record, name)) for name in names} | place
+    known = {row["what"] for row in skipped}
+    names = [name for name, there in report_alone.items() if there and name not in known]
+    return [*({"what": name, "why": "only percept report has this"} for name in names), *skipped]

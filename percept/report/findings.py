@@ -6,36 +6,37 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from percept.errors import counted
-from percept.report.select import METHODS, distinct, matching
+from percept.report.select import METHODS, Record, distinct, matching
 
 #: Fewer subjects than this are called few.
 _FEW = 5
-_SHOWN = 4
+#: Of the reader's warnings the summary repeats the first.
+_WARNINGS = 4
 
 
 def findings(document: Mapping[str, Any]) -> dict[str, Any]:
     """Count what a reader asks first."""
     intervals = document["intervals"]
     return {
-        "references": _references(intervals),
+        "references": list(_references(intervals)),
         "widths": _widths(intervals),
         "cautions": [
             *_inaccurate(document.get("diagnostics")),
             *_few(intervals),
             *_below_zero(intervals),
             *_active(document["passivity"]),
-            *_doubtful(document["data"]["doubts"]),
+            *_warnings(document["data"]["doubts"]),
         ],
     }
 
 
-def _inaccurate(diagnostics: Mapping[str, Any] | None) -> Iterator[str]:
+def _inaccurate(diagnostics: Record | None) -> Iterator[str]:
     gate = diagnostics["gate"] if diagnostics else None
     if gate and gate["passed"] and not gate["tolerance_met"]:
         yield gate["error_reached"]
 
 
-def _few(intervals: list[dict[str, Any]]) -> Iterator[str]:
+def _few(intervals: list[Record]) -> Iterator[str]:
     subjects = max((row["n"] for row in intervals), default=_FEW)
     if subjects < _FEW:
         rest = {
@@ -46,20 +47,20 @@ def _few(intervals: list[dict[str, Any]]) -> Iterator[str]:
         yield f"{subjects} subjects are few: {', '.join(methods)}."
 
 
-def _below_zero(intervals: list[dict[str, Any]]) -> Iterator[str]:
-    cells: dict[str, list[str]] = {}
+def _below_zero(intervals: list[Record]) -> Iterator[str]:
+    cells: dict[str, dict[str, None]] = {}
     for row in matching(intervals, family="normal", joint="marginal"):
         if row["lower"] is not None and float(row["lower"]) < 0 <= (row["reference"] or 0.0):
-            cells.setdefault(row["kind"], []).append(f"{row['parameter']} of {row['environment']}")
+            cells.setdefault(row["kind"], {})[f"{row['parameter']} of {row['environment']}"] = None
     if cells:
-        where = "; ".join(f"{kind}: {', '.join(dict.fromkeys(names))}" for kind, names in cells.items())
+        where = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in cells.items())
         yield (
             "Some limits of the normal family are below zero, where no environment's stiffness or damping is "
             f"({where}). Those of the lognormal family never are."
         )
 
 
-def _active(passivity: list[dict[str, Any]] | None) -> Iterator[str]:
+def _active(passivity: list[Record] | None) -> Iterator[str]:
     names = [row["environment"] for row in passivity or () if not row["passive"]]
     if names:
         yield (
@@ -68,62 +69,53 @@ def _active(passivity: list[dict[str, Any]] | None) -> Iterator[str]:
         )
 
 
-def _doubtful(doubts: list[dict[str, Any]]) -> Iterator[str]:
-    for doubt in doubts[:_SHOWN]:
-        place = f"{doubt['file']}:{doubt['row']}: " if doubt["file"] else ""
-        yield f"{place}{doubt['text']}{'' if doubt['text'].endswith('?') else '.'}"
-    if len(doubts) > _SHOWN:
-        yield f"Data lists {len(doubts) - _SHOWN} more to look at."
+def _warnings(warnings: list[Record]) -> Iterator[str]:
+    for warning in warnings[:_WARNINGS]:
+        where = f"{warning['file']}:{warning['row']}: " if warning["file"] else ""
+        yield f"{where}{warning['text']}{'' if warning['text'].endswith('?') else '.'}"
+    if len(warnings) > _WARNINGS:
+        yield f"Data lists {len(warnings) - _WARNINGS} more to look at."
 
 
-def _references(intervals: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    found = []
+def _known(rows: list[Record]) -> list[Record]:
+    """Return the intervals that have a reference and both limits."""
+    return [row for row in rows if None not in (row["reference"], row["lower"], row["upper"])]
+
+
+def _references(intervals: list[Record]) -> Iterator[dict[str, Any]]:
+    """Count, by method and family, the references inside the interval of the average user."""
     for method in METHODS:
-        rows = matching(intervals, method=method, kind="mean", joint="marginal")
+        rows = _known(matching(intervals, method=method, kind="mean", joint="marginal"))
         for family in distinct(rows, "family"):
-            known = [
-                row
-                for row in matching(rows, family=family)
-                if row["reference"] is not None and row["lower"] is not None and row["upper"] is not None
-            ]
+            known = matching(rows, family=family)
             outside = [
                 {name: row[name] for name in ("environment", "parameter")}
                 for row in known
                 if not float(row["lower"]) <= row["reference"] <= float(row["upper"])
             ]
-            if known:
-                found.append(
-                    {
-                        "method": method,
-                        "family": family,
-                        "level": known[0]["level"],
-                        "inside": len(known) - len(outside),
-                        "of": len(known),
-                        "outside": outside,
-                    }
-                )
-    return found
-
-
-def _widths(intervals: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    groups: dict[tuple[str, str, str, str], list[tuple[float, str]]] = {}
-    for row in matching(intervals, joint="marginal"):
-        if not row["reference"] or row["lower"] is None or row["upper"] is None:
-            continue
-        key = (row["method"], row["family"], row["parameter"], row["kind"])
-        width = (float(row["upper"]) - float(row["lower"])) / row["reference"]
-        groups.setdefault(key, []).append((width, row["environment"]))
-    found = []
-    for (method, family, parameter, kind), widths in groups.items():
-        (least, narrowest), (most, widest) = min(widths), max(widths)
-        found.append(
-            {
+            yield {
                 "method": method,
                 "family": family,
-                "parameter": parameter,
-                "kind": kind,
-                "narrowest": {"environment": narrowest, "width": least},
-                "widest": {"environment": widest, "width": most},
+                "level": known[0]["level"],
+                "inside": len(known) - len(outside),
+                "of": len(known),
+                "outside": outside,
             }
-        )
-    return found
+
+
+def _widths(intervals: list[Record]) -> list[dict[str, Any]]:
+    """Return the narrowest and the widest interval over its reference, by what else tells intervals apart."""
+    labels = ("method", "family", "parameter", "kind")
+    groups: dict[tuple[str, ...], list[tuple[float, str]]] = {}
+    for row in _known(matching(intervals, joint="marginal")):
+        if row["reference"]:
+            width = (float(row["upper"]) - float(row["lower"])) / row["reference"]
+            groups.setdefault(tuple(row[name] for name in labels), []).append((width, row["environment"]))
+    return [
+        dict(zip(labels, group, strict=True))
+        | {
+            name: {"environment": environment, "width": width}
+            for name, (width, environment) in (("narrowest", min(widths)), ("widest", max(widths)))
+        }
+        for group, widths in groups.items()
+    ]

@@ -1,16 +1,17 @@
-"""Numbers as a reader sees them: rounded here and nowhere else, each with its place in report.json."""
+"""Numbers as a reader sees them: rounded here and nowhere else, each with its pointer into report.json."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
 from percept.errors import UsageError
+from percept.report.select import at, unescaped
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _INFINITE = {"inf": "∞", "-inf": "−∞"}
 
 
@@ -20,7 +21,7 @@ class Number:
 
     text: str  # As it is read
     exact: str  # Every digit
-    place: str  # Its JSON pointer in report.json
+    pointer: str  # Into report.json
 
 
 def rounded(value: float, digits: int = 5) -> str:
@@ -35,7 +36,7 @@ def rounded(value: float, digits: int = 5) -> str:
         # Decimal, because rounding to a count of decimals would round the rounded once more.
         text = f"{Decimal(f'{mantissa}e{power}'):f}"
     else:
-        text = f"{mantissa} × 10{str(power).translate(_SUPERSCRIPT)}"
+        text = f"{mantissa} × 10{str(power).translate(SUPERSCRIPT)}"
     return text.replace("-", "−")
 
 
@@ -44,49 +45,26 @@ def percentage(value: float, digits: int = 3) -> str:
     return f"{rounded(100 * value, digits)}\u202f%"
 
 
-def at(document: Any, place: str) -> Any:
-    """Return what stands at a JSON pointer."""
-    value = document
-    for step in place.split("/")[1:]:
-        name = _plain_name(step)
-        try:
-            if isinstance(value, Mapping):
-                value = value[name]
-            elif isinstance(value, Sequence) and not isinstance(value, str):
-                value = value[int(name)]
-            else:
-                raise KeyError(name)
-        except (KeyError, IndexError, ValueError) as error:
-            raise UsageError("the report has nothing at this place.", value=place) from error
-    return value
-
-
-def number(document: Any, place: str, *, digits: int = 5, style: str = "plain") -> Number:
-    """Return the number at a place of the document, as it is shown."""
-    parent, _, last = place.rpartition("/")
+def number(document: Any, pointer: str, *, digits: int = 5, style: str = "plain") -> Number:
+    """Return the number at a pointer of the document, as it is shown; a dash where its record has none."""
+    parent, _, last = pointer.rpartition("/")
     owner = at(document, parent)
-    value = owner.get(_plain_name(last)) if isinstance(owner, Mapping) else at(document, place)
+    value = owner.get(unescaped(last)) if isinstance(owner, Mapping) else at(document, pointer)
     if value is None:
-        return Number("–", "", place)
+        return Number("–", "", pointer)
     if isinstance(value, str) and value in _INFINITE:
-        return Number(_INFINITE[value], value, place)
+        return Number(_INFINITE[value], value, pointer)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UsageError("a number was expected at this place of the report.", key=place, value=value)
+        raise UsageError("a number was expected at this place of the report.", key=pointer, value=value)
+    return Number(_written(value, digits, style), repr(value), pointer)
+
+
+def _written(value: float, digits: int, style: str) -> str:
+    """Write a number as "plain", "percent", "count", or "short": as somebody chose it."""
     if style == "count":
-        return Number(f"{value:,}".replace(",", "\u202f"), repr(value), place)
-    if style.startswith("short"):
-        text = _short(value, style)
-    else:
-        text = percentage(value, digits) if style == "percent" else rounded(float(value), digits)
-    return Number(text, repr(value), place)
-
-
-def _short(value: float, style: str) -> str:
-    """Write what somebody chose as somebody would write it."""
-    fraction = style == "short percent"
-    text = f"{100 * value if fraction else value:.10g}".replace("-", "−")
-    return f"{text}\u202f%" if fraction else text
-
-
-def _plain_name(step: str) -> str:
-    return step.replace("~1", "/").replace("~0", "~")
+        return f"{value:,}".replace(",", "\u202f")
+    if style == "short":
+        return f"{value:.10g}".replace("-", "−")
+    if style == "short percent":
+        return f"{100 * value:.10g}\u202f%".replace("-", "−")
+    return percentage(value, digits) if style == "percent" else rounded(float(value), digits)

@@ -1,50 +1,89 @@
-"""The page: parts and figures of a document in one HTML file that needs nothing else."""
+"""Pages that need nothing else: the report's from its document, and others in its style."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
-from typing import Any
+from importlib import resources
+from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from percept.report.numbers import number
-from percept.report.rendering import NO_NUMBER, Plate, asset, figures, templates
-from percept.report.sections import build_parts
+from percept.report.numbers import number, rounded
+from percept.report.sections import build_sections
+
+if TYPE_CHECKING:
+    from percept.report.figures.canvas import Drawing
 
 _PACKAGE = "percept.report"
+#: What stands on a page where there is no number.
+_NO_NUMBER = Markup('<span class="none">–</span>')
 
 
-def render_page(document: Mapping[str, Any], plates: Mapping[str, Plate], *, date: str) -> str:
-    """Render the page of a document."""
+def render_page(document: Mapping[str, Any], plots: Mapping[str, Drawing], *, date: str) -> str:
+    """Render the page of a document; each of its numbers knows its pointer into report.json."""
 
-    def shown(place: str, *, digits: int = 5, style: str = "plain") -> Markup:
-        found = number(document, place, digits=digits, style=style)
+    def shown(pointer: str, *, digits: int = 5, style: str = "plain") -> Markup:
+        found = number(document, pointer, digits=digits, style=style)
         if not found.exact:
-            return NO_NUMBER
-        return Markup('<data value="{}" data-at="{}">{}</data>').format(found.exact, found.place, found.text)
+            return _NO_NUMBER
+        return Markup('<data value="{}" data-at="{}">{}</data>').format(found.exact, pointer, found.text)
 
-    template = _environment().get_template("page.html.j2")
-    return template.render(
+    environment = _environment(_PACKAGE).overlay()
+    environment.filters = {**environment.filters, "embedded": _embedded, "symbols": _symbols}
+    return environment.get_template("page.html.j2").render(
         document=document,
-        parts=build_parts(document),
+        sections=build_sections(document),
         date=date,
         n=shown,
-        figure=figures(plates),
-        plates=plates,
-        style=asset(_PACKAGE, "page.css"),
-        script=asset(_PACKAGE, "page.js"),
+        plots=plots,
+        style=_asset(_PACKAGE, "page.css"),
+        script=_asset(_PACKAGE, "page.js"),
+    )
+
+
+def render_standalone(
+    package: str,
+    template: str,
+    plots: Mapping[str, Drawing],
+    *,
+    digits: int,
+    symbols: Callable[[str], str] = str,
+    styles: Iterable[str] = (),
+    **values: Any,
+) -> str:
+    """Render a template of a package that may use those of the report: rounded numbers, exact in `value`."""
+
+    def shown(value: float | str | None, digits: int = digits) -> Markup:
+        if value is None:
+            return _NO_NUMBER
+        return Markup('<data value="{}">{}</data>').format(value, rounded(float(value), digits))
+
+    environment = _environment(package, _PACKAGE).overlay()
+    environment.filters = {**environment.filters, "symbols": symbols}
+    style = _asset(_PACKAGE, "page.css") + Markup("").join(_asset(package, name) for name in styles)
+    return environment.get_template(template).render(plots=plots, n=shown, style=style, **values)
+
+
+@cache
+def _environment(*packages: str) -> Environment:
+    """Return the templates of packages; a name is looked for in the order of the packages."""
+    return Environment(
+        loader=ChoiceLoader([PackageLoader(package) for package in packages]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
 
 
 @cache
-def _environment() -> Environment:
-    environment = templates(_PACKAGE).overlay()
-    environment.filters = {**environment.filters, "embedded": _embedded, "symbols": _symbols}
-    return environment
+def _asset(package: str, name: str) -> Markup:
+    """Return a style sheet or script of a package's templates, as it stands."""
+    return Markup(resources.files(package).joinpath("templates", name).read_text(encoding="utf-8"))
 
 
 def _embedded(value: Any) -> Markup:

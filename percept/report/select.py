@@ -1,12 +1,15 @@
-"""Find records of a document by what they are, in order of preference."""
+"""Find records of a document by what they are, and the numbers in them by their JSON pointer."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from percept.errors import UsageError
 
 Record = Mapping[str, Any]
 
@@ -17,10 +20,24 @@ METHODS = ("classical", "bayesian")
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 
 
-def family_of(document: Mapping[str, Any]) -> str:
+@dataclass(frozen=True)
+class Section:
+    """A section of the page."""
+
+    name: str  # Id on the page, and name of its template
+    title: str  # Heading
+    values: Record  # What the template reads
+
+
+def family_of(document: Record) -> str:
     """Return the family of the study's own model."""
     scene = document["provenance"]["scene"]
     return str(scene.get("inference", {}).get("family", "lognormal"))
+
+
+def families_of(document: Record) -> tuple[str, ...]:
+    """Return the families in order of preference, the study's own first."""
+    return tuple(dict.fromkeys((family_of(document), "lognormal", "normal")))
 
 
 def array(values: Sequence[Any] | None) -> NDArray[np.float64]:
@@ -50,6 +67,32 @@ def first(records: Iterable[Record], **preferred: Sequence[Any]) -> Record | Non
     ]
     return min(
         accepted,
-        key=lambda record: [list(values).index(record[name]) for name, values in preferred.items()],
+        key=lambda record: [values.index(record[name]) for name, values in preferred.items()],
         default=None,
     )
+
+
+def pointed(records: Iterable[Record] | None, root: str) -> list[dict[str, Any]]:
+    """Return records with the JSON pointer of each, from that of their list."""
+    return [{**record, "pointer": f"{root}/{index}"} for index, record in enumerate(records or ())]
+
+
+def escaped(name: str) -> str:
+    """Write a name as a step of a JSON pointer."""
+    return name.replace("~", "~0").replace("/", "~1")
+
+
+def unescaped(step: str) -> str:
+    """Read a step of a JSON pointer."""
+    return step.replace("~1", "/").replace("~0", "~")
+
+
+def at(document: Any, pointer: str) -> Any:
+    """Return what stands at a JSON pointer."""
+    value = document
+    try:
+        for step in pointer.split("/")[1:]:
+            value = value[int(step)] if isinstance(value, list) else value[unescaped(step)]
+    except (KeyError, IndexError, ValueError, TypeError) as error:
+        raise UsageError("the report has nothing at this place.", value=pointer) from error
+    return value

@@ -1,4 +1,4 @@
-"""Tables of a report as CSV: every digit, units in the header."""
+"""Tables of a report: CSV with every digit and units in the header, and LaTeX rounded as on the page."""
 
 from __future__ import annotations
 
@@ -7,87 +7,139 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from percept.report.plain import Digits
-from percept.report.select import distinct, matching
+from percept.report.numbers import SUPERSCRIPT, number
+from percept.report.sections import interval_tables
+from percept.report.select import Record, distinct, matching
 from percept.sessions.read import neutralised
 from percept.sessions.values import UNITS
 
 _INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
+_CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
 
 
-def csv_tables(document: Mapping[str, Any], *, digits: Digits | None = None) -> dict[str, str]:
-    """Return the tables of a document."""
+def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the tables of a document as CSV, by file name."""
     tables = {}
     for parameter in distinct(document["intervals"], "parameter"):
-        rows = matching(document["intervals"], parameter=parameter)
-        unit = UNITS[parameter]
-        limits = {name: f"{name} ({unit})" for name in ("lower", "upper", "estimate", "reference")}
-        heads = {name: name for name in _INTERVAL} | limits | {"n": "n", "covers": "covers"}
-        tables[f"intervals_{parameter}.csv"] = _table(heads, rows)
+        heads = {name: name for name in _INTERVAL}
+        heads |= _with_unit(("lower", "upper", "estimate", "reference"), UNITS[parameter])
+        heads |= {"n": "n", "covers": "covers"}
+        tables[f"intervals_{parameter}"] = _table(heads, matching(document["intervals"], parameter=parameter))
     if document["boundaries"]:
-        tables["boundaries.csv"] = _boundaries(document["boundaries"], Digits() if digits is None else digits)
+        tables["boundaries"] = _curves(document["boundaries"])
     cells = document["data"]["cells"]
     for parameter in distinct(cells, "parameter"):
-        unit = UNITS[parameter]
         heads = {"environment": "environment", "n": "n"}
-        heads |= {name: f"{name} ({unit})" for name in ("reference", "mean", "sd")}
-        tables[f"data_{parameter}.csv"] = _table(heads, matching(cells, parameter=parameter))
+        heads |= _with_unit(("reference", "mean", "sd"), UNITS[parameter])
+        tables[f"data_{parameter}"] = _table(heads, matching(cells, parameter=parameter))
     band = document["band"] or {}
     if band.get("rows"):
         heads = {name: name for name in ("environment", "method", "kind", "family")}
-        heads |= {"impedance": "impedance (N·s/m)", "band": "band (N·s/m)", "relative": "relative"}
-        tables["band.csv"] = _table(heads, band["rows"])
-    for name, place in (("comparison", "comparison"), ("comparison_curves", "curve_comparison")):
-        if document[place]:
-            rows = document[place]
-            tables[f"{name}.csv"] = _table({head: head for head in rows[0]}, rows)
-    return tables
+        heads |= {**_with_unit(("impedance", "band"), "N·s/m"), "relative": "relative"}
+        tables["band"] = _table(heads, band["rows"])
+    for name, rows in (
+        ("comparison", document["comparison"]),
+        ("comparison_curves", document["curve_comparison"]),
+    ):
+        if rows:
+            tables[name] = _table({head: head for head in rows[0]}, rows)
+    return {f"{name}.csv": text for name, text in tables.items()}
 
 
-def _boundaries(records: Sequence[Mapping[str, Any]], digits: Digits) -> str:
-    labels = ("environment", "kind", "method", "family", "joint", "shape", "level")
-    curves = {
-        "omega": "omega (rad/s)",
-        "lower": "lower (N·s/m)",
-        "upper": "upper (N·s/m)",
-        "reference": "reference (N·s/m)",
-        "coupled": "coupled (N·s/m)",
-    }
-    parts = [_line([*labels, *curves.values()])]
-    for record in records:
-        # The labels of a curve are quoted once; hundreds of points follow, in which nothing needs quotes.
-        head = _line([_cell(record[name]) for name in labels]).rstrip("\n") + ","
-        columns = [_column(record.get(name) or [None] * len(record["omega"]), digits) for name in curves]
-        parts += [f"{head}{','.join(point)}\n" for point in zip(*columns, strict=True)]
-    return "".join(parts)
+def _with_unit(names: Iterable[str], unit: str) -> dict[str, str]:
+    return {name: f"{name} ({unit})" for name in names}
 
 
-def _column(values: list[Any], digits: Digits) -> Iterable[str]:
-    return digits.of(values) if set(map(type, values)) == {float} else map(_cell, values)
+def _curves(records: Sequence[Record]) -> str:
+    """Write a row per curve and frequency."""
+    heads = {"omega": "omega (rad/s)"} | _with_unit(("lower", "upper", "reference", "coupled"), "N·s/m")
+    rows = (
+        dict(zip(heads, point, strict=True)) | {label: record[label] for label in _CURVE}
+        for record in records
+        for point in zip(*(record.get(name) or [None] * len(record["omega"]) for name in heads), strict=True)
+    )
+    return _table({label: label for label in _CURVE} | heads, rows)
 
 
-def _table(heads: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
-    lines = [_line(heads.values())]
-    lines += [_line(_cell(row.get(name)) for name in heads) for row in rows]
-    return "".join(lines)
-
-
-def _line(cells: Iterable[str]) -> str:
+def _table(heads: Mapping[str, str], rows: Iterable[Record]) -> str:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(cells)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(heads.values())
+    writer.writerows([_cell(row.get(name)) for name in heads] for row in rows)
     return text.getvalue()
 
 
 def _cell(value: Any) -> str:
-    if type(value) is float:
-        return repr(value)
-    if value is None:
-        return ""
+    """Write one value; what a spreadsheet would run as a formula is made text."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (int, float)):
         return repr(value)
-    text = str(value)
-    if text in ("inf", "-inf"):
-        return text
-    return neutralised(text)
+    if value is None or value in ("inf", "-inf"):
+        return value or ""
+    return neutralised(str(value))
+
+
+_ESCAPES = str.maketrans(
+    {letter: f"\\{letter}" for letter in "&%$#_{}"}
+    | {
+        letter: rf"\text{name}{{}}"
+        for letter, name in {
+            "\\": "backslash", "~": "asciitilde", "^": "asciicircum", "<": "less", ">": "greater", "|": "bar",
+        }.items()
+    }
+)  # fmt: skip
+_LOWERED = {raised: plain for plain, raised in SUPERSCRIPT.items()}
+_UNITS = {"N/m": "N/m", "N·s/m": r"N\,s/m"}
+_WIDENED = {"marginal": "", "bonferroni": ", widened so that stiffness and damping hold together"}
+
+
+def latex_tables(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the tables of intervals for LaTeX with booktabs rules, by file name."""
+    tables = {}
+    for table in interval_tables(document):
+        suffix = [] if table["joint"] == "marginal" else [table["joint"]]
+        names = [table["parameter"], *suffix]
+        tables[f"intervals_{'_'.join(names)}.tex"] = _latex(document, table, "-".join(names))
+    return tables
+
+
+def _latex(document: Mapping[str, Any], table: Record, label: str) -> str:
+    columns = table["columns"]
+    heads = " & ".join(rf"\multicolumn{{2}}{{c}}{{{c['method']}, {c['family']}}}" for c in columns)
+    lines = [
+        r"\begin{table}",
+        r"\centering",
+        rf"\caption{{Adjusted ${table['parameter']}$ in {_UNITS[table['unit']]}: limits by environment, kind "
+        rf"and method{_WIDENED[table['joint']]}.}}",
+        rf"\label{{tab:intervals-{label}}}",
+        rf"\begin{{tabular}}{{llr{'rr' * len(columns)}}}",
+        r"\toprule",
+        rf"& & & {heads} \\",
+        "".join(rf"\cmidrule(lr){{{4 + 2 * i}-{5 + 2 * i}}}" for i in range(len(columns))),
+        "Environment & Kind & Reference" + " & lower & upper" * len(columns) + r" \\",
+    ]
+    environment = None
+    for row in table["rows"]:
+        name = ""
+        if row["environment"] != environment:
+            environment = row["environment"]
+            name = environment.translate(_ESCAPES)
+            lines.append(r"\midrule")
+        cells = [name, row["kind"], _latex_number(document, row["reference"])]
+        for pointer in row["cells"]:
+            cells += [
+                _latex_number(document, f"{pointer}/{limit}") if pointer else ""
+                for limit in ("lower", "upper")
+            ]
+        lines.append(" & ".join(cells) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""])
+
+
+def _latex_number(document: Mapping[str, Any], pointer: str) -> str:
+    text = number(document, pointer).text
+    if text == "–":
+        return "--"
+    mantissa, _, power = text.partition(" × 10")
+    digits = mantissa.replace("−", "-").replace("∞", r"\infty")
+    return rf"${digits} \times 10^{{{power.translate(_LOWERED)}}}$" if power else f"${digits}$"

@@ -1,22 +1,23 @@
-"""Write a report: complete files only, none of the user's removed."""
+"""Write a report, or the intervals of a study alone: complete files only, none of the user's removed."""
 
 from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from percept.errors import UsageError
 from percept.files import filled_folder
 from percept.html import needed_browser, print_pdf
 from percept.report.document import build_document
-from percept.report.formats import check_formats
-from percept.report.plain import Digits, dumps
+from percept.report.plain import dumps
 
 if TYPE_CHECKING:
     from percept.study import Study
 
 Progress = Callable[[str], None]
+_FORMATS = ("svg", "pdf", "png")
 
 
 def write_report(
@@ -62,41 +63,81 @@ def write_report(
         What the study refuses.
     """
     step = progress or (lambda _: None)
-    check_formats(formats)
+    for form in formats:
+        if form not in _FORMATS:
+            raise UsageError(f"figures come as {', '.join(_FORMATS)}.", value=form)
     if pdf:
         needed_browser()
     with filled_folder(out_dir, last="report.html") as folder:
         step("results")
         document = build_document(study)
-        _fill(folder, study, document, formats, date or datetime.date.today().isoformat(), step)
+        _write_document(folder / "report.json", document)
+        step("tables")
+        _write_tables(folder, document)
+        if study.posterior_groups is not None:
+            step("posterior")
+            _write_posterior(folder, study)
+        step("figures")
+        # The drawing library waits for whoever draws.
+        from percept.report.figures.from_document import drawings
+        from percept.report.figures.output import draw_all
+        from percept.report.page import render_page
+
+        plots = draw_all(drawings(document), folder / "figures", formats=formats)
+        step("page")
+        page = render_page(document, plots, date=date or datetime.date.today().isoformat())
+        (folder / "report.html").write_text(page, encoding="utf-8")
         if pdf:
             step("pdf")
             print_pdf(folder / "report.html", folder / "report.pdf")
     return Path(out_dir) / "report.html"
 
 
-def _fill(
-    folder: Path, study: Study, document: dict[str, object], formats: Sequence[str], date: str, step: Progress
-) -> None:
-    from percept.report.figures.catalogue import drawings
-    from percept.report.latex import latex_tables
-    from percept.report.page import render_page
-    from percept.report.plates import draw_plates
-    from percept.report.references import bibtex
-    from percept.report.tables import csv_tables
-    from percept.study.posterior_file import write_posterior
+def write_fit(study: Study, out_dir: str | Path) -> Path:
+    """Write fit.json, in report.json's schema without curves, and posterior.nc.
 
-    digits = Digits()
-    (folder / "report.json").write_text(dumps(document, digits=digits), encoding="utf-8")
-    step("tables")
+    Parameters
+    ----------
+    study : Study
+        What it has not computed yet is computed now.
+    out_dir : str or Path
+        Folder, made where it does not exist; files of other programs in it stay.
+
+    Returns
+    -------
+    Path
+        ``out_dir/fit.json``.
+
+    Raises
+    ------
+    UsageError
+        Where `out_dir` is a file or cannot be written.
+    PerceptError
+        What the study refuses.
+    """
+    with filled_folder(out_dir, last="fit.json") as folder:
+        _write_document(folder / "fit.json", build_document(study, curves=False))
+        if study.posterior_groups is not None:
+            _write_posterior(folder, study)
+    return Path(out_dir) / "fit.json"
+
+
+def _write_document(path: Path, document: dict[str, Any]) -> None:
+    path.write_text(dumps(document), encoding="utf-8")
+
+
+def _write_tables(folder: Path, document: dict[str, Any]) -> None:
+    from percept.report.basis import bibtex
+    from percept.report.tables import csv_tables, latex_tables
+
     (folder / "tables").mkdir()
-    for name, text in (csv_tables(document, digits=digits) | latex_tables(document)).items():
+    for name, text in (csv_tables(document) | latex_tables(document)).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
     (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
-    if study.posterior_groups is not None:
-        step("posterior")
-        write_posterior(study.posterior_groups, folder / "posterior.nc")
-    step("figures")
-    plates = draw_plates(drawings(document), folder / "figures", formats=formats)
-    step("page")
-    (folder / "report.html").write_text(render_page(document, plates, date=date), encoding="utf-8")
+
+
+def _write_posterior(folder: Path, study: Study) -> None:
+    from percept.study.posterior_file import write_posterior
+
+    assert study.posterior_groups is not None
+    write_posterior(study.posterior_groups, folder / "posterior.nc")

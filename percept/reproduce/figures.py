@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from percept.haptics import (
     Coupling,
@@ -15,19 +17,16 @@ from percept.haptics import (
     required_damping,
     stable_region,
 )
-from percept.report.figures.boundaries import Limits, draw_magnitude
 from percept.report.figures.canvas import (
     COLOURS,
-    Axes,
     Drawing,
-    Figure,
-    grid,
     legend_below,
+    log_scale,
     panels,
     shade_boxes,
 )
-from percept.report.figures.design import draw_design
-from percept.report.figures.stability import draw_stability
+from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
+from percept.report.figures.marks import draw_design
 from percept.reproduce import devices
 from percept.reproduce.devices import DAMPINGS, MASSES, Adapted, TradeOff, over_devices
 from percept.reproduce.published import THEORETICAL, Array, Published, Wall
@@ -180,7 +179,7 @@ def _maps(published: Published) -> Drawing:
     shown = devices.panels(published)
 
     def draw(figure: Figure) -> None:
-        axes = grid(figure, len(shown) + 1, columns=2, left=14, gap=14, top=6, bottom=22, line=18)
+        axes = panels(figure, len(shown) + 1, columns=2, left=14, gap=14, top=6, bottom=22, line=18)
         for ax, panel in zip(axes, shown, strict=False):
             true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
             _shade(ax, true, alpha=0.35)
@@ -240,7 +239,7 @@ def _mark_devices(ax: Axes, published: Published) -> None:
         )
     device = published.device
     _cross(ax, float(device.mass), float(device.damping), 5, "the scene’s device")
-    _logarithmic(ax)
+    log_scale(ax, plain=True)
     ax.set_xlim(MASSES[0], MASSES[-1])
     ax.set_ylim(DAMPINGS[0], DAMPINGS[-1])
 
@@ -262,7 +261,7 @@ def _trade(published: Published, trade: TradeOff) -> Drawing:
                 label=f"softest that feels real, {wall.name}",
             )
         _cross(ax, trade.static, float(published.tuned.stiffness) / 1e3, 6, "the paper’s tuned coupling")
-        _logarithmic(ax)
+        log_scale(ax, plain=True)
         ax.set_xlim(trade.damping[0], trade.damping[-1])
         ax.set_ylim(bottom=_ANY / 1e3)
         ax.set_xlabel("device damping (N·s/m)")
@@ -295,14 +294,6 @@ def _cross(ax: Axes, x: float, y: float, size: float, label: str) -> None:
     ax.plot([x], [y], marker="X", markersize=size, linestyle="none", color=COLOURS["warn"], label=label)
 
 
-def _logarithmic(ax: Axes) -> None:
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.minorticks_off()
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-
-
 def _design(published: Published, adapted: Adapted) -> Drawing:
     regions = [
         *zip((wall.name for wall in published.walls), adapted.design.each, strict=True),
@@ -312,7 +303,7 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
 
     def draw(figure: Figure) -> None:
         edge = stable_region(damping, published.period, points=65)
-        axes = grid(figure, len(regions), columns=3, bottom=17)
+        axes = panels(figure, len(regions), columns=3, bottom=17)
         for ax, (name, region) in zip(axes, regions, strict=True):
             draw_design(
                 ax,

@@ -137,8 +137,8 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
         Where the folder is a file or cannot be written.
     """
     # The drawing library waits for whoever draws.
-    from percept.report.plates import draw_plates
-    from percept.report.standalone import render_standalone
+    from percept.report.figures.output import draw_all
+    from percept.report.page import render_standalone
     from percept.reproduce.figures import drawings
 
     claims = judge_all(published)
@@ -155,7 +155,7 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
         page = render_standalone(
             "percept.reproduce",
             "reproduction.html.j2",
-            draw_plates(drawings(published, adapted, trade), folder / "figures"),
+            draw_all(drawings(published, adapted, trade), folder / "figures"),
             digits=5,
             symbols=symbols,
             styles=("reproduction.css",),

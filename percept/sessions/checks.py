@@ -61,11 +61,10 @@ def settle_references(
             )
         lacking = np.isnan(expected) & ~table[f"{p}_adj"].isna().to_numpy()
         for code in np.unique(codes[lacking]):
+            message = f"environment {shown([names[code]])} has no reference."
+            hint = f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …'
             problems.add(
-                f"environment {shown([names[code]])} has no reference.",
-                column=column,
-                hint=f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …',
-                **place(int(np.flatnonzero(lacking & (codes == code))[0])),
+                message, column=column, hint=hint, **place(int(np.flatnonzero(lacking & (codes == code))[0]))
             )
         table[column] = expected
 
@@ -112,19 +111,16 @@ def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
     return notices
 
 
-def repeats_over_sessions(sessions: npt.ArrayLike) -> list[Notice]:
-    """Notice cells whose trials are from several sessions, given the sessions of each cell."""
-    counts = np.asarray(sessions)
+def repeats_over_sessions(table: pd.DataFrame) -> list[Notice]:
+    """Notice cells whose trials are from several sessions."""
+    counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique().to_numpy()
     several = int((counts > 1).sum())
-    if not several:
-        return []
-    return [
-        Notice(
-            f"in {several} of {counts.size} cells (a subject in an environment) trials are from several "
-            "sessions; all count as repeats, so that changes of a subject between sessions are part of the "
-            "scatter of trials"
-        )
-    ]
+    text = (
+        f"in {several} of {counts.size} cells (a subject in an environment) trials are from several sessions;"
+        " all count as repeats, so that changes of a subject between sessions are part of the scatter of "
+        "trials"
+    )
+    return [Notice(text)] if several else []
 
 
 def typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:
@@ -191,16 +187,13 @@ def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]
     ]
     kept = table[~table["subject"].isin([e.who for e in exclusions])]
     if not len(kept):
-        raise UsageError(
-            "every subject lacks an environment that others have.",
-            key="sessions.unfinished",
-            hint='Leave out unfinished = "exclude".',
-        )
+        message = "every subject lacks an environment that others have."
+        raise UsageError(message, key="sessions.unfinished", hint='Leave out unfinished = "exclude".')
     return kept, exclusions
 
 
-def count_grid(table: pd.DataFrame, rows: npt.ArrayLike | None = None) -> Counter[str]:
-    """Count observations and holes of the subject × environment × trial grid; a row may stand for `rows`."""
+def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> Counter[str]:
+    """Count observations, and the holes of the subject × environment × trial grid."""
     s, subjects = pd.factorize(table["subject"])
     e, environments = pd.factorize(table["environment"])
     cells = len(subjects) * len(environments)

@@ -131,7 +131,7 @@ class _Cells:
         visits = frame.groupby(list(IDS), sort=False)
         self._check_trials(frame, visits.indices, place)
         problems.raise_if_any()
-        responses = {p: self._response(p, frame, file) for p in self.parameters}
+        responses = {p: self._response(p, frame, place) for p in self.parameters}
         complete = ~np.isnan(list(responses.values())).any(axis=0)
         parts = frame[list(IDS)].assign(rows=1.0, n=complete.astype(float))
         for p, response in responses.items():
@@ -150,13 +150,9 @@ class _Cells:
         wrong = (trials < 0) | (trials >= _TRIALS)
         if wrong.any():
             at = int(np.argmax(wrong))
-            raise UsageError(
-                "trial numbers are negative or too large to be checked in blocks.",
-                column="trial",
-                value=int(trials[at]),
-                hint="Number the trials of each subject and environment 1, 2, 3 …",
-                **place(at),
-            )
+            message = "trial numbers are negative or too large to be checked in blocks."
+            hint = "Number the trials of each subject and environment 1, 2, 3 …"
+            raise UsageError(message, column="trial", value=int(trials[at]), hint=hint, **place(at))
         for visit, rows in visits.items():
             bits = np.zeros(int(trials[rows].max()) + 1, dtype=np.uint8)
             bits[trials[rows]] = 1
@@ -170,74 +166,55 @@ class _Cells:
                 if both >> int(trials[row]) & 1:
                     checks.add_duplicate((*visit, trials[row]), "an earlier row", place(int(row)), problems)
 
-    def _response(self, p: str, frame: pd.DataFrame, file: str) -> npt.NDArray[np.float64]:
+    def _response(self, p: str, frame: pd.DataFrame, place: Place) -> npt.NDArray[np.float64]:
         adjusted, reference = (frame[f"{p}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref"))
         log = self.family == "lognormal"
         bad = (reference <= 0) | (adjusted <= 0 if log else False)
         if bad.any():
             at = int(np.argmax(bad))
-            raise RefusalError(
-                f"no response in the family {self.family!r}.",
-                file=file,
-                row=int(frame["row"].iloc[at]),
-                column=f"{p}_adj",
-                value=float(adjusted[at]),
-                hint="Zero and negative adjustments need the normal family; references are positive.",
-            )
+            message = f"no response in the family {self.family!r}."
+            hint = "Zero and negative adjustments need the normal family; references are positive."
+            raise RefusalError(message, column=f"{p}_adj", value=float(adjusted[at]), hint=hint, **place(at))
         return np.log(adjusted / reference) if log else (adjusted - reference) / reference
 
     def reduced(self) -> Reduced:
         """Check what needs the whole study, and lay the cells out."""
-        reading, options = self.reading, self.reading.options
-        reading.refuse_nothing(len(self.visits))
-        cells = self._sums(self.visits, ["subject", "environment"])
-        cells["sessions"] = self.visits.groupby(["subject", "environment"], sort=False).size().to_numpy()
-        environments = cells["environment"].unique()
+        reading = self.reading
+        reading.refuse_nothing([self.visits])
+        environments = self.visits["environment"].unique()
         for p in self.parameters:
-            self._check_units(p, cells)
-        reading.notice_unnamed(environments)
-        if options.unfinished == "exclude":
-            kept, unfinished = checks.drop_unfinished(cells)
-            if unfinished:
-                reading.counts["excluded: unfinished subject"] = int(cells["rows"].sum() - kept["rows"].sum())
-            cells = kept.reset_index(drop=True)
-        for what in IDS:
-            names = (cells if what in cells else self.visits)[what].unique()
-            reading.notices += checks.look_alikes(names, what)
-        reading.notices += checks.repeats_over_sessions(cells["sessions"])
-        reading.counts.update(checks.count_grid(cells, cells["rows"]))
+            self._check_units(p)
+        cells = self._sums(reading.settled(self.visits), ["subject", "environment"])
         reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())
         measures = [*(f"mean_{p}" for p in ("k", "b")), *(f"scatter_{pair}" for pair in _PAIRS)]
         # Zeros of a cell that holds no trial would read as data.
         measured = cells.reindex(columns=measures).where(cells["n"] > 0)
-        references = {
-            c: [self.references.get(c, {}).get(e, np.nan) for e in environments] for c in ("k_ref", "b_ref")
-        }
+        references = pd.DataFrame({"environment": environments})
+        for c in ("k_ref", "b_ref"):
+            references[c] = [self.references.get(c, {}).get(e, np.nan) for e in environments]
         return Reduced(
-            pd.concat([cells[["subject", "environment"]], cells["n"].astype(np.int64), measured], axis=1),
-            pd.DataFrame({"environment": environments, **references}),
-            self.family,
-            tuple(reading.sources),
-            tuple(dict.fromkeys(reading.notices)),
-            dict(reading.counts),
+            cells=pd.concat(
+                [cells[["subject", "environment"]], cells["n"].astype(np.int64), measured], axis=1
+            ),
+            references=references,
+            family=self.family,
+            sources=tuple(reading.sources),
+            notices=tuple(dict.fromkeys(reading.notices)),
+            counts=dict(reading.counts),
         )
 
-    def _check_units(self, p: str, cells: pd.DataFrame) -> None:
-        """Compare adjustments with references, trials by their cell's mean."""
-        mean = cells[f"mean_{p}"].to_numpy()
+    def _check_units(self, p: str) -> None:
+        """Compare adjustments with references, trials by their visit's mean."""
+        mean, n = self.visits[f"mean_{p}"].to_numpy(), self.visits["n"].to_numpy()
         ratio = np.exp(mean) if self.family == "lognormal" else 1.0 + mean
-        n = cells["n"].to_numpy()
         known = np.flatnonzero((ratio > 0) & (n > 0))
         if len(known):
             rising = known[np.argsort(ratio[known])]
             reached = np.cumsum(n[rising])
             typical = float(ratio[rising[np.searchsorted(reached, 0.5 * reached[-1])]])
-            place = {"file": self.reading.sources[0].name}
-            problems = self.reading.problems
-            self.reading.notices += checks.check_units(
-                p, typical, self.reading.declared_units, place, problems
-            )
-            problems.raise_if_any()
+            reading, place = self.reading, {"file": self.reading.sources[0].name}
+            reading.notices += checks.check_units(p, typical, reading.declared_units, place, reading.problems)
+            reading.problems.raise_if_any()
 
     def _sums(self, parts: pd.DataFrame, by: list[str], code: Any = None) -> pd.DataFrame:
         """Merge counts, means and scatters of parts of the same cell, cells in order of first appearance."""

@@ -99,13 +99,9 @@ def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str
         if stem in header:
             return ColumnRule(name=stem, unit=rule.unit, path=rule.name[len(stem) + 1 :])
     close = get_close_matches(rule.name, header, n=3)
-    raise UsageError(
-        f"[columns] names {rule.name!r} for {canonical}, and no column has that name.",
-        file=file,
-        row=1,
-        column=rule.name,
-        hint=f"Did you mean {shown(close)}?" if close else f"The columns are {shown(header)}.",
-    )
+    message = f"[columns] names {rule.name!r} for {canonical}, and no column has that name."
+    hint = f"Did you mean {shown(close)}?" if close else f"The columns are {shown(header)}."
+    raise UsageError(message, file=file, row=1, column=rule.name, hint=hint)
 
 
 def _alias(canonical: str, header: Sequence[str], claimed: set[str], file: str) -> str | None:
@@ -113,13 +109,9 @@ def _alias(canonical: str, header: Sequence[str], claimed: set[str], file: str) 
     candidates = [name for name in header if _plain(name) in known and name not in claimed]
     candidates += [n for n in header if _plain(n) == canonical and n not in claimed]
     if len(candidates) > 1:
-        raise UsageError(
-            f"{shown(candidates)} could each be {canonical}.",
-            file=file,
-            row=1,
-            column=canonical,
-            hint=f'Declare the one that is meant: [columns] {canonical} = "…".',
-        )
+        message = f"{shown(candidates)} could each be {canonical}."
+        hint = f'Declare the one that is meant: [columns] {canonical} = "…".'
+        raise UsageError(message, file=file, row=1, column=canonical, hint=hint)
     return candidates[0] if candidates else None
 
 
@@ -153,13 +145,9 @@ def _refuse_numbered(header: Sequence[str], wide: Mapping[str, ColumnRule], file
             and any(re.search(r"[_. -][0-9]+$", n) for n in names)
             and len(stems) < len(names)
         ):
-            raise UsageError(
-                f"{shown(names)} may be environments, or environments and trials.",
-                file=file,
-                row=1,
-                column=canonical,
-                hint=f'Declare [columns] {canonical} = "{rule.name}" or "{rule.name}_{{trial}}".',
-            )
+            message = f"{shown(names)} may be environments, or environments and trials."
+            hint = f'Declare [columns] {canonical} = "{rule.name}" or "{rule.name}_{{trial}}".'
+            raise UsageError(message, file=file, row=1, column=canonical, hint=hint)
 
 
 def _pattern(name: str) -> re.Pattern[str]:
@@ -183,13 +171,9 @@ def _slots(
                 key = (match["environment"], match.groupdict().get("trial"))
                 places.setdefault(key, {})[canonical] = _position(header, name, file)
     if not places:
-        raise UsageError(
-            "no column fits the pattern in [columns].",
-            file=file,
-            row=1,
-            column=next(iter(wide.values())).name,
-            hint=f"The columns are {shown(header)}.",
-        )
+        message = "no column fits the pattern in [columns]."
+        hint = f"The columns are {shown(header)}."
+        raise UsageError(message, file=file, row=1, column=next(iter(wide.values())).name, hint=hint)
     return tuple(Slot({**common, **own}, env, trial) for (env, trial), own in places.items())
 
 
@@ -224,13 +208,8 @@ def check_columns(
         hint = f"Name it in the scene's [columns]{from_name if 'subject' in missing else ''}."
         if any("_ref" in name for name in missing):
             hint += " References can stand in [environments]."
-        raise UsageError(
-            f"there is no column for {' and '.join(missing)}; the columns are {shown(header)}.",
-            file=file,
-            row=1,
-            column=missing[0].split(" ")[0],
-            hint=hint,
-        )
+        message = f"there is no column for {' and '.join(missing)}; the columns are {shown(header)}."
+        raise UsageError(message, file=file, row=1, column=missing[0].split(" ")[0], hint=hint)
 
 
 def unused_columns(header: Sequence[str], found: Resolution, options: ReadOptions) -> list[str]:

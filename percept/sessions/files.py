@@ -192,12 +192,9 @@ def _open(data: bytes, name: str) -> zipfile.ZipFile:
         raise UsageError(f"a broken zip archive: {error}.", file=name, hint="Pack it again.") from None
     for member in archive.infolist():
         if member.file_size > LIMIT:
-            raise UsageError(
-                f"a member claims {member.file_size} bytes; more than {LIMIT} are not unpacked.",
-                file=name,
-                value=member.filename[:60],
-                hint="If it is real, unpack it and read the file itself.",
-            )
+            message = f"a member claims {member.file_size} bytes; more than {LIMIT} are not unpacked."
+            hint = "If it is real, unpack it and read the file itself."
+            raise UsageError(message, file=name, value=member.filename[:60], hint=hint)
     return archive
 
 
@@ -264,11 +261,8 @@ def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str
         hint = "Correct [sessions] filename."
         raise UsageError(f"the name does not fit the pattern {pattern!r}.", file=file, hint=hint)
     if readings[0] != readings[1]:
-        raise UsageError(
-            f"the name fits the pattern {pattern!r} in more than one way.",
-            file=file,
-            hint="Put separators into [sessions] filename that do not occur in the ids.",
-        )
+        hint = "Put separators into [sessions] filename that do not occur in the ids."
+        raise UsageError(f"the name fits the pattern {pattern!r} in more than one way.", file=file, hint=hint)
     return readings[0]
 
 
@@ -312,7 +306,7 @@ def _settled(declared: str | None, marked: str | None) -> str:
 def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> UsageError | None:
     """Decode all bytes; return what is wrong with the first that are no text, and raise on a NUL."""
     decoder = codecs.getincrementaldecoder(encoding)()
-    position, lines, data = 0, 0, b"-"
+    position, lines, newlines, data = 0, 0, 0, b"-"
     stream.seek(start)
     while data:
         data = stream.read(BLOCK)
@@ -325,17 +319,14 @@ def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> U
             return UsageError(
                 f"byte {position + at + 1} is not text in {encoding}{beside}.",
                 file=file,
-                row=1 + lines + data[: max(at, 0)].count(b"\n"),
+                row=1 + newlines + data[: max(at, 0)].count(b"\n"),
                 hint="Export the table again as CSV in UTF-8.",
             )
         if (nul := text.find("\0")) >= 0:
-            raise UsageError(
-                "a NUL character: this is a binary file, or UTF-16 without a byte-order mark.",
-                file=file,
-                row=1 + lines + line_ends(text[:nul]),
-                hint='Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".',
-            )
-        lines += line_ends(text)
+            message = "a NUL character: this is a binary file, or UTF-16 without a byte-order mark."
+            hint = 'Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".'
+            raise UsageError(message, file=file, row=1 + lines + line_ends(text[:nul]), hint=hint)
+        lines, newlines = lines + line_ends(text), newlines + data.count(b"\n")
         position += len(data)
     return None
 
@@ -363,8 +354,6 @@ def _refuse_text(text: str, file: str) -> None:
     raw = any(name.endswith("_raw") for name in header)
     averaged = any(name.endswith(("_mean", "_std")) for name in header)
     if (raw and averaged) or any(line.strip("\t,; ") == "extraInfo" for line in lines):
-        raise UsageError(
-            "this is PsychoPy's summary of conditions, not a table of trials.",
-            file=file,
-            hint="Use the trial-by-trial .csv (saveAsWideText) that PsychoPy writes beside it.",
-        )
+        message = "this is PsychoPy's summary of conditions, not a table of trials."
+        hint = "Use the trial-by-trial .csv (saveAsWideText) that PsychoPy writes beside it."
+        raise UsageError(message, file=file, hint=hint)

@@ -47,13 +47,12 @@ class Grid:
     dropped: Counter[str]  # Records left out as no data, by reason
 
 
-class _Misfit(Exception):  # noqa: N818 - a control value between two functions, never shown
+class _MisfitError(UsageError):
     """A dialect that does not fit; `width` is the number of header cells it gave."""
 
     def __init__(self, width: int, message: str, **place: Any) -> None:
-        super().__init__(message)
+        super().__init__(message, **place)
         self.width = width
-        self.error = UsageError(message, **place)
 
 
 @dataclass(frozen=True)
@@ -75,10 +74,7 @@ class Layout:
 
     def grid(self, text: str, first_row: int, *, last: bool) -> Grid:
         """Split a stretch of text below the header."""
-        try:
-            return self.rectangle(*self.records(*_records(text, self, first_row), last=last))
-        except _Misfit as misfit:
-            raise misfit.error from None
+        return self.rectangle(*self.records(*_records(text, self, first_row), last=last))
 
     def records(
         self, cells: list[list[str]], rows: list[int], *, last: bool
@@ -104,7 +100,7 @@ class Layout:
         odd = next((at for at, r in enumerate(cells) if len(r) != width or (width > named and r[-1])), None)
         if odd is not None or not fits:
             wrong = next((at for at, r in enumerate(cells) if len(r) not in (named, len(header))), odd or 0)
-            raise _Misfit(
+            raise _MisfitError(
                 named,
                 f"{len(cells[wrong])} cells where the header has {named}.",
                 file=self.file,
@@ -195,15 +191,15 @@ def _find_layout(
     if not text.strip():
         raise UsageError("the file has no header.", file=file, hint="Leave it out, or export it again.")
     fits: list[tuple[Layout, Grid]] = []
-    misfits: list[_Misfit] = []
+    misfits: list[_MisfitError] = []
     for candidate in [delimiter] if delimiter else [d for d in _DELIMITERS if d in text]:
-        failed: list[_Misfit] = []
+        failed: list[_MisfitError] = []
         for quoting in _quotings(text):
             layout = Layout(file, candidate, quoting, _FIRST_LINE.match(text)[0], [], 0)  # type: ignore[index]
             try:
                 fits.append(_with_header(layout, text, first_row, last=last))
                 break
-            except _Misfit as misfit:
+            except _MisfitError as misfit:
                 failed.append(misfit)
         else:
             misfits.append(max(failed, key=lambda misfit: misfit.width))
@@ -213,19 +209,13 @@ def _find_layout(
         return fits[0]
     if fits:
         names = " and ".join(_DELIMITERS[layout.delimiter] for layout, _ in fits)
-        raise UsageError(
-            f"the lines can be split by {names} alike.",
-            file=file,
-            hint='Declare [sessions] delimiter = ";" (or the one that is right).',
-        )
+        hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
+        raise UsageError(f"the lines can be split by {names} alike.", file=file, hint=hint)
     if misfits:
-        raise max(misfits, key=lambda misfit: misfit.width).error
-    raise UsageError(
-        "this is not a table: no comma, semicolon, tab or bar separates its columns.",
-        file=file,
-        row=first_row,
-        hint="Export it as CSV, or declare [sessions] delimiter.",
-    )
+        raise max(misfits, key=lambda misfit: misfit.width)
+    message = "this is not a table: no comma, semicolon, tab or bar separates its columns."
+    hint = "Export it as CSV, or declare [sessions] delimiter."
+    raise UsageError(message, file=file, row=first_row, hint=hint)
 
 
 def _quotings(text: str) -> tuple[Quoting, ...]:
@@ -244,14 +234,14 @@ def _with_header(layout: Layout, text: str, first_row: int, *, last: bool) -> tu
     cells, rows = _records(text, layout, first_row)
     start = next((at for at, record in enumerate(cells) if any(cell.strip() for cell in record)), None)
     if start is None:
-        raise _Misfit(0, "the file has no header.", file=file)
+        raise _MisfitError(0, "the file has no header.", file=file)
     layout = replace(layout, names=cells[start])
     if len(layout.names) < 2:
-        raise _Misfit(1, "the header has a single cell.", file=file, row=rows[start])
+        raise _MisfitError(1, "the header has a single cell.", file=file, row=rows[start])
     kept, kept_rows, dropped = layout.records(cells[start + 1 :], rows[start + 1 :], last=last)
     if not kept:
         hint = "Leave the file out."
-        raise _Misfit(
+        raise _MisfitError(
             len(layout.names), "there are no data below the header.", file=file, row=rows[start], hint=hint
         )
     layout = replace(layout, width=len(kept[0]))
@@ -263,40 +253,53 @@ def _records(text: str, layout: Layout, first_row: int) -> tuple[list[list[str]]
     delimiter, file = layout.delimiter, layout.file
     hint = "Write the table again as CSV with quotes doubled."
     if layout.quoting == "backslash":
-        text = text.replace('\\"', '""')
+        # A NUL is refused before, so that it can stand for an escaped quote.
+        text = text.replace('\\"', "\0")
     lines = io.StringIO(text, newline="").readlines()
     if layout.quoting == "wrapped":
         cells = [_join(line.rstrip("\r\n").split(delimiter), delimiter) for line in lines]
         ends = list(range(1, len(lines) + 1))
     else:
         unclosed = "a quoted cell is not closed, or text follows its closing quote."
-        # Quotes come between a delimiter and the next one; the csv module lets them stand anywhere.
-        pieces = text.split('"')
-        for at in range(0, len(pieces) - 1, 2):
-            if pieces[at] and pieces[at][-1] not in (delimiter, "\r", "\n"):
-                row = first_row + files.line_ends('"'.join(pieces[: at + 1]))
-                raise _Misfit(0, unclosed, file=file, row=row, hint=hint)
-        reader = csv.reader(lines, delimiter=delimiter, strict=True)
+        if (before := _misplaced(text, delimiter, layout.quoting)) is not None:
+            row = first_row + files.line_ends(before)
+            raise _MisfitError(0, unclosed, file=file, row=row, hint=hint)
         cells, ends = [], []
+        reader = csv.reader(lines, delimiter=delimiter, strict=True, doublequote=layout.quoting == "doubled")
         try:
             for record in reader:
                 cells.append(record or [""])
                 ends.append(reader.line_num)
         except csv.Error:
             row = first_row + (ends[-1] if ends else 0)
-            raise _Misfit(0, unclosed, file=file, row=row, hint=hint) from None
+            raise _MisfitError(0, unclosed, file=file, row=row, hint=hint) from None
+        if layout.quoting == "backslash":
+            cells = [[cell.replace("\0", '"') for cell in record] for record in cells]
     rows = [first_row, *(first_row + end for end in ends[:-1])][: len(cells)]
     longest = max(range(len(cells)), key=lambda at: len(cells[at]), default=None)
     if longest is not None and len(cells[longest]) > _CELLS:
         message = f"more than {_CELLS} cells in a line."
-        raise _Misfit(0, message, file=file, row=rows[longest], hint=hint)
+        raise _MisfitError(0, message, file=file, row=rows[longest], hint=hint)
     if "\r" in text:
         closing = [lines[end - 1] for end in ends]
         alone = [at for at, line in enumerate(closing) if line.endswith("\r")]
         if alone and any(line.endswith("\n") for line in closing):
             message = "a carriage return stands alone in a file whose lines end otherwise."
-            raise _Misfit(0, message, file=file, row=first_row + ends[alone[0]] - 1, hint=hint)
+            raise _MisfitError(0, message, file=file, row=first_row + ends[alone[0]] - 1, hint=hint)
     return cells, rows
+
+
+def _misplaced(text: str, delimiter: str, quoting: Quoting) -> str | None:
+    """Return what stands before a misplaced quote; the csv module takes quotes anywhere in a cell."""
+    pieces = text.split('"')
+    stops = (delimiter, "\r", "\n")
+    for at in range(0, len(pieces), 2):
+        piece, first, last = pieces[at], at == 0, at == len(pieces) - 1
+        begins, ends = first or piece.startswith(stops), last or piece.endswith(stops)
+        doubled = not piece and (first or last or quoting == "doubled")
+        if "\0" in piece or not ((begins and ends) or doubled):
+            return '"'.join(pieces[: at + begins])
+    return None
 
 
 def _join(pieces: list[str], delimiter: str) -> list[str]:

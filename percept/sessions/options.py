@@ -35,18 +35,19 @@ _PLAIN = {
 
 
 class Table(BaseModel):
-    """A table of settings: frozen, and no key beside those named."""
+    """Settings that do not change, without keys beside those named."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-def said(table: type[BaseModel], error: ValidationError) -> UsageError:
+def said(table: type[BaseModel], error: ValidationError, *, file: str | None = None) -> UsageError:
     """Say the first thing that is wrong with the keys of a table, and where."""
     first = error.errors(include_url=False)[0]
     context, where, value = first.get("ctx", {}), list(first["loc"]), first["input"]
     message = first["msg"].removeprefix("Value error, ")
     path = ".".join(map(str, where))
     if isinstance(cause := context.get("error"), UsageError) and (cause.key or "").startswith(path):
+        cause.file = file
         return cause
     if first["type"] == "missing":
         message, value = "is missing", None
@@ -56,10 +57,9 @@ def said(table: type[BaseModel], error: ValidationError) -> UsageError:
         path, value = path.removesuffix(".[key]"), None
     else:
         message = _PLAIN.get(first["type"], message)
+    message = f"{message[:1].lower()}{message[1:]}".removesuffix(".")
     return UsageError(
-        f"{message[:1].lower()}{message[1:]}".removesuffix(".") + ".",
-        key=path or None,
-        value=None if isinstance(value, dict) else value,
+        f"{message}.", file=file, key=path or None, value=None if isinstance(value, dict) else value
     )
 
 
@@ -265,25 +265,9 @@ class ReadOptions(SessionsTable):
             raise said(type(self), error) from error
 
     def with_columns(self, columns: Mapping[str, Any] | None) -> ReadOptions:
-        """Return a copy in which further columns are declared.
-
-        Parameters
-        ----------
-        columns : mapping or None
-            As a scene's `[columns]`; it goes before what was declared.
-
-        Returns
-        -------
-        ReadOptions
-
-        Raises
-        ------
-        UsageError
-            An unknown canonical name or key, or a value that is no text.
-        """
-        return (
-            ReadOptions(**dict(self) | {"columns": {**self.columns, **(columns or {})}}) if columns else self
-        )
+        """Return a copy in which further columns are declared, which go before those there are."""
+        both = {**self.columns, **columns} if isinstance(columns, Mapping) else columns
+        return self if columns is None else ReadOptions(**dict(self) | {"columns": both})
 
     def with_groups(self, groups: Iterable[str]) -> ReadOptions:
         """Return a copy that keeps further columns as groups of subjects; those it always has are no news."""
@@ -292,31 +276,15 @@ class ReadOptions(SessionsTable):
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
-        """Build from a scene's tables, checking every key.
-
-        Parameters
-        ----------
-        tables : mapping
-            Any of: `columns`, from canonical name to a column name or a table {name, unit, path};
-            `sessions`, with keys decimal, delimiter, encoding, keep, filename, groups, only, exclude,
-            unfinished, sheet; `environments`, from id to {k_ref, b_ref} (or {stiffness, damping}).
-            Other tables are not looked at.
-        file : str, optional
-            Where they come from, for messages.
-
-        Returns
-        -------
-        ReadOptions
+        """Build from a scene's tables `columns`, `sessions` and `environments`; others are not looked at.
 
         Raises
         ------
         UsageError
-            An unknown key, or a value of the wrong kind, naming table and key.
+            An unknown key, or a value of the wrong kind, naming `file`, table and key.
         """
         try:
             checked = _Tables(**{name: tables[name] for name in _Tables.model_fields if name in tables})
         except ValidationError as error:
-            found = said(_Tables, error)
-            found.file = file
-            raise found from error
+            raise said(_Tables, error, file=file) from error
         return cls(columns=checked.columns, environments=checked.environments, **dict(checked.sessions))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -128,25 +128,13 @@ class Sessions:
 
         def place(index: int) -> dict[str, Any]:
             # Sessions put together by hand have no places.
-            found = self.locate(index) if index in self.provenance.index else (None, None)
-            return dict(zip(("file", "row"), found, strict=True))
+            known = index in self.provenance.index
+            return dict(zip(("file", "row"), self.locate(index), strict=True)) if known else {}
 
         return tuple(checks.screen(self.table, self.parameters, place))
 
     def locate(self, index: int) -> tuple[str, int]:
-        """File name and physical row of an observation.
-
-        Parameters
-        ----------
-        index : int
-            Label in the index of `table`.
-
-        Returns
-        -------
-        file : str
-        row : int
-            Physical line in `file`, the header being 1.
-        """
+        """File name and physical row (the header being 1) of an observation, by its label in `table`."""
         at = self.provenance.index.get_loc(index)
         file, row = (int(self.provenance[c].to_numpy()[at]) for c in ("file", "row"))
         return self.sources[file].name, row
@@ -154,12 +142,7 @@ class Sessions:
     def to_csv(self, path: str | Path, *, for_spreadsheets: bool = False) -> None:
         """Write the table as a CSV file that reads back to the same table.
 
-        Parameters
-        ----------
-        path : str or Path
-            The file; it is replaced if it exists.
-        for_spreadsheets : bool, optional
-            Put an apostrophe before text that a spreadsheet would run as a formula.
+        `for_spreadsheets` puts an apostrophe before text that a spreadsheet would run as a formula.
         """
         clean = neutralised if for_spreadsheets else str
         table = self.table
@@ -283,21 +266,32 @@ class Reading:
         self.counts.update(table.counts)
         self.declared_units |= table.declared_units
 
-    def refuse_nothing(self, rows: int) -> None:
-        """Raise the problems found, or that no row is left."""
+    def refuse_nothing(self, frames: Sequence[pd.DataFrame]) -> None:
+        """Raise the problems found, or that no row is left; notice environments that no row has."""
         self.problems.raise_if_any()
-        if not rows:
+        if not any(map(len, frames)):
             left = ", ".join(f"{n} {why}" for why, n in self.counts.items())
             hint = f"Rows: {left}."
             raise UsageError("no row holds an adjustment.", file=self.sources[0].name, hint=hint)
+        present = {name for frame in frames if len(frame) for name in frame["environment"].unique()}
+        unnamed = (name for name in self.options.environments if name not in present)
+        self.notices += [Notice("[environments] names it, and no row does", column=name) for name in unnamed]
 
-    def notice_unnamed(self, environments: Collection[str]) -> None:
-        """Notice environments that the scene declares and no row has."""
-        self.notices += [
-            Notice("[environments] names it, and no row does", column=name)
-            for name in self.options.environments
-            if name not in environments
-        ]
+    def settled(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Look at ids and cells over all files; a row of the table may stand for as many as `rows` says."""
+        rows = table["rows"] if "rows" in table else pd.Series(1, index=table.index)
+        if self.options.unfinished == "exclude":
+            kept, unfinished = checks.drop_unfinished(table)
+            self.exclusions += unfinished
+            if unfinished:
+                self.counts["excluded: unfinished subject"] = int(rows.sum() - rows[kept.index].sum())
+            table, rows = kept.reset_index(drop=True), rows[kept.index]
+        for what in IDS:
+            self.notices += checks.look_alikes(table[what].unique(), what)
+        if table["session"].nunique() > 1:
+            self.notices += checks.repeats_over_sessions(table)
+        self.counts.update(checks.count_grid(table, rows))
+        return table
 
 
 def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
@@ -314,9 +308,8 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
     if len(forms) > 1:
         message = "trials and a published summary cannot be read together."
         reading.problems.add(message, file=list(forms.values())[1], hint="Read them one by one.")
-    reading.refuse_nothing(sum(map(len, frames)))
+    reading.refuse_nothing(frames)
     merged = pd.concat(frames, ignore_index=True)
-    reading.notice_unnamed(set(merged["environment"].unique()))
     files, rows = merged["file"].to_numpy(), merged["row"].to_numpy()
 
     def place(at: int) -> dict[str, Any]:
@@ -355,17 +348,6 @@ def _checked_trials(
     checks.check_duplicates(table, place, problems)
     reading.notices += checks.check_plausible(table, parameters, reading.declared_units, place, problems)
     problems.raise_if_any()
-    if options.unfinished == "exclude":
-        kept, unfinished = checks.drop_unfinished(table)
-        reading.exclusions += unfinished
-        if unfinished:
-            reading.counts["excluded: unfinished subject"] = len(table) - len(kept)
-        table = kept.reset_index(drop=True)
-    for what in IDS:
-        reading.notices += checks.look_alikes(table[what].unique(), what)
-    if table["session"].nunique() > 1:
-        by_cell = table.groupby(["subject", "environment"], sort=False)["session"]
-        reading.notices += checks.repeats_over_sessions(by_cell.nunique())
-    reading.counts.update(checks.count_grid(table))
+    table = reading.settled(table)
     reading.counts.update({f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters})
     return table

@@ -38,13 +38,9 @@ def read_summary(
     limits, moments = (all(c in columns for c in pair) for pair in (_LIMITS, _MOMENTS))
     for c in ("environment", "reference", "n", *(("level",) if limits else ())):
         if c not in columns:
-            raise UsageError(
-                f"a summary needs the column {c}; the columns are {shown(grid.header)}.",
-                file=file,
-                row=1,
-                column=c,
-                hint="Add it, or name it in the scene's [columns].",
-            )
+            message = f"a summary needs the column {c}; the columns are {shown(grid.header)}."
+            hint = "Add it, or name it in the scene's [columns]."
+            raise UsageError(message, file=file, row=1, column=c, hint=hint)
     if any(rule.unit is not None for rule in found.rules.values()):
         hint = "Convert the table."
         raise UsageError("units of a summary are N/m and N·s/m.", file=file, key="columns", hint=hint)
@@ -52,7 +48,7 @@ def read_summary(
     numbers = ["reference", *(_LIMITS if limits else ()), *(_MOMENTS if moments else ()), "n"]
     numbers += ["level"] if "level" in text else []
     mark = DecimalMark(decimal) if decimal else None
-    mark = mark or decimal_mark({c: text[c] for c in numbers}, grid.rows, file=file, problems=problems)
+    mark = mark or decimal_mark([(c, text[c]) for c in numbers], grid.rows, file=file, problems=problems)
     frame: dict[str, Any] = {c: np.array(text[c], dtype=object) for c in ("environment", "parameter")}
     for c in numbers:
         frame[c] = parse_numbers(
@@ -93,15 +89,12 @@ def _with_limits(
     for c in _LIMITS:
         off = np.abs(frame[c] - implied[c]) > near + _half_digit(text[c], frame[c])
         for at in np.flatnonzero(off).tolist():
-            problems.add(
+            message = (
                 f"the mean {mean[at]:g}, SD {sd[at]:g}, n {n[at]:g} and level {level[at]:g} of this row make "
-                f"it {implied[c][at]:.6g}.",
-                file=file,
-                row=rows[at],
-                column=c,
-                value=text[c][at],
-                hint="Correct the row, or leave out either mean and sd or the limits.",
+                f"it {implied[c][at]:.6g}."
             )
+            hint = "Correct the row, or leave out either mean and sd or the limits."
+            problems.add(message, file=file, row=rows[at], column=c, value=text[c][at], hint=hint)
     return frame
 
 
@@ -131,12 +124,10 @@ def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None
             problems.add(message, column=column, value=value, hint="Correct it.", **place(int(at)))
     _check_units(table, place, problems)
     for at in np.flatnonzero(table.duplicated(["environment", "parameter"]).to_numpy()):
+        message = "a second row for this environment and parameter."
+        hint = "Remove one of them."
         problems.add(
-            "a second row for this environment and parameter.",
-            column="environment",
-            value=table["environment"].iloc[at],
-            hint="Remove one of them.",
-            **place(int(at)),
+            message, column="environment", value=table["environment"].iloc[at], hint=hint, **place(int(at))
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -99,13 +99,9 @@ class FileTable:
 
     def _position(self, name: str) -> int:
         if self.header.count(name) != 1:
-            raise UsageError(
-                "this column is wanted, and is not there or there twice.",
-                file=self.name,
-                row=1,
-                column=name,
-                hint=f"The columns are {shown(self.header)}.",
-            )
+            message = "this column is wanted, and is not there or there twice."
+            hint = f"The columns are {shown(self.header)}."
+            raise UsageError(message, file=self.name, row=1, column=name, hint=hint)
         return self.header.index(name)
 
     def _place(self, column: str, row: int | None = None) -> dict[str, Any]:
@@ -154,39 +150,32 @@ class FileTable:
         return columns | {"row": np.repeat(np.array(grid.rows, dtype=np.int64), len(slots))}
 
     def _slot(self, slot: Slot, grid: Grid) -> dict[str, list[str]]:
-        every = {c for s in self.found.slots for c in s.columns}
-        out = {
-            c: [record[slot.columns[c]] for record in grid.cells]
-            if c in slot.columns
-            else [""] * len(grid.cells)
-            for c in CANONICAL
-            if c in every
-        }
+        count = len(grid.cells)
+        # Columns of other slots are blank in this one.
+        out = {c: [""] * count for c in CANONICAL if any(c in s.columns for s in self.found.slots)}
+        columns = {**slot.columns, **self._own, **self._limited}
+        out |= {c: [record[at] for record in grid.cells] for c, at in columns.items()}
         fixed = {"environment": slot.environment, "trial": slot.trial, **self.named}
-        out |= {c: [value] * len(grid.cells) for c, value in fixed.items() if value is not None}
-        own = self._own | self._limited
-        return out | {c: [record[at] for record in grid.cells] for c, at in own.items()}
+        return out | {c: [value] * count for c, value in fixed.items() if value is not None}
 
     def _fast(self, block: Block) -> _Columns | None:
         """Take columns of a plain block at the speed of pandas' parser; None where it may not be used."""
-        (slot, *others), rules = self.found.slots, self.found.rules.values()
-        by_text = {rule.column for rule in self.options.exclude if rule.equals} | self.options.only.keys()
-        numbers = {c: at for c, at in slot.columns.items() if c in (*NUMBERS, "trial")}
-        numbers |= self._limited
-        texts = {c: at for c, at in ({**slot.columns, **self._own}).items() if c not in numbers}
-        sign = "." if self._mark is None else self._mark.sign
-        layout = block.layout
+        layout, slot = block.layout, self.found.slots[0]
+        numbers = {c: at for c, at in slot.columns.items() if c in (*NUMBERS, "trial")} | self._limited
+        texts = {c: at for c, at in {**slot.columns, **self._own}.items() if c not in numbers}
+        by_text = {rule.column for rule in self.options.exclude if rule.equals}
         if (
             block.cells is not None
             or layout is None
-            or others
+            or len(self.found.slots) > 1
             or slot.environment is not None
-            or any(rule.path is not None for rule in rules)
+            or any(rule.path is not None for rule in self.found.rules.values())
             or by_text & numbers.keys()
             or set(texts.values()) & set(numbers.values())
             or (self._mark is None and layout.delimiter != "," and "," in block.text)
         ):
             return None
+        sign = "." if self._mark is None else self._mark.sign
         columns = plain_columns(block, sorted(set(texts.values())), sorted(set(numbers.values())), sign)
         if columns is None:
             return None
@@ -203,30 +192,20 @@ class FileTable:
         """Select and check the observations of a block, and convert their numbers."""
         for name, texts in self.options.only.items():
             data = self._keep(data, _among(data[f"own:{name}"], texts), f"{name} is not {' or '.join(texts)}")
-        for rule in self.options.exclude:
-            if rule.equals:
-                key = rule.column if rule.column in CANONICAL else f"own:{rule.column}"
-                if key not in data:
-                    raise UsageError(
-                        "a rule names a column that the file does not have.",
-                        file=self.name,
-                        row=1,
-                        key=f"sessions.exclude {rule.column}",
-                        hint=f"The columns are {shown(self.header)}.",
-                    )
-                data = self._exclude(data, _among(data[key], rule.equals), rule.why)
+        for rule in (rule for rule in self.options.exclude if rule.equals):
+            key = rule.column if rule.column in CANONICAL else f"own:{rule.column}"
+            if key not in data:
+                self._position(rule.column)
+            data = self._exclude(data, _among(data[key], rule.equals), rule.why)
         for canonical, found in self.found.rules.items():
             if found.path is not None:
                 data[canonical] = self._pick(data, canonical, found.path)
         blank = np.logical_and.reduce([_blank(data[c]) for c in ("k_adj", "b_adj") if c in data])
-        data = self._exclude(data, blank, "no adjustment", log=lambda who: "" not in who)
+        data = self._exclude(data, blank, "no adjustment", of_trials=True)
         for c in (*IDS, "trial"):
             for at in self._without(data, c):
-                self.problems.add(
-                    f"an adjustment without {c}.",
-                    hint="Fill it in, or leave such rows out with [sessions] only or exclude.",
-                    **self._place(c, data["row"][at]),
-                )
+                hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
+                self.problems.add(f"an adjustment without {c}.", hint=hint, **self._place(c, data["row"][at]))
         self._convert(data)
         return data
 
@@ -245,22 +224,15 @@ class FileTable:
         return {c: column[mask] for c, column in data.items()}
 
     def _exclude(
-        self,
-        data: _Columns,
-        out: npt.NDArray[np.bool_],
-        why: str,
-        log: Callable[[tuple[str, str]], bool] = lambda _: True,
+        self, data: _Columns, out: npt.NDArray[np.bool_], why: str, *, of_trials: bool = False
     ) -> _Columns:
-
-        def text(c: str, at: int) -> str:
-            return str(data[c][at]) if c in data else ""
-
+        """Leave rows out and log them, or `of_trials` those alone that have a subject and an environment."""
         for at in np.flatnonzero(out).tolist():
-            if log((text("subject", at).strip(), text("environment", at).strip())):
-                what = ((c, text(c, at)) for c in ("session", "environment", "trial"))
-                named = ", ".join(f"{c} {value}" for c, value in what if value)
-                row = int(data["row"][at])
-                self.exclusions.append(Exclusion(text("subject", at), named, why, self.name, row))
+            ids = {c: str(data[c][at]) if c in data else "" for c in (*IDS, "trial")}
+            who = ids.pop("subject")
+            if not of_trials or (who.strip() and ids["environment"].strip()):
+                what = ", ".join(f"{c} {name}" for c, name in ids.items() if name)
+                self.exclusions.append(Exclusion(who, what, why, self.name, int(data["row"][at])))
         return self._keep(data, ~out, f"excluded: {why}")
 
     def _pick(self, data: _Columns, canonical: str, path: str) -> npt.NDArray[np.object_]:
@@ -278,12 +250,9 @@ class FileTable:
                     continue
                 self._picked.add(canonical)
                 # Whether such a row holds no adjustment is the scene's to say, hence a problem, not a blank.
-                self.problems.add(
-                    f"{error}.",
-                    value=cell,
-                    hint=f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only.",
-                    **self._place(canonical, data["row"][at]),
-                )
+                message = f"{error}."
+                hint = f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
+                self.problems.add(message, value=cell, hint=hint, **self._place(canonical, data["row"][at]))
         return picked
 
     def _check_paths(self) -> None:
@@ -302,7 +271,7 @@ class FileTable:
         names = [c for c in (*NUMBERS, "trial", *self._limited) if c in data]
         texts = {c: data[c] for c in names if data[c].dtype == object}
         if self._mark is None and texts:
-            columns = {self._place(c)["column"]: cells.tolist() for c, cells in texts.items()}
+            columns = [(self._place(c)["column"], cells.tolist()) for c, cells in texts.items()]
             self._mark = values.decimal_mark(
                 columns, data["row"].tolist(), file=self.name, problems=self.problems
             )

@@ -6,16 +6,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from percept.errors import PerceptError, printable
+from percept.errors import PerceptError, counted, printable
 from percept.sessions.columns import resolve
 from percept.sessions.files import expand, load
 from percept.sessions.options import CANONICAL, ReadOptions
-from percept.sessions.read import Sessions, read_sessions
+from percept.sessions.read import read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source
 from percept.sessions.table import open_blocks
 from percept.sessions.values import UNITS
+
+_ALONE = Notice("there is one subject; an interval over subjects needs at least two")
 
 
 @dataclass(frozen=True)
@@ -46,20 +47,18 @@ class Validation:
 
     def to_json(self) -> str:
         """JSON object with the same keys; a problem has message, file, row, column, key, value and hint."""
-        return json.dumps(
-            {
-                "exit_code": self.exit_code,
-                "form": self.form,
-                "sources": [vars(source) for source in self.sources],
-                "counts": dict(self.counts),
-                "notices": [vars(notice) for notice in self.notices],
-                "exclusions": [vars(exclusion) for exclusion in self.exclusions],
-                "problems": [_problem(problem) for problem in self.problems],
-                "problems_total": self.total,
-            },
-            ensure_ascii=False,
-            indent=2,
-        )
+        names = ("message", "file", "row", "column", "key", "value", "hint")
+        out = {
+            "exit_code": self.exit_code,
+            "form": self.form,
+            "sources": [vars(source) for source in self.sources],
+            "counts": dict(self.counts),
+            "notices": [vars(notice) for notice in self.notices],
+            "exclusions": [vars(exclusion) for exclusion in self.exclusions],
+            "problems": [{name: getattr(problem, name) for name in names} for problem in self.problems],
+            "problems_total": self.total,
+        }
+        return json.dumps(out, ensure_ascii=False, indent=2, default=str)
 
 
 def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validation:
@@ -83,58 +82,38 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
         problems = error.problems if isinstance(error, ReadError) else (error,)
         total = error.total if isinstance(error, ReadError) else 1
         return Validation(error.exit_code, problems=problems, total=total)
-    refused = _refusals(sessions)
+    alone = sessions.form == "trials" and len(sessions.subjects) < 2
     return Validation(
-        exit_code=1 if refused else 0,
+        exit_code=int(alone),
         form=sessions.form,
         sources=sessions.sources,
-        notices=sessions.notices + sessions.warnings + refused,
+        notices=(*sessions.notices, *sessions.warnings, *([_ALONE] if alone else [])),
         exclusions=sessions.exclusions,
         counts=sessions.counts,
     )
 
 
-def _refusals(sessions: Sessions) -> tuple[Notice, ...]:
-    if sessions.form == "trials" and len(sessions.subjects) < 2:
-        return (Notice("there is one subject; an interval over subjects needs at least two"),)
-    return ()
-
-
 def format_validation(record: Validation) -> str:
     """Plain text of a validation, one finding per line, each beginning with its file:row:column."""
-    lines = [f"{printable(s.name)}: {s.rows} rows, sha256 {s.sha256}" for s in record.sources]
+    lines = [f"{s.name}: {s.rows} rows, sha256 {s.sha256}" for s in record.sources]
     lines += [f"  {number:>9}  {reason}" for reason, number in record.counts.items()]
-    lines += [f"notice: {printable(str(notice))}" for notice in record.notices]
+    lines += [f"notice: {notice}" for notice in record.notices]
     for e in record.exclusions:
-        text = f"{e.file}:{e.row}: " if e.file else ""
-        lines.append(f"left out: {printable(f'{text}subject {e.who}, {e.what}: {e.why}')}")
+        lines.append(f"left out: {f'{e.file}:{e.row}: ' if e.file else ''}subject {e.who}, {e.what}: {e.why}")
     for problem in record.problems:
         parts = (problem.file, problem.row, problem.column, problem.key)
         place = ":".join(str(part) for part in parts if part is not None)
         value = f" (found {problem.value!r})" if problem.value is not None else ""
         hint = f" {problem.hint}" if problem.hint else ""
-        lines.append(printable(f"{place + ': ' if place else ''}{problem.message}{value}{hint}"))
+        lines.append(f"{place + ': ' if place else ''}{problem.message}{value}{hint}")
     if record.total > len(record.problems):
         lines.append(f"and {record.total - len(record.problems)} more problems")
-    verdict = {
-        0: "read without problems",
-        1: "read, but no analysis is possible",
-        2: f"{record.total} problem{'' if record.total == 1 else 's'}",
-    }
-    return "\n".join([*lines, verdict[record.exit_code]])
-
-
-def _problem(problem: PerceptError) -> dict[str, Any]:
-    value = problem.value if isinstance(problem.value, str | int | type(None)) else str(problem.value)
-    return {
-        "message": problem.message,
-        "file": problem.file,
-        "row": problem.row,
-        "column": problem.column,
-        "key": problem.key,
-        "value": value,
-        "hint": problem.hint,
-    }
+    verdicts = (
+        "read without problems",
+        "read, but no analysis is possible",
+        counted(record.total, "problem"),
+    )
+    return "\n".join(map(printable, [*lines, verdicts[record.exit_code]]))
 
 
 def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> str:
@@ -160,21 +139,21 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
     options = options or ReadOptions()
     entry = next(load(expand([path]).files[0]))
     grid = next(open_blocks(entry, options, [])).grid()
+    lines = []
     try:
         rules = resolve(grid.header, options.columns, file=entry.name).rules
-        doubt = ""
     except PerceptError as error:
-        rules, doubt = {}, f"# {_comment(str(error))}\n"
-    lines = ["[columns]"]
+        rules = {}
+        lines.append(f"# {_comment(str(error))}")
+    lines.append("[columns]")
     for canonical in CANONICAL:
+        name = _toml(rules[canonical].name if canonical in rules else "")
         unit = UNITS.get(canonical[0]) if canonical[1] == "_" else None
-        name = rules[canonical].name if canonical in rules else ""
-        entry_text = f"{{ name = {_toml(name)}, unit = {_toml(unit)} }}" if unit else _toml(name)
-        mark = "" if canonical in rules else "# "
-        lines.append(f"{mark}{canonical} = {entry_text}")
+        entry_text = f"{{ name = {name}, unit = {_toml(unit)} }}" if unit else name
+        lines.append(f"{'' if canonical in rules else '# '}{canonical} = {entry_text}")
     lines.append("")
     lines += [f"# {_comment(name)}: {_comment(grid.cells[0][at])}" for at, name in enumerate(grid.header)]
-    return doubt + "\n".join(lines) + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def _toml(text: str) -> str:

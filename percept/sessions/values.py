@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -50,12 +50,12 @@ class DecimalMark:
 
 
 def decimal_mark(
-    columns: Mapping[str, Sequence[str]], rows: Sequence[int], *, file: str, problems: Problems
+    columns: Sequence[tuple[str, Sequence[str]]], rows: Sequence[int], *, file: str, problems: Problems
 ) -> DecimalMark | None:
     """Find the decimal mark from all the number cells that are used; None where no cell has one."""
     commas = _with_mark(",", columns, rows)
     if not commas:
-        has_point = any("." in cell for cells in columns.values() for cell in cells)
+        has_point = any("." in cell for _, cells in columns for cell in cells)
         return DecimalMark(".") if has_point else None
     if points := _with_mark(".", columns, rows):
         return _settled(",", commas) if _weight(commas) > _weight(points) else _settled(".", points)
@@ -70,12 +70,12 @@ def decimal_mark(
 
 
 def _with_mark(
-    sign: str, columns: Mapping[str, Sequence[str]], rows: Sequence[int]
+    sign: str, columns: Sequence[tuple[str, Sequence[str]]], rows: Sequence[int]
 ) -> list[tuple[int, str, str]]:
     """Row, column and text of each number that has a mark."""
     return [
         (row, name, cell.strip(_SPACE))
-        for name, cells in columns.items()
+        for name, cells in columns
         for row, cell in zip(rows, cells, strict=True)
         if sign in cell and _NUMBER[sign].fullmatch(cell.strip(_SPACE))
     ]
@@ -214,12 +214,9 @@ def factor(unit: str | None, parameter: str) -> Fraction:
         quantity = _registry().Quantity(Fraction(1), text)
         return Fraction(quantity.to(UNITS[parameter].replace("·", "*")).magnitude)
     except (pint.errors.PintError, ValueError, TypeError, AttributeError):
-        raise UsageError(
-            f"not a unit of {'stiffness' if parameter == 'k' else 'damping'}.",
-            key="unit",
-            value=unit,
-            hint=f"Declare one that converts to {UNITS[parameter]}.",
-        ) from None
+        message = f"not a unit of {'stiffness' if parameter == 'k' else 'damping'}."
+        hint = f"Declare one that converts to {UNITS[parameter]}."
+        raise UsageError(message, key="unit", value=unit, hint=hint) from None
 
 
 @lru_cache

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import Moments
@@ -21,8 +20,6 @@ from percept.study.classical import TOO_FEW, Cell
 from percept.study.interval_table import COLUMNS, bayesian_rows, classical_rows, refuse_nothing
 from percept.study.placed import References
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
-
-Array = NDArray[np.float64]
 
 
 def reduced_intervals(
@@ -68,64 +65,57 @@ def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     """Build the hierarchical model of a study that was reduced while it was read."""
     parameters = _asked(reduced, scene)
     cells = reduced.cells[reduced.cells["n"] > 0]
-    subjects = tuple(dict.fromkeys(cells["subject"]))
-    environments = tuple(dict.fromkeys(cells["environment"]))
+    subjects, environments = (tuple(cells[c].unique()) for c in ("subject", "environment"))
     refuse_lone_subject(subjects)
-    at = (
-        pd.Index(subjects).get_indexer(cells["subject"]),
-        pd.Index(environments).get_indexer(cells["environment"]),
+    grid = cells.pivot(index="subject", columns="environment").reindex(subjects)
+    mean = np.stack([grid[f"mean_{p}"][list(environments)].to_numpy() for p in parameters], axis=1)
+    sums = (
+        cells.groupby("environment")[["scatter_kk", "scatter_kb", "scatter_bb"]].sum().loc[list(environments)]
     )
-    count = np.zeros((len(subjects), len(environments)), dtype=np.intp)
-    count[at] = cells["n"]
-    size = len(parameters)
-    mean = np.full((len(subjects), size, len(environments)), np.nan)
-    scatter = np.zeros((size, size, len(environments)))
-    for i, p in enumerate(parameters):
-        mean[at[0], i, at[1]] = cells[f"mean_{p}"]
-        for j, q in enumerate(parameters):
-            pair = "".join(sorted((p, q), reverse=True))
-            np.add.at(scatter[i, j], at[1], cells[f"scatter_{pair}"].to_numpy())
+    # In the order of their names: "kb" for either order of the parameters.
+    pairs = [["scatter_" + "".join(sorted((p, q), reverse=True)) for q in parameters] for p in parameters]
+    scatter = np.array([[sums[pair].to_numpy() for pair in row] for row in pairs])
     columns = [f"{p}_ref" for p in parameters]
     reference = reduced.references.set_index("environment").loc[list(environments), columns].to_numpy().T
     statistics = from_cells(
-        count, mean, scatter, decades(reference),
-        parameters=parameters, environments=environments, subjects=subjects,
-    )  # fmt: skip
+        grid["n"][list(environments)].fillna(0).to_numpy(dtype=np.intp),
+        mean,
+        scatter,
+        decades(reference),
+        parameters=parameters,
+        environments=environments,
+        subjects=subjects,
+    )
     return pooled(statistics, scene, reference, ResponseScale.of(reference, reduced.family))
 
 
 def _asked(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
     """Parameters to be analysed, of a scene that fits the reduction."""
-    if scene.inference.family != reduced.family:
-        raise UsageError(
-            f"the trials were reduced to responses of the family {reduced.family!r}.",
-            key="inference.family",
-            value=scene.inference.family,
-            hint="Reduce them anew, or change the scene.",
-        )
+    family = scene.inference.family
+    if family != reduced.family:
+        message = f"the trials were reduced to responses of the family {reduced.family!r}."
+        hint = "Reduce them again, or change the scene."
+        raise UsageError(message, key="inference.family", value=family, hint=hint)
     if scene.model.pooling == "none":
-        raise UsageError(
-            "cells that were reduced are pooled.", key="model.pooling", value="none",
-            hint="Read the trials with read_sessions.",
-        )  # fmt: skip
+        hint = "Read the trials with read_sessions."
+        message = "cells that were reduced are pooled."
+        raise UsageError(message, key="model.pooling", value="none", hint=hint)
     present = tuple(p for p in ("k", "b") if reduced.references[f"{p}_ref"].notna().any())
     return analysed(present, scene)
 
 
 def _cells(reduced: Reduced, reference: References) -> list[Cell]:
     """One value per subject, the mean of the trials on the family's scale, in N/m or N·s/m."""
-    cells = reduced.cells[reduced.cells["n"] > 0]
-    log = reduced.family == "lognormal"
-    return [
-        Cell.of(p, str(environment), _moments(table, p, reference[p, str(environment)], log))
-        for p in dict.fromkeys(parameter for parameter, _ in reference)
-        for environment, table in cells.groupby("environment", sort=False)
-    ]
-
-
-def _moments(table: pd.DataFrame, parameter: str, reference: float, log: bool) -> Moments | str:
-    if len(table) < 2:
-        return TOO_FEW
-    mean = table[f"mean_{parameter}"].to_numpy()
-    values = reference * (np.exp(mean) if log else 1.0 + mean)
-    return Moments.from_values(values, log=log, repeats=bool((table["n"] > 1).any()))
+    cells, log = reduced.cells[reduced.cells["n"] > 0], reduced.family == "lognormal"
+    out: list[Cell] = []
+    for p in dict.fromkeys(parameter for parameter, _ in reference):
+        for environment, table in cells.groupby("environment", sort=False):
+            name, mean = str(environment), table[f"mean_{p}"].to_numpy()
+            values, repeats = (
+                reference[p, name] * (np.exp(mean) if log else 1.0 + mean),
+                (table["n"] > 1).any(),
+            )
+            enough = len(table) > 1
+            moments = Moments.from_values(values, log=log, repeats=bool(repeats)) if enough else TOO_FEW
+            out.append(Cell.of(p, name, moments))
+    return out

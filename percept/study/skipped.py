@@ -88,7 +88,7 @@ def _haptics(study: Study) -> Iterator[Reason]:
     else:
         yield from _devices(study)
     if study.scene.coupling is None:
-        yield "coupling: Z_h_vc, stability and couplings that would do", "the scene has no [coupling]"
+        yield "coupling: Z_h_vc, stability and admissible couplings", "the scene has no [coupling]"
     elif study.device is None:
         yield "coupling: Z_h_vc and stability", "the scene has no [device]"
 
@@ -104,11 +104,11 @@ def _devices(study: Study) -> Iterator[Reason]:
         assert isinstance(device, TabulatedDevice)
         covered = f"{device.omega[0]:g} to {device.omega[-1]:g} rad/s"
         yield (
-            "couplings that would do",
+            "admissible couplings",
             f"the device's table covers {covered}, and stability needs all of 0 to {np.pi / table.period:g}",
         )
     elif "user" not in asked.kinds:
-        yield "couplings that would do", "they are judged by intervals of kind user, which were not asked for"
+        yield "admissible couplings", "they are judged by intervals of kind user, which were not asked for"
     if table.response is not None:
         yield "sensitivity to the device's mass and damping", "a measured response has neither"
     elif asked.method == "bayesian":

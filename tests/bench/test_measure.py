@@ -46,11 +46,11 @@ def test_the_page_rounds_and_the_document_does_not() -> None:
 
 def test_a_part_is_written_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "of mine"
-    assert main(["bench", "sampling", "--json", "--out", str(out)]) == 0
+    assert main(["bench", "sampling", "--seeds", "1", "--json", "--out", str(out)]) == 0
     printed = capsys.readouterr()
     written = json.loads((out / "sampling.json").read_text())
     assert json.loads(printed.out)["sampling"] == written["rows"]
-    assert written["command"] == "percept bench sampling --out DIR"
+    assert written["command"] == "percept bench sampling --seeds 1 --out DIR"
     assert written["simulated"]
     assert printed.err.splitlines()[-1] == str(out / "sampling.md")
     assert (out / "sampling.md").read_text().count("\n| ") == 1 + len(written["rows"])

@@ -299,7 +299,7 @@ def test_fit_says_once_what_only_a_report_has(tmp_path, capsys):
     left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
     only = [line for line in left if line.endswith("(only percept report has this).")]
     assert [line.removeprefix("Left out: ").partition(" (")[0] for line in only] == [
-        "boundaries of Z_h", "coupling: Z_h_vc and stability", "couplings that would do",
+        "boundaries of Z_h", "coupling: Z_h_vc and stability", "admissible couplings",
         "sensitivity to the device's mass and damping", "band law",
     ]  # fmt: skip
     assert len({line.partition(" (")[0] for line in left}) == len(left)

@@ -9,18 +9,19 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from percept import haptics
 from percept.errors import UsageError
-from percept.report.figures.band import Widths, draw_band
-from percept.report.figures.boundaries import Limits, draw_magnitude, draw_ratio
-from percept.report.figures.canvas import COLOURS, Drawing, grid, panels, shade_boxes
-from percept.report.figures.catalogue import drawings
-from percept.report.figures.design import draw_design
-from percept.report.figures.files import Picture
-from percept.report.figures.from_band import _law
-from percept.report.figures.from_boundaries import boundary_drawings
-from percept.report.figures.from_coupling import coupling_drawings
-from percept.report.figures.intervals import Bar, draw_intervals
-from percept.report.plates import draw_plates
+from percept.report.figures.canvas import COLOURS, Drawing, panels, shade_boxes
+from percept.report.figures.curves import Limits, draw_magnitude, draw_ratio, draw_stability
+from percept.report.figures.from_document import (
+    boundary_drawings,
+    design_drawings,
+    drawings,
+    interval_drawings,
+    law_curve,
+)
+from percept.report.figures.marks import Bar, Widths, draw_band, draw_design, draw_intervals
+from percept.report.figures.output import draw_all, drawn
 
 SVG = "{http://www.w3.org/2000/svg}"
 HOSTILE = '<script>alert("$x$")</script>'
@@ -35,6 +36,14 @@ def axes():
     return Figure().add_subplot()
 
 
+def inline(drawing):
+    return drawn(drawing, ())[1]
+
+
+def file(drawing, form="svg"):
+    return drawn(drawing, [form])[0][form]
+
+
 def test_every_environment_has_its_three_views(found):
     views = {f"boundary_{i}_{view}" for i in range(1, 4) for view in ("range", "zoom", "ratio")}
     assert found.keys() == views | {"intervals_k", "intervals_b", "stability", "design", "band"}
@@ -42,31 +51,26 @@ def test_every_environment_has_its_three_views(found):
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
 def test_the_same_drawing_gives_the_same_bytes(found, form):
-    once, again = (Picture(found["boundary_1_zoom"]).file(form) for _ in range(2))
+    once, again = (file(found["boundary_1_zoom"], form) for _ in range(2))
     assert once == again
     assert once.startswith({"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}[form])
 
 
 def test_a_file_has_its_size_in_millimetres(found):
     drawing = found["band"]
-    root = ET.fromstring(Picture(drawing).file("svg"))
+    root = ET.fromstring(file(drawing))
     for side, length in zip(("width", "height"), drawing.size, strict=True):
         assert float(root.get(side).removesuffix("pt")) == pytest.approx(length * 72 / 25.4, rel=1e-6)
 
 
-def test_another_format_is_refused(found):
-    with pytest.raises(UsageError, match="figures come as svg, pdf, png"):
-        Picture(found["band"]).file("eps")
-
-
 def test_embedded_fonts_in_a_pdf(found):
     # Type 42 keeps the outlines of the font; Type 3 is what journals refuse.
-    assert b"/FontFile2" in Picture(found["band"]).file("pdf")
+    assert b"/FontFile2" in file(found["band"], "pdf")
 
 
 def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
     drawing = found["boundary_2_ratio"]
-    text = Picture(drawing).inline()
+    text = inline(drawing)
     root = ET.fromstring(text)
     assert root.tag == f"{SVG}svg"
     assert root.find(f"{SVG}title").text == drawing.title
@@ -81,7 +85,7 @@ def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
 
 def test_the_page_s_svg_takes_its_colours_from_the_page(found):
     drawing = found["intervals_k"]
-    text = Picture(drawing).inline()
+    text = inline(drawing)
     assert "var(--classical)" in text
     assert "var(--bayesian)" in text
     left = set(re.findall(r"#[0-9a-fA-F]{6}\b", text))
@@ -97,7 +101,7 @@ def test_hostile_names_are_drawn_as_text(both):
     document["zoom"][HOSTILE] = document["zoom"]["VE1"]
     by_name = {drawing.name: drawing for drawing in drawings(document)}
     for name in ("intervals_k", "boundary_1_range"):
-        text = Picture(by_name[name]).inline()
+        text = inline(by_name[name])
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
         assert 'alert("$x$")' in seen
@@ -123,7 +127,7 @@ def renamed(document, names):
 )
 def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apart(both, pattern):
     names = {name: pattern.format(name) for name in ("VE1", "VE2", "VE4")}
-    (drawing,) = (one for one in drawings(renamed(both, names)) if one.name == "intervals_k")
+    drawing, _ = interval_drawings(renamed(both, names))
     figure = Figure(figsize=[side / 25.4 for side in drawing.size])
     drawing.draw(figure)
     FigureCanvasAgg(figure).draw()
@@ -140,14 +144,14 @@ def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apa
 
 
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
-    (two,) = (one for one in drawings(both) if one.name == "intervals_b")
+    _, two = interval_drawings(both)
     assert "; each classical above Bayesian; below them the subjects. " in two.description
     assert two.description.endswith(" Classical limits are lognormal.")
     document = copy.deepcopy(classical)
     for row in (*document["intervals"], *document["data"]["cells"]):
         if (row["environment"], row["parameter"]) == ("VE1", "b"):
             row["reference"] = 0.0
-    k, b = (one for one in drawings(document) if one.name.startswith("intervals_"))
+    k, b = interval_drawings(document)
     assert "Bayesian" not in k.description
     assert "reference is 0" not in k.description
     assert b.description.endswith("Only in the tables, since their reference is 0: VE1.")
@@ -177,8 +181,8 @@ def texts(content):
 
 
 def test_dollars_are_no_mathematics_in_files_either():
-    picture = Picture(drawing_of(lambda ax: ax.set_title(r"a$b$c\$")))
-    for content in (picture.file("svg"), picture.inline()):
+    drawing = drawing_of(lambda ax: ax.set_title(r"a$b$c\$"))
+    for content in (file(drawing), inline(drawing)):
         assert r"a$b$c\$" in texts(content)
 
 
@@ -189,7 +193,7 @@ def test_powers_of_ten_are_plain_letters():
         ax.set_yscale("log")
         ax.set_ylim(2.0, 6.0)
 
-    said = texts(Picture(drawing_of(draw)).inline())
+    said = texts(inline(drawing_of(draw)))
     assert {"10⁻³", "10⁰", "10²"} <= set(said)
     # Where there is no power of ten on an axis, the places between are named.
     assert "3×10⁰" in said
@@ -198,31 +202,31 @@ def test_powers_of_ten_are_plain_letters():
 
 def test_what_a_user_wrote_is_not_taken_for_colours_or_references():
     name = 'id="figure_1" url(#x) #0067a5 --><b> ]]>'
-    picture = Picture(drawing_of(lambda ax: ax.set_title(name), title=name, description=name))
-    for content in (picture.file("svg"), picture.inline()):
+    drawing = drawing_of(lambda ax: ax.set_title(name), title=name, description=name)
+    for content in (file(drawing), inline(drawing)):
         root = ET.fromstring(content)
         assert name in texts(content)
         assert [root.find(f"{SVG}{tag}").text for tag in ("title", "desc")] == [name, name]
-    assert "var(--classical)" not in picture.inline()
+    assert "var(--classical)" not in inline(drawing)
 
 
 def test_a_label_in_an_id_of_the_file_is_none_in_the_page():
-    picture = Picture(drawing_of(lambda ax: ax.plot([1, 2], [1, 2])[0].set_gid('coupling:5 "kN"/m')))
-    assert 'coupling:5 "kN"/m' in {element.get("id") for element in ET.fromstring(picture.file("svg")).iter()}
-    assert "coupling:5" not in picture.inline()
+    drawing = drawing_of(lambda ax: ax.plot([1, 2], [1, 2])[0].set_gid('coupling:5 "kN"/m'))
+    assert 'coupling:5 "kN"/m' in {element.get("id") for element in ET.fromstring(file(drawing)).iter()}
+    assert "coupling:5" not in inline(drawing)
 
 
 def test_the_page_is_not_styled_by_its_figures(found):
-    text = Picture(found["band"]).inline()
+    text = inline(found["band"])
     assert "<style" not in text
     assert ET.fromstring(text).get("stroke-linejoin") == "round"
 
 
 def test_a_figure_is_drawn_once_for_its_files_and_the_page(tmp_path):
-    drawn = []
-    drawing = drawing_of(lambda ax: drawn.append(ax.plot([1, 2], [3, 4], color=COLOURS["coupled"])))
-    plates = draw_plates([drawing], tmp_path / "figures", formats=("svg", "pdf"))
-    assert len(drawn) == 1
+    calls = []
+    drawing = drawing_of(lambda ax: calls.append(ax.plot([1, 2], [3, 4], color=COLOURS["coupled"])))
+    plates = draw_all([drawing], tmp_path / "figures", formats=("svg", "pdf"))
+    assert len(calls) == 1
     assert plates["one"].title == "T"
     path = re.compile(r'd="([^"]*)"[^>]*stroke: (?:#007a5a|var\(--coupled\))')
     file = (tmp_path / "figures" / "one.svg").read_text(encoding="utf-8")
@@ -231,23 +235,16 @@ def test_a_figure_is_drawn_once_for_its_files_and_the_page(tmp_path):
 
 
 def test_without_formats_there_is_no_folder(tmp_path):
-    assert list(draw_plates([drawing_of(lambda ax: None)], tmp_path / "figures", formats=())) == ["one"]
+    assert list(draw_all([drawing_of(lambda ax: None)], tmp_path / "figures", formats=())) == ["one"]
     assert not (tmp_path / "figures").exists()
-
-
-def test_every_figure_of_a_report_says_what_its_axes_are(found):
-    for drawing in found.values():
-        assert any("(" in one or "reference" in one for one in texts(Picture(drawing).file("svg"))), (
-            drawing.name
-        )
 
 
 def test_panels_stand_where_the_millimetres_say():
     figure = Figure(figsize=(100 / 25.4, 50 / 25.4))
-    (left, right) = panels(figure, left=10, right=5, top=4, bottom=6, gap=15, columns=2)
+    (left, right) = panels(figure, 2, left=10, right=5, top=4, bottom=6, gap=15)
     assert np.array(left.get_position().bounds) * [100, 50, 100, 50] == pytest.approx([10, 6, 35, 40])
     assert np.array(right.get_position().bounds) * [100, 50, 100, 50] == pytest.approx([60, 6, 35, 40])
-    rows = grid(figure, 3, columns=2, left=10, right=5, top=4, bottom=6, gap=15, line=10)
+    rows = panels(figure, 3, columns=2, left=10, right=5, top=4, bottom=6, gap=15, line=10)
     assert np.array(rows[2].get_position().bounds) * [100, 50, 100, 50] == pytest.approx([10, 6, 35, 15])
 
 
@@ -343,7 +340,7 @@ def test_a_power_law_is_drawn_with_its_exponent():
         ({"w": 0.5}, [1.0, 2.0]),
     ):
         law = {"parameters": {name: {"value": value} for name, value in given.items()}}
-        np.testing.assert_array_equal(_law(law, impedance), wanted)
+        np.testing.assert_array_equal(law_curve(law, impedance), wanted)
 
 
 @pytest.mark.parametrize(
@@ -412,13 +409,6 @@ def test_methods_stay_apart_in_colour_blindness():
         assert np.linalg.norm(classical - bayesian) > 0.25
 
 
-def test_curves_on_grids_of_their_own_are_drawn_on_them():
-    ax = axes()
-    own = Limits("c", "classical", np.array([1.0, 4.0]), np.ones(2), np.full(2, 3.0), np.ones(2))
-    draw_ratio(ax, OMEGA, [own], np.ones(3))
-    assert ax.get_lines()[0].get_xdata().tolist() == [1.0, 4.0]
-
-
 def test_a_map_of_couplings_shows_what_qualifies_however_far_the_one_in_use():
     ax = axes()
     intervals = [np.array([[0.0, 1e3]]), np.array([[0.0, 2e3]])]
@@ -442,11 +432,10 @@ def test_the_map_s_caption_names_what_is_drawn():
     for edge in (None, {"stiffness": [1.0], "damping": [1.0]}):
         for used in ({}, scene):
             document = {
-                "coupling": None,
                 "design": {"maps": maps, "stable": edge, "family": "normal", "frequencies": 81},
                 "provenance": {"scene": used},
             }
-            (found,) = coupling_drawings(document)
+            (found,) = design_drawings(document)
             said[bool(edge), bool(used)] = found.description.partition(
                 "envelope), checked at 81 frequencies only."
             )[2]
@@ -456,3 +445,65 @@ def test_the_map_s_caption_names_what_is_drawn():
         (False, True): " The cross is the coupling in use.",
         (True, True): " The line is the edge of what is stable, the cross is the coupling in use.",
     }
+
+
+T = 1e-3
+RANGE = np.geomspace(1.0, np.pi / T, 400)
+DEVICE = haptics.Device(1.0, 16.0, (haptics.Mode(0.08, 2e4, 1.5), haptics.Mode(0.03, 7e4, 0.8)))
+COUPLINGS = {"110 kN/m": haptics.Coupling(110e3, 100.0), "50 kN/m": haptics.Coupling(50e3, 100.0)}
+
+
+def stability_curves():
+    bound = haptics.coupling_bound(RANGE, DEVICE, T)
+    return bound, {label: haptics.coupling_admittance(RANGE, c, T).real for label, c in COUPLINGS.items()}
+
+
+def by_gid(ax, gid):
+    return [line for line in ax.lines if line.get_gid() == gid]
+
+
+def test_bound_and_couplings_are_drawn_as_given():
+    bound, reached = stability_curves()
+    ax = axes()
+    draw_stability(ax, RANGE, bound, reached)
+    (line,) = by_gid(ax, "bound")
+    # At Nyquist the bound is zero, which a log axis cannot show.
+    np.testing.assert_array_equal(line.get_ydata()[:-1], bound[:-1])
+    assert np.isnan(line.get_ydata()[-1])
+    for label, values in reached.items():
+        (line,) = by_gid(ax, f"coupling:{label}")
+        np.testing.assert_array_equal(line.get_ydata(), values)
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+    assert "rad/s" in ax.get_xlabel()
+    assert not [line for line in ax.lines if str(line.get_gid()).startswith("binding")]
+
+
+def test_binding_frequency_is_marked_and_named():
+    bound, reached = stability_curves()
+    verdicts = {label: haptics.absolute_stability(DEVICE, c, T) for label, c in COUPLINGS.items()}
+    ax = axes()
+    draw_stability(ax, RANGE, bound, reached, binding={k: v.binding_omega for k, v in verdicts.items()})
+    dots = [dot for label in verdicts for dot in by_gid(ax, f"binding:{label}")]
+    assert [dot.get_xdata()[0] for dot in dots] == [v.binding_omega for v in verdicts.values()]
+    for dot, coupling in zip(dots, COUPLINGS.values(), strict=True):
+        expected = haptics.coupling_admittance(dot.get_xdata()[0], coupling, T).real
+        assert dot.get_ydata()[0] == pytest.approx(expected, rel=1e-3)
+    texts = [text.get_text() for text in ax.get_legend().get_texts()]
+    for text, (label, verdict) in zip(texts[1:], verdicts.items(), strict=True):
+        assert text == f"{label}: {verdict.smallest_margin:.3g} × bound at {verdict.binding_omega:.4g} rad/s"
+
+
+@pytest.mark.parametrize(
+    ("omega", "change", "message"),
+    [
+        (RANGE[1:], {}, "'bound' and omega differ in length"),
+        (RANGE - 1.0, {}, "positive and increasing"),
+        (RANGE[::-1], {}, "positive and increasing"),
+        (RANGE, {"binding": {"30 kN/m": 100.0}}, "names a coupling that is not drawn"),
+        (RANGE, {"binding": {"50 kN/m": 0.5}}, "outside the range drawn"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(omega, change, message):
+    bound, reached = stability_curves()
+    with pytest.raises(UsageError, match=message):
+        draw_stability(axes(), omega, bound, reached, **change)

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from percept.errors import UsageError
-from percept.report.numbers import at, number, percentage, rounded
+from percept.report.numbers import number, percentage, rounded
+from percept.report.select import at
 
 _SUPERSCRIPT = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -56,7 +57,7 @@ DOCUMENT = {"rows": [{"lower": 10.808, "upper": "inf", "none": None, "n": 12345,
 
 
 @pytest.mark.parametrize(
-    ("place", "style", "text", "exact"),
+    ("pointer", "style", "text", "exact"),
     [
         ("/rows/0/lower", "plain", "10.808", "10.808"),
         ("/rows/0/upper", "plain", "∞", "inf"),
@@ -68,9 +69,9 @@ DOCUMENT = {"rows": [{"lower": 10.808, "upper": "inf", "none": None, "n": 12345,
         ("/rows/0/a~1b", "short", "2", "2"),
     ],
 )
-def test_a_number_knows_its_place_and_all_its_digits(place, style, text, exact):
-    shown = number(DOCUMENT, place, style=style)
-    assert (shown.text, shown.exact, shown.place) == (text, exact, place)
+def test_a_number_knows_its_pointer_and_all_its_digits(pointer, style, text, exact):
+    shown = number(DOCUMENT, pointer, style=style)
+    assert (shown.text, shown.exact, shown.pointer) == (text, exact, pointer)
 
 
 @pytest.mark.parametrize(
@@ -86,11 +87,11 @@ def test_short_numbers_keep_the_digits_they_have(value, style, text):
     assert number({"a": value}, "/a", style=style).text == text
 
 
-@pytest.mark.parametrize("place", ["/rows/1/lower", "/other/0/lower", "/rows/0/lower/deeper", "/rows/x/y"])
-def test_a_place_that_is_not_there_is_an_error_that_names_it(place):
+@pytest.mark.parametrize("pointer", ["/rows/1/lower", "/other/0/lower", "/rows/0/lower/deeper", "/rows/x/y"])
+def test_a_pointer_to_nothing_is_an_error_that_names_it(pointer):
     with pytest.raises(UsageError, match="has nothing at this place") as caught:
-        at(DOCUMENT, place)
-    assert caught.value.value == place
+        at(DOCUMENT, pointer)
+    assert caught.value.value == pointer
 
 
 def test_text_is_no_number():

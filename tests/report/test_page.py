@@ -9,10 +9,10 @@ import pytest
 
 from percept import Study, read_sessions
 from percept.report import build_document
+from percept.report.figures.canvas import Drawing
 from percept.report.numbers import number
 from percept.report.page import render_page
-from percept.report.rendering import Plate
-from percept.report.sections import build_parts
+from percept.report.sections import build_sections
 from percept.sessions import Sessions
 from tests.unmixed import UNMIXED, unmixed_sessions
 
@@ -204,26 +204,14 @@ def test_a_run_that_misses_the_tolerance_says_so_in_the_methods(both):
 
 
 def names_of(document):
-    return [part.name for part in build_parts(document)]
+    return [section.name for section in build_sections(document)]
 
 
 def test_sections_stand_in_reading_order(both):
     assert names_of(both) == [
-        "summary",
-        "intervals",
-        "boundaries",
-        "direct",
-        "coupling",
-        "design",
-        "device",
-        "band",
-        "comparison",
-        "diagnostics",
-        "data",
-        "methods",
-        "provenance",
-        "skipped",
-    ]
+        "summary", "intervals", "boundaries", "direct", "coupling", "design", "device", "band", "comparison",
+        "diagnostics", "data", "methods", "provenance", "skipped",
+    ]  # fmt: skip
 
 
 def test_without_a_coupling_there_is_the_device_alone():
@@ -234,7 +222,7 @@ def test_without_a_coupling_there_is_the_device_alone():
     )
     assert document["coupling"] is document["design"] is None
     skipped = {entry["what"]: entry["why"] for entry in document["skipped"]}
-    assert skipped["coupling: Z_h_vc, stability and couplings that would do"] == "the scene has no [coupling]"
+    assert skipped["coupling: Z_h_vc, stability and admissible couplings"] == "the scene has no [coupling]"
     assert "direct" in names_of(document)
     assert not {"coupling", "design"} & set(names_of(document))
     # b_d > kT/2 + |b|, with k and b of Table 1 and T = 1 ms.
@@ -246,7 +234,7 @@ def test_without_a_coupling_there_is_the_device_alone():
     assert active
     said = " ".join(document["summary"]["cautions"])
     assert f"too little damping to render {', '.join(active)} passively" in said
-    assert "Rendered without a coupling" in page_of(document)
+    assert "Passivity without a coupling" in page_of(document)
 
 
 def test_a_section_not_needed_is_absent(classical):
@@ -374,8 +362,8 @@ def test_simulated_input_is_named_before_any_result(classical):
 
 
 def test_figures_come_with_their_words(both):
-    plate = Plate("A <b> title of |Z_h|", "What Z_h,vc shows.", "<svg></svg>")
-    page = render_page(both, {"band": plate}, date="2026-01-01")
+    plot = Drawing("band", "A <b> title of |Z_h|", "What Z_h,vc shows.", (1, 1), None, "<svg></svg>")
+    page = render_page(both, {"band": plot}, date="2026-01-01")
     assert "A &lt;b&gt; title of |Z<sub>h</sub>|" in page
     assert "What Z<sub>h,vc</sub> shows." in page
 

@@ -1,17 +1,22 @@
-"""What the sections of a report choose from its document, and that every place leads to what stands there."""
+"""What the sections of a report choose from its document, and where its pointers lead."""
 
 from __future__ import annotations
 
 import copy
+import re
 
 import pytest
 
-from percept.report.numbers import at
-from percept.report.sections import build_parts
+from percept.report import build_document
+from percept.report.basis import bibtex, checks, cited, methods
+from percept.report.page import render_page
+from percept.report.sections import build_sections
+from percept.report.select import at
+from tests.study.checked import study_of, table_of
 
 
-def part(document, name):
-    return next(found for found in build_parts(document) if found.name == name).values
+def section(document, name):
+    return next(found for found in build_sections(document) if found.name == name).values
 
 
 @pytest.fixture(params=["lognormal", "normal"])
@@ -22,29 +27,29 @@ def document(classical, request):
     return changed
 
 
-def test_laws_of_the_band_stand_where_their_places_say(document):
-    values = part(document, "band")
+def test_laws_of_the_band_stand_where_their_pointers_say(document):
+    values = section(document, "band")
     assert values["family"] == document["provenance"]["scene"]["inference"]["family"]
     assert values["laws"]
     labels = ("method", "kind", "family", "model")
     for law in values["laws"]:
-        known = at(document, law["place"])
+        known = at(document, law["pointer"])
         assert [known[name] for name in labels] == [law[name] for name in labels]
         assert law["family"] == values["family"]
 
 
-def test_realism_stands_where_its_places_say(document):
-    realism = part(document, "coupling")["realism"]
+def test_realism_stands_where_its_pointers_say(document):
+    realism = section(document, "coupling")["realism"]
     labels = ("environment", "kind", "method", "family", "shape")
     assert realism["rows"]
     for row in realism["rows"]:
-        for method, place in row["places"].items():
+        for method, pointer in row["pointers"].items():
             wanted = [row["environment"], row["kind"], method, realism["family"], "envelope"]
-            assert [at(document, place)[name] for name in labels] == wanted
+            assert [at(document, pointer)[name] for name in labels] == wanted
 
 
 def test_every_environment_has_its_effective_impedance(classical):
-    effective = part(classical, "coupling")["effective"]
+    effective = section(classical, "coupling")["effective"]
     assert [row["environment"] for row in effective] == classical["data"]["environments"]
 
 
@@ -52,7 +57,7 @@ def test_environments_are_told_apart_where_their_intervals_say_different_things(
     document = copy.deepcopy(classical)
     for row in document["intervals"]:
         row["covers"] = "one thing" if row["environment"] == "VE1" else "another"
-    (table, *_) = part(document, "intervals")["tables"]
+    (table, *_) = section(document, "intervals")["tables"]
     told = {one["covers"]: one["environments"] for one in table["sentences"] if one["kind"] == "mean"}
     assert told == {"one thing": ["VE1"], "another": ["VE2", "VE3", "VE4", "VE5"]}
 
@@ -61,7 +66,7 @@ def test_environments_are_told_apart_where_their_intervals_say_different_things(
 def test_the_law_that_predicts_best_is_quoted_wherever_it_stands(classical, step):
     document = copy.deepcopy(classical)
     document["band"]["laws"] = document["band"]["laws"][::step]
-    quoted = part(document, "summary")["law"]
+    quoted = section(document, "summary")["law"]
     alike = [
         law
         for law in classical["band"]["laws"]
@@ -71,9 +76,113 @@ def test_the_law_that_predicts_best_is_quoted_wherever_it_stands(classical, step
     assert quoted["left_out_error"] == min(law["left_out_error"] for law in alike)
 
 
-def test_a_reference_is_inside_where_it_lies_between_the_limits(classical):
-    document = copy.deepcopy(classical)
-    document["readings"][0].update(lower=[1.0], upper=[2.0], reference=[1.5], coupled=[3.0])
-    rows = part(document, "boundaries")["environments"][0]["rows"]
-    (own,) = [row for row in rows if row["place"] == "/readings/0"]
-    assert own["inside"] == {"reference": True, "coupled": False}
+REGRESSION = "a regression of bias on the logarithm of the reference with a deviation for each environment"
+SHARED = "subject effects shared by all environments"
+PAIR = " and correlated between stiffness and damping"
+WITHIN = "between-subject scatter within each environment"
+
+
+def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
+    rows = [
+        {"parameter": p, "kind": "mean", "method": "bayesian", "family": "lognormal", "n": 6}
+        for p in parameters
+    ]
+    document = {
+        "data": {
+            "form": form,
+            "parameters": [*parameters],
+            "environments": [f"VE{j}" for j in range(environments)],
+        },
+        "provenance": {
+            "scene": {"inference": {"family": "lognormal"}, "model": model},
+            "versions": {"percept": "0"},
+        },
+        "intervals": rows,
+        "diagnostics": None,
+        "coupling": None,
+        "band": None,
+        "boundaries": [],
+    }
+    return methods(document).values["model"]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({}, f"{REGRESSION}, {SHARED}{PAIR}, and {WITHIN}"),
+        ({"parameters": ("k",)}, f"{REGRESSION}, {SHARED}, and {WITHIN}"),
+        ({"environments": 1}, "a bias, and between-subject scatter"),
+        ({"form": "summary"}, f"{REGRESSION}, and {WITHIN} (stiffness and damping each by itself)"),
+        ({"subject_effect": False}, f"{REGRESSION}, and {WITHIN}"),
+        (
+            {"common_spread": True},
+            f"{REGRESSION}, {SHARED}{PAIR}, and between-subject scatter alike in all environments",
+        ),
+        (
+            {"weber": True, "parameters": ("b",)},
+            f"{REGRESSION}, {SHARED}, and {WITHIN}, "
+            "in proportion to the reference but for each environment’s own deviation",
+        ),
+    ],
+)
+def test_the_model_that_was_fitted_is_named(given, said):
+    assert model_of(**given) == said
+
+
+@pytest.fixture(scope="module")
+def checked():
+    table = table_of(("k", "b"), subjects=8, references=[[100.0, 1e3], [1.0, 5.0]], seed=2)
+    table.loc[table["subject"] == "S01", "k_adj"] *= 20.0
+    return build_document(study_of(table, checks={}, tolerance=0.2), curves=False)
+
+
+def test_messages_and_tables_stand_on_the_page(checked):
+    assert [one.name for one in build_sections(checked)].index("checks") > 0
+    page = render_page(checked, {}, date="2026-01-01")
+    assert "S01 lies far from what the others predict" in page
+    for pointer in (
+        "loo/subjects/0/pareto_k", "statistics/0/above", "shrinkage/0/moved", "correlation/0/positive",
+        "weber/1/upper", "sensitivity/0/prior", "prior/0/q99.5",
+    ):  # fmt: skip
+        assert f'data-at="/checks/{pointer}"' in page, pointer
+    assert "/checks/models" not in page
+
+
+def test_compared_models_are_a_table_and_a_sentence(checked):
+    row = {"model": "full", "elpd": 1.0, "se": 2.0, "difference": 0.0, "difference_se": 0.0, "rough": 0}
+    models = {"table": [row], "failed": ["exact Weber: stuck"], "sentence": "All are alike."}
+    section = checks({**checked, "checks": {**checked["checks"], "models": models}})
+    assert {"All are alike.", "exact Weber: stuck"} <= set(section.values["messages"])
+    pointers = [table["pointer"] for table in section.values["tables"]]
+    assert pointers[1] == "/checks/models/table"
+
+
+def test_no_section_without_checks(checked):
+    assert checks({**checked, "checks": None}) is None
+
+
+def test_only_what_was_used_is_cited(classical, both):
+    keys = [reference.key for reference in cited(classical)]
+    assert keys == ["boundaries", "percept", "meeker2017", "adams1999"]
+    assert {"emcee", "terbraak2006", "vehtari2021"} <= {reference.key for reference in cited(both)}
+
+
+def test_entries_are_balanced_and_have_their_fields(both):
+    text = bibtex(both)
+    entries = re.findall(r"@(\w+)\{(\w+),", text)
+    assert [key for _, key in entries] == [reference.key for reference in cited(both)]
+    depth = 0
+    for letter in text:
+        depth += (letter == "{") - (letter == "}")
+        assert depth >= 0
+    assert depth == 0
+    articles = [reference for reference in cited(both) if reference.entry == "article"]
+    assert all(
+        {"author", "title", "journal", "year", "volume", "pages"} <= one.fields.keys() for one in articles
+    )
+
+
+def test_the_page_s_numbers_follow_the_list(both):
+    page = render_page(both, {}, date="2026-01-01")
+    shown = [int(one) for one in re.findall(r"&nbsp;\[(\d+)\]", page)]
+    assert list(dict.fromkeys(shown)) == list(range(1, len(cited(both)) + 1))

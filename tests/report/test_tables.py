@@ -7,9 +7,8 @@ import io
 import pandas as pd
 import pytest
 
-from percept.report.latex import latex_tables
 from percept.report.numbers import rounded
-from percept.report.tables import csv_tables
+from percept.report.tables import csv_tables, latex_tables
 
 from .conftest import DATASETS
 

@@ -361,6 +361,20 @@ def test_paths_into_cells(tmp_path):
         assert message in str(refusal(tmp_path, head + f"1,a,10,{cell}\n", path))
 
 
+def test_numbers_of_one_column_are_all_counted(tmp_path):
+    """Two paths into one column give two sets of cells."""
+    cell = '"{""k"": 1.5, ""b"": 2.5}"'
+    text = f'subject,environment,k_ref,b_ref,r\n1,a,1,1,{cell}\n2,a,"1,286",1,{cell}\n'
+    tables = {"columns": {"k_adj": {"name": "r", "path": "k"}, "b_adj": {"name": "r", "path": "b"}}}
+    assert "4 cells have a decimal point, as row 2 in column 'r'" in str(refusal(tmp_path, text, tables))
+
+
+@pytest.mark.parametrize("row", ['2,a,10,\\"', '"2 \\"x",a,10,\\"', '2,a,10,1"1'])
+def test_a_quote_outside_quotes_is_no_blank(tmp_path, row):
+    error = refusal(tmp_path, f"subject,environment,k_ref,k_adj\n1,a,10,11\n{row}\n")
+    assert (error.row, "a quoted cell is not closed" in error.message) == (3, True)
+
+
 def test_a_path_that_no_row_has_names_the_keys_there_are(tmp_path):
     head = "subject,environment,k_ref,b_ref,response\n"
     rows = '1,a,10,1,"{""k"": 11, ""b"": 2}"\n2,a,10,1,\n3,a,10,1,"{""k"": 9, ""rt"": null}"\n'
@@ -484,7 +498,7 @@ def test_repeats_are_missing_where_there_are_some_and_cells_empty_where_there_ar
     [
         (
             {"exclude": [{"column": "session", "equals": "3"}]},
-            "a rule names a column that the file does not have",
+            "column 'session': this column is wanted, and is not there",
         ),
         ({"exclude": [{"column": "subject", "above": 3}]}, "limits need a column of numbers"),
         ({"exclude": [{"column": "rt", "above": 3}]}, "this column is wanted, and is not there"),

@@ -106,7 +106,7 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
         (
             {"inference": {"method": "classical", "kinds": ["mean"]}, "device": DEVICE, "coupling": COUPLING},
             lambda t: t,
-            "couplings that would do",
+            "admissible couplings",
             "they are judged by intervals of kind user",
         ),
         (
@@ -173,7 +173,7 @@ def test_a_table_of_a_part_of_the_range(tmp_path):
     assert found.coupling.verdict == "undecided"
     assert found.coupling_design == {}
     said = dict(found.skipped)
-    assert said["couplings that would do"] == (
+    assert said["admissible couplings"] == (
         "the device's table covers 0.05 to 120 rad/s, and stability needs all of 0 to 3141.59"
     )
     assert said["sensitivity to the device's mass and damping"] == "a measured response has neither"

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from percept import __version__
 from percept.bench.growth import Growth
@@ -19,10 +21,10 @@ from percept.bench.peers.engines import ENGINES, engine
 from percept.bench.peers.processes import Comparison, Measured, Startup, Whole, comparisons
 from percept.bench.peers.reference import Reference
 from percept.files import filled_folder
-from percept.report.figures.canvas import COLOURS, Axes, Drawing, Figure, legend_below, panels
+from percept.report.figures.canvas import COLOURS, Drawing, legend_below, panels
+from percept.report.figures.output import draw_all
+from percept.report.page import render_standalone
 from percept.report.plain import dumps, plain
-from percept.report.plates import draw_plates
-from percept.report.standalone import render_standalone
 
 SCHEMA = "percept-benchmark-1"
 #: Errors over half-width at which times are compared.
@@ -227,7 +229,7 @@ def write_benchmark(document: Mapping[str, Any], out_dir: str | Path, *, date: s
         page = render_standalone(
             "percept.bench.peers",
             "benchmark.html.j2",
-            draw_plates(drawings, folder / "figures"),
+            draw_all(drawings, folder / "figures"),
             digits=3,
             document=document,
             names={one["name"]: one for one in document["engines"]},

@@ -70,9 +70,8 @@ def run_reference(out: str | Path, *, log: Callable[[str], None] = lambda line: 
     reference = make_reference(
         sessions, _hash(sessions), folder, command="percept bench reference --out DIR", log=log
     )
-    path = folder / "reference.json"
-    path.write_text(json.dumps(plain(reference)) + "\n", encoding="utf-8")
-    return path
+    (folder / "reference.json").write_text(json.dumps(plain(reference)) + "\n", encoding="utf-8")
+    return folder / "reference.json"
 
 
 def _hash(path: str) -> str:

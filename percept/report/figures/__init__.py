@@ -1,1 +1,1 @@
-"""Figures: each draws plain arrays on axes it is given."""
+"""Figures in two layers: arrays to axes (`curves`, `marks`), and a document to arrays (`from_document`)."""

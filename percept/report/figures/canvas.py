@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import rcParams
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.textpath import text_to_path
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes as Axes
-    from matplotlib.figure import Figure as Figure
-else:
-    # Importing matplotlib takes long: only drawing does it.
-    Figure = Axes = Any
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them apart as well.
 # The names are those of the page's style sheet, where the dark page has its own values.
@@ -35,34 +34,21 @@ MM = 1 / 25.4
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure that has not been drawn yet."""
+    """A figure: what it says, how it is drawn, and once it is drawn its form on the page."""
 
     name: str  # Of its file, without ending
     title: str  # What it shows, in a few words
     description: str  # What a reader who cannot see it should know
     size: tuple[float, float]  # Width and height, mm
     draw: Callable[[Figure], None]  # Draws on an empty matplotlib Figure
+    svg: str = ""  # ``<svg>`` element for a page
 
 
 def panels(
     figure: Figure,
+    count: int = 1,
     *,
-    left: float = 14.0,
-    right: float = 3.0,
-    top: float = 6.0,
-    bottom: float = 11.0,
-    gap: float = 12.0,
-    columns: int = 1,
-) -> list[Axes]:
-    """Add axes in a row, placed in millimetres so that figures of one size line up."""
-    return grid(figure, columns, columns=columns, left=left, right=right, top=top, bottom=bottom, gap=gap)
-
-
-def grid(
-    figure: Figure,
-    count: int,
-    *,
-    columns: int,
+    columns: int | None = None,
     left: float = 14.0,
     right: float = 3.0,
     top: float = 6.0,
@@ -70,8 +56,9 @@ def grid(
     gap: float = 12.0,
     line: float = 17.0,
 ) -> list[Axes]:
-    """Add axes in rows, placed in millimetres."""
+    """Add axes in rows, one row by default, placed in millimetres so that figures of one size line up."""
     width, height = (float(side) / MM for side in figure.get_size_inches())
+    columns = columns or count
     rows = -(-count // columns)
     wide = (width - left - right - gap * (columns - 1)) / columns
     high = (height - top - bottom - line * (rows - 1)) / rows
@@ -86,6 +73,16 @@ def grid(
         )
         for index in range(count)
     ]
+
+
+def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:
+    """Make axes logarithmic, without minor ticks; powers of ten on request as plain numbers."""
+    for name in axes:
+        ax.set(**{f"{name}scale": "log"})
+        axis = {"x": ax.xaxis, "y": ax.yaxis}[name]
+        axis.minorticks_off()
+        if plain:
+            axis.set_major_formatter("{x:g}")
 
 
 def legend_below(ax: Axes, *, columns: int = 2) -> None:
@@ -105,9 +102,9 @@ def legend_below(ax: Axes, *, columns: int = 2) -> None:
 
 
 def row_labels(names: Sequence[str], *, most: float) -> tuple[list[str], float]:
-    """Fit the names of rows into a margin.
+    """Fit the names of rows into a margin, mm, and return the width of the widest.
 
-    A name that is too long loses its middle, since names in a series differ at their ends; names that look
+    A name that is too long loses its middle, since names in a series differ at their ends. Names that look
     the same then are numbered.
     """
     labels = [_shortened(name, most) for name in names]
@@ -120,19 +117,16 @@ def _shortened(name: str, most: float) -> str:
     width = _width(name)
     if width <= most:
         return name
-    kept = int(len(name) * most / width)
-    while True:
+    label = name
+    for kept in range(max(int(len(name) * most / width), 2), 1, -1):
         label = f"{name[: kept - kept // 2]}…{name[len(name) - kept // 2 :]}"
-        if kept <= 2 or _width(label) <= most:
-            return label
-        kept -= 1
+        if _width(label) <= most:
+            break
+    return label
 
 
 def _width(label: str) -> float:
-    from matplotlib import rcParams
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
+    """Return the width of a label, mm."""
     font = FontProperties(size=rcParams["ytick.labelsize"])
     points: float = text_to_path.get_text_width_height_descent(label, font, ismath=False)[0]
     return points / 72.0 / MM
@@ -141,19 +135,15 @@ def _width(label: str) -> float:
 def shade_boxes(
     ax: Axes, boxes: NDArray[np.float64], *, color: str, alpha: float, label: str | None = None
 ) -> None:
-    """Shade boxes that do not overlap, without outline, all as one mark."""
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
+    """Shade boxes that do not overlap, rows of left, right, low and high, as one mark without outline."""
     corners = boxes[:, [[0, 2], [1, 2], [1, 3], [0, 3]]]
     closed = np.concatenate([corners, corners[:, :1]], axis=1)
-    # Where boxes touch, smoothed edges would leave a light line.
     mark = PathPatch(
         Path.make_compound_path_from_polys(closed),
         color=color,
         alpha=alpha,
         linewidth=0,
-        antialiased=False,
+        antialiased=False,  # smoothed edges would leave a light line where boxes touch
         label=label,
     )
     ax.add_artist(mark)

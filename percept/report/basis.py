@@ -1,0 +1,372 @@
+"""The sections of the page on what its results rest on, each from the document, and what they cite."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, reduce
+from importlib import resources
+from typing import Any, NamedTuple
+
+from percept import __version__
+from percept.report.select import (
+    KINDS,
+    METHODS,
+    Record,
+    Section,
+    distinct,
+    each_by_itself,
+    escaped,
+    family_of,
+    pointed,
+)
+from percept.study.units import NAMES
+
+_MEASURES = {
+    "width_ratio": ("width ratio", "Bayesian width over classical width"),
+    "shift": ("shift", "how far the Bayesian estimate stands from the classical one"),
+    "overlap": ("overlap", "what both intervals hold, over what they span together"),
+}
+_REASONS = {
+    "spread_ratio": (
+        "spread",
+        "posterior SD between users over the sample's: an environment's spread is drawn towards the others'",
+    ),
+    "certainty_ratio": (
+        "certainty",
+        "half-widths in their own SDs, Bayesian over classical: what is gained by knowing SD and mean "
+        "better; times the spread it is the width ratio, on the family's scale",
+    ),
+    "shift_sds": ("shift in SDs", "of the centre, in sample SDs: pull towards the trend over environments"),
+    "prior_lower": (
+        "priors, lower",
+        "how far the lower limit lies from where priors a quarter wider would put it, in half-widths",
+    ),
+    "prior_upper": ("priors, upper", "the same for the upper limit"),
+    "scale_ratio": ("scale", "classical width in the other family over the width in this one"),
+    "to_mean_classical": ("covers, classical", "width over that of kind mean: what is covered"),
+    "to_mean_bayesian": ("covers, Bayesian", "the same, Bayesian"),
+}
+_PERCENTAGES = ("shift", "overlap")
+
+
+def comparison(document: Record) -> Section | None:
+    """Return pairs of intervals and of curves, with how classical and Bayesian differ and why."""
+    rows = document["comparison"]
+    if not rows:
+        return None
+    values = {
+        "families": distinct(rows, "family"),
+        "methods": METHODS,
+        "measures": _columns(rows[0], _MEASURES),
+        "reasons": _columns(rows[0], _REASONS),
+        "rows": rows,
+        "curves": [
+            row for row in pointed(document["curve_comparison"], "/curve_comparison") if each_by_itself(row)
+        ],
+    }
+    return Section("comparison", "Classical against Bayesian", values)
+
+
+def _columns(row: Record, known: Mapping[str, tuple[str, str]]) -> list[dict[str, str]]:
+    return [
+        {
+            "name": name,
+            "head": head,
+            "meaning": meaning,
+            "style": "percent" if name in _PERCENTAGES else "plain",
+        }
+        for name, (head, meaning) in known.items()
+        if name in row
+    ]
+
+
+_GATE = (
+    ("rhat", "Rank R̂ across ensembles, largest", "below 1.01", 5),
+    ("autocorrelation_time", "Autocorrelation time, longest (steps)", "finite", 4),
+    ("times_run", "Length of a kept run in autocorrelation times", "10 or more", 4),
+    ("effective_draws", "Effective draws, fewest", "", 5),
+    ("acceptance", "Share of proposals accepted", "", 3),
+    (
+        "worst_error",
+        "Monte Carlo error of the Bayesian intervals’ limits, largest (half-widths)",
+        "within the tolerance",
+        3,
+    ),
+)
+_COUNTS = ("ensembles", "walkers", "steps")
+
+
+def diagnostics(document: Record) -> Section | None:
+    """Return the gate's verdict on the sampler, the measures behind it, and the priors in force."""
+    record = document["diagnostics"]
+    if not record:
+        return None
+    gate = record["gate"]
+    values = {
+        "gate": gate,
+        "measures": [
+            {"label": label, "asked": asked, "pointer": f"/diagnostics/gate/{name}", "digits": digits}
+            for name, label, asked, digits in _GATE
+            if isinstance(gate.get(name), (int, float))
+        ],
+        "counts": [
+            {"label": name, "pointer": f"/diagnostics/{name}"}
+            for name in _COUNTS
+            if isinstance(record.get(name), int)
+        ],
+        "priors": record.get("priors", []),
+    }
+    return Section("diagnostics", "Sampling and its checks", values)
+
+
+class _Table(NamedTuple):
+    """A table of the checks: what it shows, in words and in numbers."""
+
+    steps: str  # Where it stands under /checks
+    caption: str  # What it says
+    words: Mapping[str, str]  # Heads of the columns of text
+    numbers: Mapping[str, tuple[str, int, str]]  # Heads of the columns of numbers, their digits and style
+
+
+def _plain(digits: int, **heads: str) -> dict[str, tuple[str, int, str]]:
+    return {name: (head, digits, "plain") for name, head in heads.items()}
+
+
+_CELL = {"environment": "Environment", "parameter": "Parameter"}
+_SIGN = {
+    **_plain(2, lower="lower", value="mean", upper="upper"),
+    **_plain(3, positive="probability above 0"),
+}
+_TABLES = (
+    _Table(
+        "loo/subjects",
+        "Each subject left out: log predictive density given the others, Pareto index of leaving it out, and "
+        "the probability of lying as far off or farther.",
+        {"subject": "Subject"},
+        {**_plain(4, elpd="log density"), **_plain(2, pareto_k="Pareto index", farther="as far or farther")},
+    ),
+    _Table(
+        "models/table",
+        "Smaller models by the log predictive density of subjects left out, with standard errors.",
+        {"model": "Model"},
+        {
+            **_plain(4, elpd="log density"),
+            **_plain(2, se="error"),
+            **_plain(3, difference="to the first"),
+            **_plain(2, difference_se="error"),
+            "rough": ("rough", 3, "count"),
+        },
+    ),
+    _Table(
+        "statistics",
+        "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new studies "
+        "drawn from the posterior.",
+        {**_CELL, "statistic": "Statistic"},
+        {
+            **_plain(3, observed="observed", lower="lower", upper="upper"),
+            **_plain(2, above="probability of more"),
+        },
+    ),
+    _Table(
+        "shrinkage",
+        "Centres before and after pooling, in N/m (k) and N·s/m (b), and the share of the way from the raw "
+        "mean to the trend over environments that they moved.",
+        _CELL,
+        {**_plain(4, raw="raw mean", centre="centre", trend="trend"), "moved": ("moved", 2, "percent")},
+    ),
+    _Table(
+        "correlation",
+        "Correlation of k and b between users: of the deviations within an environment, of the effect "
+        "shared by all, and of the population of each environment.",
+        {"of": "Of", "environment": "Environment"},
+        _SIGN,
+    ),
+    _Table(
+        "weber",
+        "κ, the change of log spread per decade of the reference; zero is Weber's law.",
+        {"parameter": "Parameter"},
+        _SIGN,
+    ),
+    _Table(
+        "sensitivity",
+        "Sensitivity of the posterior of the average user, the next user and the spread to raising priors or "
+        "likelihood to a power; from 0.05 on it is worth a look.",
+        {**_CELL, "quantity": "Of", "diagnosis": "Diagnosis"},
+        _plain(2, prior="priors", likelihood="likelihood"),
+    ),
+    _Table(
+        "prior",
+        "What the priors alone say, before any data: quantiles of the average and the next user, in N/m (k) "
+        "and N·s/m (b).",
+        {**_CELL, "kind": "Kind"},
+        _plain(3, **{f"q{percent}": f"{percent} %" for percent in (0.5, 5, 25, 50, 75, 95, 99.5)}),
+    ),
+)
+
+
+def checks(document: Record) -> Section | None:
+    """Return the checks of the hierarchical model as messages and tables, where they were asked for."""
+    record = document.get("checks")
+    if not record:
+        return None
+    tables = []
+    for table in _TABLES:
+        rows: Any = reduce(lambda found, step: found and found[step], table.steps.split("/"), record)
+        if rows:
+            tables.append({**table._asdict(), "pointer": f"/checks/{table.steps}", "rows": rows})
+    messages = list(record["loo"]["messages"])
+    refitted = [row["subject"] for row in record["loo"]["subjects"] if row["refitted"]]
+    if refitted:
+        messages.append(f"Sampled anew without each of {', '.join(refitted)}: their rows below are exact.")
+    if record["models"]:
+        messages += [record["models"]["sentence"], *record["models"]["failed"]]
+    messages += [
+        f"The {row['statistic']} of {row['parameter']} in {row['environment']} is unusual for the model."
+        for row in record["statistics"]
+        if row["unusual"]
+    ]
+    return Section("checks", "Checks of the model", {"messages": messages, "tables": tables})
+
+
+def data(document: Record) -> Section:
+    """Return what was read, and what was left out."""
+    record = document["data"]
+    counts = [{"what": what, "pointer": f"/data/counts/{escaped(what)}"} for what in record["counts"]]
+    values = {"data": record, "counts": counts, "cells": pointed(record["cells"], "/data/cells")}
+    return Section("data", "Data", values)
+
+
+_CLASSICAL = {
+    "mean": "t-intervals of the mean",
+    "user": "prediction intervals of the next user",
+    "share": "exact two-sided tolerance intervals",
+}
+_LEVEL, _SHARE = (f"/provenance/scene/inference/{name}" for name in ("level", "share"))
+
+
+def methods(document: Record) -> Section:
+    """Return what the methods paragraph depends on, and what it cites."""
+    scene, intervals = document["provenance"]["scene"], document["intervals"]
+    used = {row["method"] for row in intervals}
+    kinds = [kind for kind in KINDS if kind in {row["kind"] for row in intervals}]
+    references = cited(document)
+    values = {
+        "data": document["data"],
+        "parameters": [NAMES[name] for name in document["data"]["parameters"]],
+        "boundaries": bool(document["boundaries"]),
+        "worst": worst_curve(document["boundaries"]),
+        "missed": (document["diagnostics"] or {}).get("gate", {}).get("tolerance_met") is False,
+        "device": scene.get("device"),
+        "coupling": scene.get("coupling") if document["coupling"] else None,
+        "family": family_of(document),
+        "kinds": kinds,
+        "classical": "classical" in used,
+        "classical_kinds": _listed([_CLASSICAL[kind] for kind in kinds]),
+        "share_pointer": _SHARE if "share" in scene["inference"] else _LEVEL,
+        "bayesian": "bayesian" in used,
+        "model": _model(document),
+        "pooled": scene.get("model", {}).get("pooling", "partial") == "partial",
+        "subjects": max((row["n"] for row in intervals), default=0),
+        "version": document["provenance"]["versions"]["percept"],
+        "references": references,
+        "numbers": {reference.key: rank for rank, reference in enumerate(references, start=1)},
+        "bibtex": bibtex(document),
+    }
+    return Section("methods", "Methods, ready to paste", values)
+
+
+def worst_curve(boundaries: Sequence[Record]) -> dict[str, Any] | None:
+    """Name the curve through draws with the largest typical Monte Carlo error; None without such curves."""
+    known = [record for record in pointed(boundaries, "/boundaries") if record.get("error") is not None]
+    if not known:
+        return None
+    worst = max(known, key=lambda record: float(record["error"]))
+    labels = {name: worst[name] for name in ("environment", "kind", "method", "family")}
+    return labels | {"pointer": f"{worst['pointer']}/error"}
+
+
+def _model(document: Record) -> str:
+    """Say what the hierarchical model is made of; data and scene leave parts of it out."""
+    record, asked = document["data"], document["provenance"]["scene"].get("model", {})
+    pair = len({row["parameter"] for row in document["intervals"]}) == 2
+    sessions, several = record["form"] == "trials", len(record["environments"]) > 1
+    parts = [
+        "a regression of bias on the logarithm of the reference with a deviation for each environment"
+        if several
+        else "a bias"
+    ]
+    if sessions and several and asked.get("subject_effect", True):
+        both = " and correlated between stiffness and damping" if pair else ""
+        parts.append(f"subject effects shared by all environments{both}")
+    scatter = "between-subject scatter"
+    if several:
+        scatter += " alike in all environments" if asked.get("common_spread") else " within each environment"
+    if several and asked.get("weber"):
+        scatter += ", in proportion to the reference but for each environment’s own deviation"
+    by_itself = " (stiffness and damping each by itself)" if pair and not sessions else ""
+    return f"{', '.join(parts)}, and {scatter}{by_itself}"
+
+
+def _listed(parts: list[str]) -> str:
+    return " and ".join(part for part in (", ".join(parts[:-1]), *parts[-1:]) if part)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A work to cite."""
+
+    key: str  # BibTeX key
+    entry: str  # BibTeX entry type
+    text: str  # As it stands in a list of references
+    fields: Mapping[str, str]  # BibTeX fields
+
+    @property
+    def bibtex(self) -> str:
+        """The BibTeX entry."""
+        body = ",\n".join(f"  {name} = {{{value}}}" for name, value in self.fields.items())
+        return f"@{self.entry}{{{self.key},\n{body}\n}}\n"
+
+
+@cache
+def _references() -> tuple[Reference, ...]:
+    text = resources.files("percept.report").joinpath("references.toml").read_text(encoding="utf-8")
+    tables = tomllib.loads(text.replace("{version}", __version__))
+    return tuple(Reference(key, **table) for key, table in tables.items())
+
+
+def cited(document: Mapping[str, Any]) -> list[Reference]:
+    """Return what the methods paragraph of a document cites, in order."""
+    methods = {row["method"] for row in document["intervals"]}
+    needed = {"boundaries", "percept"}
+    if "classical" in methods:
+        needed.add("meeker2017")
+    if "bayesian" in methods:
+        needed |= {"emcee", "terbraak2006", "vehtari2021"}
+    if document["provenance"]["scene"].get("coupling"):
+        needed.add("adams1999")
+    return [reference for reference in _references() if reference.key in needed]
+
+
+def bibtex(document: Mapping[str, Any]) -> str:
+    """Return the BibTeX entries of what a document cites."""
+    return "\n".join(reference.bibtex for reference in cited(document))
+
+
+def provenance(document: Record) -> Section:
+    """Return where the numbers come from: versions, seed, files and every setting of the scene."""
+    record = document["provenance"]
+    settings = [
+        {"table": table, "key": key, "value": value}
+        for table, entries in record["scene"].items()
+        if isinstance(entries, Mapping)
+        for key, value in entries.items()
+    ]
+    return Section("provenance", "Provenance", {"provenance": record, "settings": settings})
+
+
+def skipped(document: Record) -> Section | None:
+    """Return what was left out of the analysis, and why."""
+    rows = document["skipped"]
+    return Section("skipped", "Not computed", {"skipped": rows}) if rows else None

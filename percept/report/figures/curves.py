@@ -1,0 +1,191 @@
+"""Arrays to axes: curves over the angular frequency, as in Figs 4 and 7."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike, NDArray
+
+from percept.errors import UsageError
+from percept.report.figures.canvas import COLOURS, log_scale
+
+FloatArray = NDArray[np.float64]
+#: Ratios to the reference that an axis shows at most: few subjects let limits run away.
+SHOWN_RATIOS = (1e-4, 1e4)
+#: A larger ratio than this asks for a logarithmic axis.
+_LINEAR = 8.0
+_REFERENCE = (0, (7, 3))
+_COUPLED = (0, (2.5, 1.5))
+# Long and short dashes as in the paper's Fig. 4; more couplings go on with other patterns.
+_COLOURS = ("classical", "bayesian", "coupled", "warn")
+_DASHES = ((0, (9, 3)), (0, (3, 2)), (0, (6, 2, 1, 2)), (0, (1, 1.5)))
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """A pair of curves to draw."""
+
+    label: str  # For the legend
+    method: str  # Decides colour and form: classical limits are lines, Bayesian ones a filled band
+    omega: FloatArray  # (n,) rad/s
+    lower: FloatArray  # (n,) N·s/m
+    upper: FloatArray  # (n,) N·s/m
+    reference: FloatArray  # (n,) abs(Z_h) of the reference at the same ω, N·s/m
+
+
+def draw_magnitude(
+    ax: Axes,
+    omega: FloatArray,
+    limits: Sequence[Limits],
+    reference: FloatArray,
+    coupled: FloatArray | None = None,
+    *,
+    log: bool = True,
+) -> None:
+    """Draw boundaries, the reference and the coupled impedance, in the manner of Fig. 7."""
+    _draw_limits(ax, limits)
+    ax.plot(omega, reference, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
+    if coupled is not None:
+        _draw_coupled(ax, omega, coupled)
+    if log:
+        log_scale(ax, "x", plain=True)
+        log_scale(ax, "y")
+    else:
+        ax.locator_params(nbins=5)
+    ax.set_xlim(omega[0], omega[-1])
+    ax.set_xlabel("angular frequency ω (rad/s)")
+    ax.set_ylabel("|Zₕ| (N·s/m)")
+
+
+def draw_ratio(
+    ax: Axes,
+    omega: FloatArray,
+    limits: Sequence[Limits],
+    reference: FloatArray,
+    coupled: FloatArray | None = None,
+) -> None:
+    """Draw boundaries divided by the reference's abs(Z_h), over the whole range."""
+    ratios = _ratios(limits)
+    _draw_limits(ax, ratios)
+    ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
+    if coupled is not None:
+        _draw_coupled(ax, omega, coupled / reference)
+    log_scale(ax, "x", plain=True)
+    ax.set_xlim(omega[0], omega[-1])
+    ax.set_xlabel("ω (rad/s)")
+    values = _positive(ratios)
+    if values.max(initial=0.0) > _LINEAR:
+        # A boundary may reach zero, which has no place on a log axis.
+        ax.set_yscale("log", nonpositive="clip")
+        least, most = SHOWN_RATIOS
+        ax.set_ylim(max(min(values.min(), 1.0), least) / 1.3, min(max(values.max(), 1.0), most) * 1.3)
+        ax.yaxis.minorticks_off()
+    else:
+        ax.locator_params(axis="y", nbins=6)
+
+
+def beyond_axis(limits: Sequence[Limits]) -> bool:
+    """Say whether `draw_ratio` cuts some of the curves off."""
+    values = _positive(_ratios(limits))
+    least, most = SHOWN_RATIOS
+    return bool(values.max(initial=0.0) > _LINEAR and (values.min() < least or values.max() > most))
+
+
+def _ratios(limits: Sequence[Limits]) -> list[Limits]:
+    return [replace(one, lower=one.lower / one.reference, upper=one.upper / one.reference) for one in limits]
+
+
+def _positive(limits: Sequence[Limits]) -> FloatArray:
+    values = np.concatenate([np.empty(0), *(curve for one in limits for curve in (one.lower, one.upper))])
+    return values[np.isfinite(values) & (values > 0)]
+
+
+def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:
+    for one in limits:
+        omega, colour = one.omega, COLOURS[one.method]
+        if one.method == "classical":
+            ax.plot(omega, one.lower, color=colour, label=one.label)
+            ax.plot(omega, one.upper, color=colour)
+        else:
+            # The corner curves cross; the band between them is what is meant.
+            low, high = np.minimum(one.lower, one.upper), np.maximum(one.lower, one.upper)
+            ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=one.label)
+            ax.plot(omega, low, color=colour, linewidth=0.6)
+            ax.plot(omega, high, color=colour, linewidth=0.6)
+
+
+def _draw_coupled(ax: Axes, omega: FloatArray, curve: FloatArray) -> None:
+    label = "reference through the coupling"
+    ax.plot(omega, curve, color=COLOURS["coupled"], linestyle=_COUPLED, label=label)
+
+
+def draw_stability(
+    ax: Axes,
+    omega: ArrayLike,
+    bound: ArrayLike,
+    couplings: Mapping[str, ArrayLike],
+    *,
+    binding: Mapping[str, float] | None = None,
+) -> None:
+    """Draw the bound of Eq. 10, the couplings that have to stay above it, and where each binds (Fig. 4)."""
+    omega, bound = np.asarray(omega, dtype=float), np.asarray(bound, dtype=float)
+    curves = {label: np.asarray(curve, dtype=float) for label, curve in couplings.items()}
+    binding = binding or {}
+    _refuse_undrawable(omega, {"bound": bound, **curves}, binding)
+    (line,) = ax.plot(
+        omega, _drawable(bound), color=COLOURS["ink"], linewidth=1.4, label="lower bound (Eq. 10)"
+    )
+    line.set_gid("bound")
+    styles = zip(cycle(_DASHES), cycle(_COLOURS), strict=False)
+    for (label, curve), (dashes, name) in zip(curves.items(), styles, strict=False):
+        colour = COLOURS[name]
+        (line,) = ax.plot(omega, _drawable(curve), color=colour, linestyle=dashes, linewidth=1.4, label=label)
+        line.set_gid(f"coupling:{label}")
+        if label in binding:
+            at = float(binding[label])
+            reached, needed = (_at(at, omega, _drawable(values)) for values in (curve, bound))
+            (dot,) = ax.plot([at], [reached], marker="o", markersize=6, color=colour, linestyle="none")
+            dot.set_gid(f"binding:{label}")
+            ax.axvline(at, color=colour, linewidth=0.7, linestyle=":")
+            # In the legend, because the marks of like couplings lie on top of each other.
+            line.set_label(f"{label}: {reached / needed:.3g} × bound at {at:.4g} rad/s")
+    log_scale(ax)
+    ax.set_xlim(omega[0], omega[-1])
+    ax.set_xlabel("angular frequency ω (rad/s)")
+    ax.set_ylabel("coupling admittance, real part (m/(N·s))")
+    ax.margins(y=0.12)
+    ax.legend(frameon=False, loc="upper left")
+
+
+def _refuse_undrawable(
+    omega: FloatArray, curves: Mapping[str, FloatArray], binding: Mapping[str, float]
+) -> None:
+    for label, curve in curves.items():
+        if omega.ndim != 1 or curve.shape != omega.shape:
+            raise UsageError(f"{label!r} and omega differ in length.", value=(curve.shape, omega.shape))
+    if omega.size < 2 or omega[0] <= 0 or (np.diff(omega) <= 0).any():
+        raise UsageError("omega must be positive and increasing to be drawn on a log axis.")
+    for label, at in binding.items():
+        if label not in curves:
+            raise UsageError("binding names a coupling that is not drawn.", value=label)
+        if not omega[0] <= at <= omega[-1]:
+            raise UsageError(
+                "a binding frequency lies outside the range drawn.",
+                value=at,
+                hint="Draw a wider range, or leave the mark out.",
+            )
+
+
+def _drawable(curve: FloatArray) -> FloatArray:
+    """Return the curve with gaps where it is zero or infinite, which have no place on a log axis."""
+    return np.where((curve > 0) & np.isfinite(curve), curve, np.nan)
+
+
+def _at(place: float, omega: FloatArray, values: FloatArray) -> float:
+    """Return a curve's value between its points, straight on the log-log axes."""
+    kept = np.isfinite(values)
+    return float(np.exp(np.interp(np.log(place), np.log(omega[kept]), np.log(values[kept]))))

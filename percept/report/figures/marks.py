@@ -1,0 +1,243 @@
+"""Arrays to axes: intervals against their references, bands against impedance, couplings that qualify."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator
+from numpy.typing import NDArray
+
+from percept.report.figures.canvas import COLOURS, MM, log_scale, row_labels, shade_boxes
+from percept.report.select import KINDS, METHOD_NAMES, METHODS
+
+FloatArray = NDArray[np.float64]
+Box = tuple[float, float, float, float]
+_MARKERS = {"classical": "o", "bayesian": "D"}
+
+
+@dataclass(frozen=True, eq=False)
+class Bar:
+    """An interval to draw, relative to its reference."""
+
+    environment: str
+    kind: str
+    method: str
+    lower: float  # Divided by the reference
+    upper: float  # Divided by the reference
+    estimate: float  # Divided by the reference
+
+
+_THICKNESS = {"mean": 3.2, "user": 1.6, "share": 0.7}
+
+
+def draw_intervals(
+    ax: Axes,
+    environments: Sequence[str],
+    bars: Sequence[Bar],
+    values: Sequence[FloatArray],
+    *,
+    log: bool,
+    labels: Sequence[str] | None = None,
+) -> None:
+    """Draw a group of bars per environment: kinds by thickness, methods by colour and mark."""
+    row = {environment: -index for index, environment in enumerate(environments)}
+    present = [method for method in METHODS if any(bar.method == method for bar in bars)]
+    ends = np.array([edge for bar in bars for edge in (bar.lower, bar.upper)], dtype=float)
+    log = log and bool((ends > 0).any())
+    ends = ends[np.isfinite(ends) & ((ends > 0) | (not log))]
+    for bar in bars:
+        y = row[bar.environment] + _offset(bar.kind, bar.method, present)
+        low = ends.min() / 2 if log and bar.lower <= 0 else bar.lower
+        ax.plot(
+            [low, bar.upper],
+            [y, y],
+            color=COLOURS[bar.method],
+            linewidth=_THICKNESS[bar.kind],
+            label=f"{METHOD_NAMES[bar.method]}, {bar.kind}",
+        )
+        if bar.kind == "mean":
+            ax.plot(
+                [bar.estimate],
+                [y],
+                marker=_MARKERS[bar.method],
+                markersize=3.4,
+                markerfacecolor=COLOURS["paper"],
+                markeredgecolor=COLOURS[bar.method],
+                linestyle="none",
+            )
+    for environment, subjects in zip(environments, values, strict=True):
+        ax.plot(
+            subjects,
+            np.full(len(subjects), row[environment] - 0.42),
+            marker="|",
+            markersize=5,
+            color=COLOURS["quiet"],
+            linestyle="none",
+            label="one subject" if len(subjects) else None,
+        )
+    ax.axvline(1.0, color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
+    if log:
+        log_scale(ax, "x", plain=True)
+        # Over three decades labels between the powers of ten would touch.
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if ends.max() < 1e3 * ends.min() else (1,)))
+        ax.set_xlim(ends.min() / 1.15, ends.max() * 1.15)
+    ax.set_yticks(list(row.values()), environments if labels is None else labels)
+    ax.set_ylim(-len(environments) + 0.4, 0.6)
+    ax.grid(visible=False, axis="y")
+    ax.tick_params(axis="y", length=0)
+
+
+def _offset(kind: str, method: str, present: Sequence[str]) -> float:
+    step = 0.72 / (len(KINDS) * len(present))
+    rank = KINDS.index(kind) * len(present) + present.index(method)
+    return 0.38 - step * rank
+
+
+@dataclass(frozen=True, eq=False)
+class Widths:
+    """Bands of one method and kind."""
+
+    label: str  # For the legend
+    method: str
+    environments: tuple[str, ...]
+    impedance: FloatArray  # (n,) N·s/m
+    band: FloatArray  # (n,) N·s/m
+    laws: Mapping[str, FloatArray]  # (m,) Fitted band, N·s/m, by the law's name, at the impedances drawn
+
+
+_LAW_DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)))
+_NAME_WIDTH = 26.0  # mm
+# Names on the figure, points: size, height, distance from the point, and heights they may stand at.
+_SIZE, _TALL, _BESIDE = 6.5, 7.0, 4.0
+_HEIGHTS = (-8.0, 3.0, -16.0, 11.0, -24.0, 19.0)
+
+
+def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None:
+    """Draw band against impedance on logarithmic axes, with the fitted laws."""
+    for one in series:
+        colour = COLOURS[one.method]
+        ax.plot(
+            one.impedance,
+            one.band,
+            marker=_MARKERS[one.method],
+            markersize=4,
+            linestyle="none",
+            color=colour,
+            label=one.label,
+        )
+        for (name, curve), dashes in zip(one.laws.items(), _LAW_DASHES, strict=False):
+            label = f"{one.label}: {name}"
+            ax.plot(impedance, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
+    log_scale(ax)
+    _name(ax, series)
+    ax.set_xlabel("environment impedance |Zₑ| (N·s/m)")
+    ax.set_ylabel("band (N·s/m)")
+
+
+def _name(ax: Axes, series: Sequence[Widths]) -> None:
+    """Name the first method's points where there is room: beside them, clear of points and other names."""
+    first = series[0]
+    names, _ = row_labels(first.environments, most=_NAME_WIDTH)
+    # Limits are settled when they are asked for, and places follow from them.
+    ax.get_xlim(), ax.get_ylim()
+    points = 72.0 / ax.figure.dpi
+    left, right = ax.bbox.x0 * points, ax.bbox.x1 * points
+
+    def placed(one: Widths) -> list[list[float]]:
+        at = ax.transData.transform(np.column_stack([one.impedance, one.band]))
+        return [[x * points, y * points] for x, y in np.asarray(at).tolist()]
+
+    taken: list[Box] = [(x - 3, y - 3, x + 3, y + 3) for one in series for x, y in placed(one)]
+    data = zip(first.impedance, first.band, strict=True)
+    for name, at, (x, y) in zip(names, data, placed(first), strict=True):
+        long = row_labels([name], most=_NAME_WIDTH)[1] * MM * 72.0
+        beside = {"left": x + _BESIDE, "right": x - _BESIDE - long}
+        boxes: dict[tuple[str, float], Box] = {
+            (side, up): (start, y + up, start + long, y + up + _TALL)
+            for up in _HEIGHTS
+            for side, start in beside.items()
+        }
+        free = (
+            place
+            for place, box in boxes.items()
+            if left <= box[0] and box[2] <= right and not any(_overlap(box, other) for other in taken)
+        )
+        side, up = next(free, ("left", _HEIGHTS[0]))
+        taken.append(boxes[side, up])
+        over = _BESIDE if side == "left" else -_BESIDE
+        ax.annotate(name, at, xytext=(over, up), textcoords="offset points", ha=side, fontsize=_SIZE)
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
+#: The axes of a map show at most this many times what qualifies.
+_BEYOND = 4.0
+
+
+def draw_design(
+    ax: Axes,
+    damping: FloatArray,
+    intervals: Sequence[FloatArray],
+    *,
+    stable: tuple[FloatArray, FloatArray] | None = None,
+    coupling: tuple[float, float] | None = None,
+) -> None:
+    """Draw the couplings that are stable and stay inside a boundary, by stiffness and damping."""
+    if stable is not None:
+        stiffness, edge_damping = (np.append(side, side[0]) for side in stable)
+        ax.plot(
+            stiffness / 1e3,
+            edge_damping,
+            color=COLOURS["quiet"],
+            linewidth=0.8,
+            label="edge of the stable region",
+        )
+    # One bar per line of b_c, up to half way to its neighbours; unlike a polygon, bars may split and join.
+    edges = np.concatenate([damping[:1], (damping[1:] + damping[:-1]) / 2, damping[-1:]])
+    bars = [
+        (low / 1e3, high / 1e3, edges[line], edges[line + 1])
+        for line, segments in enumerate(intervals)
+        for low, high in segments
+    ]
+    if bars:
+        label = "stable and inside the boundary"
+        shade_boxes(ax, np.array(bars), color=COLOURS["coupled"], alpha=0.35, label=label)
+    else:
+        ax.text(0.5, 0.5, "none qualifies", ha="center", color=COLOURS["quiet"], transform=ax.transAxes)
+    marks = [(coupling[0] / 1e3, coupling[1])] if coupling is not None else []
+    edge = [(float(stable[0].max()) / 1e3, float(stable[1].max()))] if stable is not None else []
+    right = _end([bar[1] for bar in bars], [mark[0] for mark in marks + edge])
+    top = _end([bar[3] for bar in bars], [mark[1] for mark in marks + edge])
+    for x, y in marks:
+        at = (min(x, right), min(y, top))
+        ax.plot(
+            [at[0]],
+            [at[1]],
+            marker="X",
+            markersize=5,
+            linestyle="none",
+            color=COLOURS["warn"],
+            clip_on=False,
+            label="coupling in use",
+        )
+        if at != (x, y):
+            said = f"at {x:.4g} kN/m,\n{y:.4g} N·s/m"
+            ax.annotate(
+                said, at, xytext=(-6, -4), textcoords="offset points", ha="right", va="top", fontsize=6
+            )
+    ax.set_xlim(0, right)
+    ax.set_ylim(0, top)
+    ax.set_xlabel("coupling stiffness (kN/m)")
+
+
+def _end(qualifying: Sequence[float], marked: Sequence[float]) -> float:
+    """Where an axis ends: behind what qualifies, and behind what is marked unless that is far out."""
+    most = max(qualifying, default=0.0)
+    shown = [min(value, _BEYOND * most) for value in marked] if most else marked
+    return 1.05 * max([most, *shown], default=1.0) or 1.0

@@ -1,0 +1,181 @@
+"""From drawings to files and to the page: one style, drawn once, the same bytes from the same input."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
+
+from percept.report.figures.canvas import COLOURS, MM, Drawing
+
+_DPI = 300  # of a PNG
+
+_STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 7.5,
+    # Names are the user's: a dollar sign among them begins no formula.
+    "text.parse_math": False,
+    "axes.titlesize": 8.0,
+    # At its place at once: looking for room above the ticks costs as much as drawing them.
+    "axes.titley": 1.0,
+    "axes.labelsize": 7.5,
+    "axes.linewidth": 0.6,
+    "axes.edgecolor": COLOURS["quiet"],
+    "axes.labelcolor": COLOURS["ink"],
+    "axes.titlecolor": COLOURS["ink"],
+    "axes.facecolor": "none",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,
+    "figure.facecolor": "none",
+    "grid.color": COLOURS["rule"],
+    "grid.linewidth": 0.4,
+    "text.color": COLOURS["ink"],
+    "xtick.color": COLOURS["quiet"],
+    "ytick.color": COLOURS["quiet"],
+    "xtick.labelcolor": COLOURS["ink"],
+    "ytick.labelcolor": COLOURS["ink"],
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.fontsize": 6.8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "lines.solid_capstyle": "butt",
+    "path.simplify": True,
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "percept",
+}
+# Dates and versions would make equal figures differ.
+_NO_METADATA: dict[str, dict[str, Any]] = {
+    "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+_SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+# rem per mm: at the most a figure's lettering is as large as the page's small print, at the least readable.
+_LEAST, _MOST = 0.2, 0.3
+# matplotlib's rule for every element would hold for the whole page; the outer element hands it down instead.
+_OWN_STYLE = re.compile(r"<defs>\s*<style.*?</style>\s*</defs>", re.DOTALL)
+_HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
+# Text keeps its > escaped, so that these are the tags and nothing a user wrote.
+_TAG = re.compile(r"<[^>]*>")
+_ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
+_BREAK_INSIDE = re.compile(r"\s*\n\s*(?=[^<\s])")
+_INDENT = re.compile(r"\s*\n\s*")
+_REFERENCE = re.compile(r'(url\(|href=")#([^)"]+)')
+_POWER = re.compile(r"\^\{([^}]*)\}")
+_RAISED = str.maketrans("-−0123456789.", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹·")
+
+
+def draw_all(
+    drawings: Iterable[Drawing], folder: Path, *, formats: Sequence[str] = ("svg",)
+) -> dict[str, Drawing]:
+    """Draw figures, write their files into a folder, and return them by name with their form on the page."""
+    plots = {}
+    for drawing in drawings:
+        files, svg = drawn(drawing, formats)
+        for form, content in files.items():
+            folder.mkdir(exist_ok=True)
+            (folder / f"{drawing.name}.{form}").write_bytes(content)
+        plots[drawing.name] = dataclasses.replace(drawing, svg=svg)
+    return plots
+
+
+def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], str]:
+    """Draw a figure once; return its files by format, and an ``<svg>`` in the page's colours."""
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(drawing.size[0] * MM, drawing.size[1] * MM))
+        drawing.draw(figure)
+        _plain_powers(figure)
+        elements = _elements(_saved(figure, "svg", dpi=72).decode("utf-8"))
+        files = {
+            form: _svg_file(drawing, elements)
+            if form == "svg"
+            else _saved(figure, form, dpi=_DPI, facecolor="white")
+            for form in formats
+        }
+    return files, _inline(drawing, elements)
+
+
+def _saved(figure: Figure, form: str, **settings: Any) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=form, metadata=_NO_METADATA[form], **settings)
+    return buffer.getvalue()
+
+
+def _elements(text: str) -> str:
+    """Return what stands inside the ``<svg>`` that matplotlib writes, a line for each element."""
+    inside = text[text.index("<svg") :].partition(">")[2].rpartition("</svg>")[0]
+    joined = _BREAK_INSIDE.sub(" ", _OWN_STYLE.sub("", inside, count=1))
+    return _INDENT.sub("\n", joined).strip()
+
+
+def _svg_file(drawing: Drawing, elements: str) -> bytes:
+    """Return an SVG file with text as text, on white ground."""
+    width, height = (side * MM * 72.0 for side in drawing.size)
+    text = (
+        '<?xml version="1.0" encoding="utf-8"?>\n'
+        f'<svg {_SPACES} width="{width:.9g}pt" height="{height:.9g}pt" '
+        f'viewBox="0 0 {width:.9g} {height:.9g}" {_HANDED_DOWN}>\n'
+        f"<title>{escape(drawing.title)}</title>\n<desc>{escape(drawing.description)}</desc>\n"
+        f'<rect width="100%" height="100%" style="fill: #ffffff"/>\n{elements}\n</svg>\n'
+    )
+    return text.encode("utf-8")
+
+
+def _inline(drawing: Drawing, elements: str) -> str:
+    """Return an ``<svg>`` for the page, with a title, ids of its own and the page's colours."""
+    prefix = f"svg-{drawing.name}-"
+    used = {match[2] for match in _REFERENCE.finditer(elements)}
+
+    def own(found: re.Match[str]) -> str:
+        tag = found[0]
+        if "#" in tag:
+            tag = _REFERENCE.sub(rf"\1#{prefix}\2", tag)
+            for name, colour in COLOURS.items():
+                tag = tag.replace(colour, f"var(--{name})")
+        # Ids that nothing refers to may hold a label, and a page's ids hold no spaces.
+        return _ID.sub(lambda one: f' id="{prefix}{name}"' if (name := one[1][1:-1]) in used else "", tag)
+
+    width, height = (side * MM * 72.0 for side in drawing.size)
+    side = drawing.size[0]
+    return (
+        f'<svg {_SPACES} viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
+        f'style="min-width:{side * _LEAST:.4g}rem;max-width:{side * _MOST:.4g}rem" '
+        f'role="img" aria-labelledby="{prefix}title {prefix}desc">'
+        f'<title id="{prefix}title">{escape(drawing.title)}</title>'
+        f'<desc id="{prefix}desc">{escape(drawing.description)}</desc>\n'
+        f"{_TAG.sub(own, elements)}\n</svg>"
+    )
+
+
+class _PlainPowers(LogFormatterSciNotation):
+    """Labels what matplotlib labels, in letters: its formulas take longer than the figure."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        label = super().__call__(x, pos).removeprefix("$\\mathdefault{").removesuffix("}$")
+        return _POWER.sub(lambda power: power[1].translate(_RAISED), label).replace("\\times", "×")
+
+
+def _plain_powers(figure: Figure) -> None:
+    """Write 10⁻³ on every logarithmic axis whose labels are matplotlib's own."""
+    for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)):
+        if type(axis.get_major_formatter()) is LogFormatterSciNotation:
+            axis.set_major_formatter(_PlainPowers())
+        if type(axis.get_minor_formatter()) is LogFormatterSciNotation:
+            axis.set_minor_formatter(_PlainPowers(labelOnlyBase=False))

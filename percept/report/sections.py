@@ -1,0 +1,361 @@
+"""The sections of the page that give results; each takes the document and returns itself, or None."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from percept.report.basis import (
+    checks,
+    comparison,
+    data,
+    diagnostics,
+    methods,
+    provenance,
+    skipped,
+    worst_curve,
+)
+from percept.report.select import (
+    KINDS,
+    METHODS,
+    Record,
+    Section,
+    array,
+    distinct,
+    each_by_itself,
+    families_of,
+    family_of,
+    first,
+    matching,
+    pointed,
+)
+from percept.study.units import NAMES
+
+_COLUMNS = (
+    ("classical", "normal"),
+    ("classical", "lognormal"),
+    ("bayesian", "lognormal"),
+    ("bayesian", "normal"),
+)
+_PARAMETERS = {"k": "Stiffness k", "b": "Damping b"}
+_SHAPES = {
+    "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
+    "16 and 17); the two curves can cross",
+    "envelope": "the exact smallest and largest |Z_h| that any k and b within their limits can give",
+    "pointwise": "quantiles of draws of |Z_h|, at each ω for itself",
+}
+_LAWS = {"weber": "Weber, w·|Z|", "offset": "Weber with offset, c + w·|Z|", "power": "power law, w·|Z|^p"}
+_MEANINGS = {"c": "c, offset (N·s/m)", "w": "w, slope", "p": "p, exponent"}
+
+
+def build_sections(document: Record) -> list[Section]:
+    """Return the sections a document needs, in reading order; what it has nothing for is absent."""
+    order = (
+        summary, intervals, boundaries, direct, coupling, design, device, band, comparison, diagnostics,
+        checks, data, methods, provenance, skipped,
+    )  # fmt: skip
+    return [section for build in order if (section := build(document)) is not None]
+
+
+def summary(document: Record) -> Section:
+    """Return what the few sentences to quote need."""
+    values = {
+        "data": document["data"],
+        "parameters": [NAMES[name] for name in document["data"]["parameters"]],
+        "references": _references(document),
+        "widths": _widths(document),
+        "coupling": document["coupling"],
+        "law": _law(document),
+        "cautions": document["summary"]["cautions"],
+        "gate": (document["diagnostics"] or {}).get("gate"),
+    }
+    return Section("summary", "Summary", values)
+
+
+def _widths(document: Record) -> list[Record]:
+    """Return, per parameter, the widths of one kind and method: the next user's, Bayesian if there is one."""
+    rows = pointed(document["summary"]["widths"], "/summary/widths")
+    preferred = (
+        first(
+            matching(rows, parameter=parameter),
+            kind=("user", "mean", "share"),
+            method=("bayesian", "classical"),
+            family=families_of(document),
+        )
+        for parameter in NAMES
+    )
+    return [{**row, "name": NAMES[row["parameter"]]} for row in preferred if row is not None]
+
+
+def _references(document: Record) -> list[dict[str, Any]]:
+    """Return the counts of references inside their intervals; families that agree share a sentence."""
+    sentences: dict[Any, dict[str, Any]] = {}
+    for row in pointed(document["summary"]["references"], "/summary/references"):
+        outside = tuple((cell["environment"], cell["parameter"]) for cell in row["outside"])
+        key = (row["method"], row["level"], row["inside"], row["of"], outside)
+        sentences.setdefault(key, {**row, "families": []})["families"].append(row["family"])
+    return list(sentences.values())
+
+
+def _law(document: Record) -> Record | None:
+    """Return the law to quote: the best predictor for the average user, Bayesian if there is one."""
+    laws = (document["band"] or {}).get("laws") or ()
+    preferred = first(laws, kind=KINDS, method=("bayesian", "classical"), family=families_of(document))
+    if preferred is None:
+        return None
+    alike = matching(laws, **{name: preferred[name] for name in ("kind", "method", "family")})
+    return min(alike, key=lambda law: (law["left_out_error"] is None, law["left_out_error"]))
+
+
+def intervals(document: Record) -> Section | None:
+    """Return tables of both methods beside each other, with the sentence each kind and method carries."""
+    tables = interval_tables(document)
+    return Section("intervals", "Intervals of the adjustments", {"tables": tables}) if tables else None
+
+
+def interval_tables(document: Record) -> list[dict[str, Any]]:
+    """Return one table per joint treatment and parameter: rows of environment and kind, columns of method."""
+    rows = pointed(document["intervals"], "/intervals")
+    return [
+        _interval_table(cell_rows)
+        for joint in distinct(rows, "joint")
+        for parameter in distinct(rows, "parameter")
+        if (cell_rows := matching(rows, parameter=parameter, joint=joint))
+    ]
+
+
+def _interval_table(rows: list[Record]) -> dict[str, Any]:
+    present = {(row["method"], row["family"]) for row in rows}
+    columns = [column for column in _COLUMNS if column in present]
+    pointers = {(r["environment"], r["kind"], r["method"], r["family"]): r["pointer"] for r in rows}
+    reference = {row["environment"]: f"{row['pointer']}/reference" for row in reversed(rows)}
+    return {
+        "title": _PARAMETERS[rows[0]["parameter"]],
+        "parameter": rows[0]["parameter"],
+        "joint": rows[0]["joint"],
+        "unit": rows[0]["unit"],
+        "columns": [{"method": method, "family": family} for method, family in columns],
+        "rows": [
+            {
+                "environment": environment,
+                "kind": kind,
+                "reference": reference[environment],
+                "cells": [pointers.get((environment, kind, *column)) for column in columns],
+            }
+            for environment in distinct(rows, "environment")
+            for kind in _ordered(KINDS, rows, "kind")
+        ],
+        "sentences": _sentences(rows),
+    }
+
+
+def _ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[str]:
+    """Return those of the names that some row has."""
+    present = {row[field] for row in rows}
+    return [name for name in names if name in present]
+
+
+def _sentences(rows: list[Record]) -> list[dict[str, Any]]:
+    """Return what each kind and method covers, each sentence once, with the families that carry it."""
+    return [
+        {
+            "kind": kind,
+            "method": method,
+            "families": sorted(distinct(carried, "family"), reverse=True),
+            "environments": _told_apart(carried, same),
+            "covers": covers,
+        }
+        for kind in KINDS
+        for method in METHODS
+        if (same := matching(rows, kind=kind, method=method))
+        for covers in distinct(same, "covers")
+        if (carried := matching(same, covers=covers))
+    ]
+
+
+def _told_apart(carried: list[Record], same: list[Record]) -> list[str]:
+    """Environments of a sentence, where others of the same families have another one."""
+    families = {row["family"] for row in carried}
+    sentences = {row["covers"] for row in same if row["family"] in families}
+    return distinct(carried, "environment") if len(sentences) > 1 else []
+
+
+def boundaries(document: Record) -> Section | None:
+    """Return figures and values of each environment's boundaries, and the curves for the page's script."""
+    records = document["boundaries"]
+    if not records:
+        return None
+    names = distinct(records, "environment")
+    values = {
+        "environments": [_environment(document, index, name) for index, name in enumerate(names, start=1)],
+        "shapes": [{"name": name, "meaning": _SHAPES[name]} for name in _ordered(_SHAPES, records, "shape")],
+        "curves": [curves for name in names if (curves := _curves(document, name)) is not None],
+        "coupled": any(record.get("coupled") is not None for record in records),
+        "worst": worst_curve(records),
+    }
+    return Section("boundaries", "Realistic performance boundaries", values)
+
+
+def _environment(document: Record, index: int, name: str) -> dict[str, Any]:
+    labels = ("kind", "method", "family", "joint", "shape")
+    errors = {
+        tuple(record[label] for label in labels): f"{record['pointer']}/error"
+        for record in pointed(document["boundaries"], "/boundaries")
+        if record["environment"] == name
+    }
+    rows = [
+        {
+            **{field: record[field] for field in ("kind", "method", "family", "shape", "pointer")},
+            "inside": _inside(record),
+            "error": errors[tuple(record[label] for label in labels)],
+        }
+        for record in pointed(document["readings"], "/readings")
+        if record["environment"] == name
+    ]
+    rows.sort(key=lambda row: (KINDS.index(row["kind"]), METHODS.index(row["method"])))
+    return {
+        "name": name,
+        "figures": [f"boundary_{index}_{view}" for view in ("range", "zoom")],
+        "wide": f"boundary_{index}_ratio",
+        "rows": rows,
+    }
+
+
+def _inside(record: Record) -> dict[str, bool | None]:
+    """Say whether the reference and the coupled reference lie between the two limits."""
+    low, high = sorted(float(record[side][0]) for side in ("lower", "upper"))
+    return {
+        name: None if record.get(name) is None else low <= float(record[name][0]) <= high
+        for name in ("reference", "coupled")
+    }
+
+
+def _curves(document: Record, name: str) -> dict[str, Any] | None:
+    """Return the curves the script draws, to seven digits; a grid or curve that is shared stands once."""
+    records = [r for r in matching(document["boundaries"], environment=name) if each_by_itself(r)]
+    if not records:
+        return None
+    grids = [list(grid) for grid in dict.fromkeys(tuple(record["omega"]) for record in records)]
+    coupled = records[0].get("coupled")
+    return {
+        "name": name,
+        "zoom": document["zoom"].get(name),
+        "grids": [_short(grid) for grid in grids],
+        "reference": _short(records[0]["reference"]),
+        "coupled": None if coupled is None else _short(coupled),
+        "limits": [
+            {field: record[field] for field in ("kind", "method", "family", "shape")}
+            | {"grid": grids.index(record["omega"])}
+            | {side: _short(record[side]) for side in ("lower", "upper")}
+            for record in records
+        ],
+    }
+
+
+def _short(values: list[Any]) -> list[float | None]:
+    """Round to seven digits; what is not finite is not drawn."""
+    return [float(f"{value:.7g}") if math.isfinite(value) else None for value in array(values).tolist()]
+
+
+def direct(document: Record) -> Section | None:
+    """Return what damping passivity asks of the device for each reference."""
+    rows = pointed(document["passivity"], "/passivity")
+    return Section("direct", "Passivity without a coupling", {"passivity": rows}) if rows else None
+
+
+def coupling(document: Record) -> Section | None:
+    """Return the coupling's stability, and whether it feels real."""
+    record = document["coupling"]
+    if not record:
+        return None
+    realism = pointed(record.get("realism"), "/coupling/realism")
+    values = {
+        "coupling": record,
+        "realism": _realism(realism, family_of(document)),
+        "effective": list({row["environment"]: row for row in realism}.values()),
+        "probability": pointed(record.get("probability"), "/coupling/probability"),
+        "summary": document["data"]["form"] == "summary",
+    }
+    return Section("coupling", "The virtual coupling", values)
+
+
+def _realism(records: list[dict[str, Any]], family: str) -> dict[str, Any] | None:
+    """Return a row per environment and kind, a pointer per method: exact envelope, the study's family."""
+    kept = [row for row in matching(records, shape="envelope", family=family) if each_by_itself(row)]
+    if not kept:
+        return None
+    rows = _by_method(kept)
+    return {"family": family, "methods": _ordered(METHODS, kept, "method"), "rows": rows}
+
+
+def _by_method(records: list[Record]) -> list[dict[str, Any]]:
+    """Return a row per environment and kind, with the pointer of each method's record."""
+    return [
+        {"environment": environment, "kind": kind, "pointers": {r["method"]: r["pointer"] for r in cell}}
+        for environment in distinct(records, "environment")
+        for kind in KINDS
+        if (cell := matching(records, environment=environment, kind=kind))
+    ]
+
+
+def design(document: Record) -> Section | None:
+    """Return the stiffest and the softest coupling for each environment, and for all together."""
+    record = document["design"]
+    if not record:
+        return None
+    couplings = [
+        {
+            "name": region["name"],
+            "method": found["method"],
+            "pointer": region["pointer"],
+            "found": region["largest"] is not None,
+        }
+        for found in pointed(record["maps"], "/design/maps")
+        for region in pointed(found["environments"], f"{found['pointer']}/environments")
+    ]
+    return Section("design", "Admissible couplings", {"family": record["family"], "couplings": couplings})
+
+
+def device(document: Record) -> Section | None:
+    """Return how the verdicts move with the device: a row per damping, a column per mass."""
+    sensitivity = document["sensitivity"]
+    if not sensitivity:
+        return None
+    values = {
+        "sensitivity": sensitivity,
+        "kinds": list(sensitivity["inside"]),
+        "rows": range(len(sensitivity["damping"])),
+        "columns": range(len(sensitivity["mass"])),
+        "own": list(sensitivity["own"]),
+    }
+    return Section("device", "Sensitivity to device mass and damping", values)
+
+
+def band(document: Record) -> Section | None:
+    """Return how wide the bands are against the impedance of the environment, and the laws."""
+    record: Mapping[str, Any] = document["band"] or {}
+    if not record.get("rows"):
+        return None
+    family = family_of(document)
+    rows = matching(pointed(record["rows"], "/band/rows"), family=family)
+    laws = matching(pointed(record.get("laws"), "/band/laws"), family=family)
+    values = {
+        "rows": _by_method(rows),
+        "laws": [
+            {
+                **law,
+                "name": _LAWS.get(law["model"], law["model"]),
+                "values": [
+                    {"meaning": _MEANINGS.get(name, name), "pointer": f"{law['pointer']}/parameters/{name}"}
+                    for name in law["parameters"]
+                ],
+            }
+            for law in laws
+        ],
+        "family": family,
+        "statements": matching(pointed(record.get("statements"), "/band/statements"), family=family),
+        "trend": pointed(record.get("kappa"), "/band/kappa"),
+        "methods": _ordered(METHODS, rows, "method"),
+    }
+    return Section("band", "Band against impedance", values)
