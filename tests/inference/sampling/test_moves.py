@@ -4,12 +4,7 @@ import emcee
 import numpy as np
 import pytest
 
-from percept.inference.sampling.moves import (
-    IndependentMove,
-    PCNMove,
-    Reference,
-    standard_moves,
-)
+from percept.inference.sampling.moves import IndependentMove, PCNMove, Reference, standard_moves
 from tests.inference.sampling.targets import Correlated, Normal, SkewedHeavy, deviations, limit
 
 ENSEMBLES, WALKERS, STEPS, KEEP_FROM = 12, 48, 160, 20
