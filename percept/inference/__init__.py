@@ -1,32 +1,27 @@
-"""Inference on users: classical intervals, and the hierarchical model.
-
-Names are resolved on first use, so that asking for a classical interval imports no sampler.
-"""
+"""Inference on users: classical intervals here, the hierarchical model in `percept.inference.hierarchy`."""
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
+from percept.inference.classical.intervals import (
+    bias,
+    prediction_interval,
+    t_interval,
+    tolerance_interval,
+    weber_fraction,
+)
+from percept.inference.classical.moments import Moments
+from percept.inference.classical.tolerance import tolerance_factor
+from percept.inference.classical.trials import check_normality
+from percept.inference.record import Interval
 
-_HOMES = {
-    "record": ("Interval",),
-    "classical.intervals": (
-        "bias", "prediction_interval", "t_interval", "tolerance_interval", "weber_fraction"
-    ),
-    "classical.moments": ("Moments",),
-    "classical.tolerance": ("tolerance_factor",),
-    "classical.trials": ("check_normality",),
-}  # fmt: skip
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
-
-__all__ = sorted(_HOME)
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return list(__all__)
+__all__ = [
+    "Interval",
+    "Moments",
+    "bias",
+    "check_normality",
+    "prediction_interval",
+    "t_interval",
+    "tolerance_factor",
+    "tolerance_interval",
+    "weber_fraction",
+]
