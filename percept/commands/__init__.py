@@ -2,5 +2,5 @@
 
 A command has `EXAMPLE`, a line of its help; `add_arguments`, which takes the command's parser; and `run`,
 which takes the parsed arguments, prints, and returns the exit code. Slow imports stand inside `run`.
-Shared are `analysis` (a study from sessions and scene), `checks`, `progress`, `workers` and `dependencies`.
+What they share is in `analysis`.
 """

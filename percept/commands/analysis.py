@@ -1,22 +1,25 @@
-"""What every command that analyses sessions shares: its arguments, and the study they describe."""
+"""What commands share: their arguments, the study that these describe, and progress on a terminal."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
-from percept.commands.checks import with_checks
+from percept.errors import RefusalError, printable
 
 if TYPE_CHECKING:
-    from percept.commands.progress import Working
+    from percept.inference.sampling.run import Progress
     from percept.scene import Scene
-    from percept.sessions.records import Notice
     from percept.study import Study
     from percept.study.bayesian import RunStore
 
-_NOTICES = 10
+_SETTINGS = ("seed", "tolerance", "level", "family", "method")
+_NOTICES = 10  # printed; percept validate lists all
+_WIDE = 80  # columns that leave room for a bar beside the words
 
 
 def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +46,19 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress, no notices")
 
 
+def add_check_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the keys of `[checks]`; each of them asks for the checks."""
+    parser.add_argument(
+        "--checks", action="store_true", help="check the model: subjects left out, predictions, priors"
+    )
+    parser.add_argument(
+        "--refit", action="store_true", help="and sample anew without each influential subject"
+    )
+    parser.add_argument(
+        "--models", action="store_true", help="and compare smaller models; samples four more posteriors"
+    )
+
+
 def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
     """Add `--workers` and `--scheduler`, as `percept.workers.open_mapper` takes them."""
     parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (all cores)")
@@ -51,7 +67,21 @@ def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
 
 def settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the keys of `[inference]` as `add_setting_arguments` parsed them, None where not given."""
-    return {name: getattr(arguments, name) for name in ("seed", "tolerance", "level", "family", "method")}
+    return {name: getattr(arguments, name) for name in _SETTINGS}
+
+
+def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
+    """Return the scene with what the flags ask for beside what it asks for itself."""
+    checks, refit, models = (bool(vars(arguments).get(name)) for name in ("checks", "refit", "models"))
+    if not (checks or refit or models):
+        return scene
+    asked = scene.checks
+    return scene.with_tables(
+        checks={
+            "refit": refit or (asked is not None and asked.refit),
+            "compare": models or (asked is not None and asked.compare),
+        }
+    )
 
 
 def open_study(
@@ -67,27 +97,28 @@ def open_study(
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene).with_groups(groups)
     sessions = read_sessions(*arguments.sessions, options=options)
     if not arguments.quiet:
-        _tell((*sessions.warnings, *sessions.notices))
+        notices = (*sessions.warnings, *sessions.notices)
+        for notice in notices[:_NOTICES]:
+            print(f"notice: {printable(str(notice))}", file=sys.stderr)
+        if len(notices) > _NOTICES:
+            print(f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr)
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
     if scene.device is not None and scene.device.response:
-        _ = study.device
+        _ = study.device  # a table that cannot be read is refused before anything is sampled
     return study
 
 
-def _tell(notices: Sequence[Notice]) -> None:
-    """Print notices on standard error, of many the first."""
-    from percept.errors import printable
+def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
+    if arguments.no_cache or scene.inference.method == "classical":
+        return None
+    from percept.cache import PosteriorCache, cache_folder
 
-    for notice in notices[:_NOTICES]:
-        print(f"notice: {printable(str(notice))}", file=sys.stderr)
-    if len(notices) > _NOTICES:
-        print(f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr)
+    folder = cache_folder()
+    return None if folder is None else PosteriorCache(folder)
 
 
 def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
-    from percept.errors import RefusalError, printable
-
     fit = study.fit
     if fit is None or fit.run.gate.passed:
         tell_error(study)
@@ -99,18 +130,72 @@ def verdict(study: Study) -> int:
 
 def tell_error(*studies: Study) -> None:
     """Say on standard error that Bayesian numbers are less accurate than asked."""
-    from percept.errors import printable
-
     for study in studies:
         gate = study.fit.run.gate if study.fit is not None else None
         if gate is not None and gate.passed and not gate.tolerance_met:
             print(f"percept: {printable(gate.error_reached)}", file=sys.stderr)
 
 
-def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
-    if arguments.no_cache or scene.inference.method == "classical":
-        return None
-    from percept.cache import PosteriorCache, cache_folder
+def print_json(value: Any) -> None:
+    """Print a result as JSON."""
+    from percept.report.plain import dumps, plain
 
-    folder = cache_folder()
-    return None if folder is None else PosteriorCache(folder)
+    print(dumps(plain(value)), end="")
+
+
+class Working:
+    """Shows on a terminal that a command is at work, after a while, and how far its sampler is."""
+
+    wait = 2.0  # seconds before anything is shown
+
+    def __init__(self, what: str, *, shown: bool) -> None:
+        self._shown = shown and sys.stderr.isatty()
+        self._task: dict[str, Any] = {"description": what, "total": None}
+        self._bar: Any = None
+        self._lock = threading.Lock()
+        # In a thread, because one call that tells nothing may take long.
+        self._timer = threading.Timer(self.wait, self._open)
+        self._timer.daemon = True
+
+    def __enter__(self) -> Self:
+        if self._shown:
+            self._timer.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._lock:
+            self._shown = False
+            self._timer.cancel()
+            if self._bar is not None:
+                self._bar.stop()
+
+    def __call__(self, state: Progress) -> None:
+        """Show the sampler's steps, its worst error, of a half-width, what is asked, and the time left."""
+        total = max(state.expected_steps, state.steps)
+        errors = f"error {state.worst_error:.2%}, asked {state.tolerance:.2%}"
+        with self._lock:
+            self._task = {
+                "description": f"{state.steps}/{total} steps, {errors}",
+                "completed": state.steps,
+                "total": total,
+            }
+            if self._bar is not None:
+                self._bar.update(self._bar.task_ids[0], **self._task)
+
+    def _open(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+        with self._lock:
+            if not self._shown:
+                return
+            console = Console(stderr=True)
+            columns = [TextColumn("{task.description}"), TimeRemainingColumn(), TimeElapsedColumn()]
+            if console.width >= _WIDE:
+                columns.insert(1, BarColumn(bar_width=16))
+            # What the command prints belongs on standard output, whatever is shown beside it.
+            self._bar = Progress(*columns, console=console, redirect_stdout=False)
+            self._bar.add_task(**self._task)
+            self._bar.start()

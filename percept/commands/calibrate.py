@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from percept.commands.analysis import add_analysis_arguments, add_worker_arguments, open_study
-from percept.commands.progress import Working
+from percept.commands.analysis import Working, add_analysis_arguments, add_worker_arguments, open_study
 
 if TYPE_CHECKING:
     from percept.calibration.judge import CoveragePlan

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from percept.commands.analysis import add_analysis_arguments, open_study, tell_error
-from percept.commands.progress import Working
+from percept.commands.analysis import Working, add_analysis_arguments, open_study, print_json, tell_error
+from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,20 +41,19 @@ def run(arguments: argparse.Namespace) -> int:
     from percept.study.pairs import compare_studies
 
     with Working("comparing", shown=not arguments.quiet) as progress:
-        pair = _pair(arguments, progress)
-        if pair is None:
-            study = open_study(arguments, progress)
-            return _methods(study, as_json=arguments.json)
-        studies, names = pair
-        found = compare_studies(*studies)
-    tell_error(*studies)
+        if len(arguments.sessions) == 1 and not (arguments.by or arguments.other_scene):
+            return _methods(open_study(arguments, progress), as_json=arguments.json)
+        names, (a, b) = zip(*_named(arguments, progress), strict=True)
+        found = compare_studies(a, b)
+    tell_error(a, b)
     if arguments.json:
-        parts = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
-        _print_json({"studies": names, **_stated(studies[0]), "notes": found.notes, **parts})
+        tables = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
+        studies = dict(zip("ab", names, strict=True))
+        print_json({"studies": studies, **_stated(a), "notes": found.notes, **tables})
         return 0
-    unit = "ratio B/A" if studies[0].scene.inference.family == "lognormal" else "difference B - A"
-    print("\n".join([f"A: {names['a']}", f"B: {names['b']}", *found.notes]))
-    print(f"Both: {_claim(studies[0])}.")
+    unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
+    print("\n".join([f"A: {names[0]}", f"B: {names[1]}", *found.notes]))
+    print(f"Both: {_claim(a)}.")
     if len(found.differences):
         print(f"\nAverage users, {unit}; spread between users, ratio B/A:")
         _print(found.differences)
@@ -65,51 +64,39 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _pair(
-    arguments: argparse.Namespace, progress: Working
-) -> tuple[tuple[Study, Study], dict[str, str]] | None:
-    """Two studies and what they are; None where one path and one scene are given."""
-    from percept.errors import UsageError
-
-    paths = arguments.sessions
-    scenes = (arguments.scene, arguments.other_scene or arguments.scene)
-    if arguments.by:
-        if arguments.other_scene:
-            raise UsageError("--by compares groups under one scene; leave --other-scene out.")
-        return _groups(open_study(arguments, progress, groups=[arguments.by]), arguments.by)
-    if len(paths) == 1 and not arguments.other_scene:
-        return None
-    if len(paths) > 2:
-        raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
-    first, second = (
-        open_study(argparse.Namespace(**{**vars(arguments), "sessions": [path], "scene": scene}), progress)
-        for path, scene in zip((paths[0], paths[-1]), scenes, strict=True)
-    )
-    a, b = (
-        f"{path} under {scene}" if scene else path
-        for path, scene in zip((paths[0], paths[-1]), scenes, strict=True)
-    )
-    return (first, second), {"a": a, "b": b}
-
-
-def _groups(study: Study, column: str) -> tuple[tuple[Study, Study], dict[str, str]]:
-    from percept.errors import UsageError
+def _named(arguments: argparse.Namespace, progress: Working) -> list[tuple[str, Study]]:
+    """Return the two studies, each with what it is."""
     from percept.study.pairs import split_by
 
-    groups = split_by(study.sessions, column)
-    if len(groups) > 2:
-        raise UsageError(
-            f"there are {len(groups)} groups, {', '.join(groups)}; two can be compared.",
-            column=column,
-            hint=f"Keep two in the scene: [sessions] only.{column}.",
+    paths, column = arguments.sessions, arguments.by
+    if column:
+        if arguments.other_scene:
+            raise UsageError("--by compares groups under one scene; leave --other-scene out.")
+        study = open_study(arguments, progress, groups=[column])
+        groups = split_by(study.sessions, column)
+        if len(groups) > 2:
+            raise UsageError(
+                f"there are {len(groups)} groups, {', '.join(groups)}; two can be compared.",
+                column=column,
+                hint=f"Keep two in the scene: [sessions] only.{column}.",
+            )
+        return [(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()]
+    if len(paths) > 2:
+        raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
+    scenes = (arguments.scene, arguments.other_scene or arguments.scene)
+    return [
+        (
+            f"{path} under {scene}" if scene else path,
+            open_study(
+                argparse.Namespace(**{**vars(arguments), "sessions": [path], "scene": scene}), progress
+            ),
         )
-    a, b = groups
-    return (study.over(groups[a]), study.over(groups[b])), {"a": f"{column} {a}", "b": f"{column} {b}"}
+        for path, scene in zip((paths[0], paths[-1]), scenes, strict=True)
+    ]
 
 
 def _methods(study: Study, *, as_json: bool) -> int:
-    from percept.errors import RefusalError
-
+    """Print the comparison of the two methods on one study."""
     table = study.comparison
     if table is None:
         method = study.scene.inference.method
@@ -128,32 +115,28 @@ def _methods(study: Study, *, as_json: bool) -> int:
             hint="percept fit prints the intervals there are, and why others are left out.",
         )
     tell_error(study)
-    curves = study.curve_comparison
     if as_json:
-        _print_json({**_stated(study), "comparison": table, "curves": curves})
+        print_json({**_stated(study), "comparison": table, "curves": study.curve_comparison})
         return 0
     print(f"Intervals in pairs, {_claim(study)}:")
     _print(table[_CELL + _PAIR])
-    reasons = [name for name in _REASONS if name in table]
     print("\nWhy they differ (width ratio on the family's scale: spread_ratio times certainty_ratio):")
-    _print(table[_CELL + reasons])
+    _print(table[_CELL + [name for name in _REASONS if name in table]])
     if "prior_effective" in table:
         print(f"The pull of the priors rests on {table['prior_effective'].iloc[0]:.0f} effective draws.")
-    _print_curves(curves, "Bayesian/classical")
+    _print_curves(study.curve_comparison, "Bayesian/classical")
     return 0
 
 
 def _stated(study: Study) -> dict[str, Any]:
     """Return what the intervals of a comparison claim."""
-    asked = study.scene.inference
-    return {"level": asked.level, "family": asked.family}
+    return {"level": study.scene.inference.level, "family": study.scene.inference.family}
 
 
 def _claim(study: Study) -> str:
     from percept.inference.record import percent
 
-    asked = study.scene.inference
-    return f"{asked.family} family, level {percent(asked.level)}"
+    return f"{study.scene.inference.family} family, level {percent(study.scene.inference.level)}"
 
 
 def _print_curves(curves: pd.DataFrame, ratio: str) -> None:
@@ -170,9 +153,3 @@ def _print_curves(curves: pd.DataFrame, ratio: str) -> None:
 def _print(table: pd.DataFrame) -> None:
     shown = table.dropna(axis=1, how="all")
     print(shown.to_string(index=False, float_format="{:.4g}".format, na_rep="-"))
-
-
-def _print_json(parts: dict[str, Any]) -> None:
-    from percept.report.plain import dumps, plain
-
-    print(dumps(plain(parts)), end="")

@@ -7,6 +7,7 @@ import argparse
 EXAMPLE = """eval "$(percept completion bash)"                         # bash, in ~/.bashrc
   eval "$(percept completion zsh)"                          # zsh, in ~/.zshrc after compinit
   percept completion tcsh > ~/.percept.csh                  # tcsh, then source it in ~/.tcshrc"""
+_PATHS = ("PATH", "FILE", "DIR")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,9 +25,6 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-_PLACES = frozenset({"PATH", "FILE", "DIR"})
-
-
 def _with_files(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     """Mark arguments that take paths, in every command, so that the shell offers files."""
     import shtab
@@ -35,6 +33,6 @@ def _with_files(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
                 _with_files(command)
-        elif action.metavar in _PLACES:
+        elif action.metavar in _PATHS:
             action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
     return parser

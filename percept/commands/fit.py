@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import TYPE_CHECKING
 
-from percept.commands.analysis import add_analysis_arguments, open_study, verdict
-from percept.commands.checks import add_check_arguments, print_checks
-from percept.commands.progress import Working
+from percept.commands.analysis import (
+    Working,
+    add_analysis_arguments,
+    add_check_arguments,
+    open_study,
+    verdict,
+)
+from percept.errors import printable
+
+if TYPE_CHECKING:
+    from percept.study import Study
 
 EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"
+_COLUMNS = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
-    from percept.errors import printable
     from percept.report import write_fit
 
     with Working("fitting", shown=not arguments.quiet) as progress:
@@ -31,13 +40,29 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
         return verdict(study)
-    columns = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
     table = study.intervals
     if len(table):
         table["environment"] = table["environment"].map(printable)
-        print(table[columns].to_string(index=False, float_format="{:.6g}".format))
+        print(table[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
     for row in json.loads(path.read_text(encoding="utf-8"))["skipped"]:
         print(printable(f"Left out: {row['what']} ({row['why'].removesuffix('.')})."))
-    print_checks(study)
+    _print_checks(study)
     print(path)
     return verdict(study)
+
+
+def _print_checks(study: Study) -> None:
+    """Print what the checks say in words, where they were asked for."""
+    asked = study.scene.checks
+    if asked is None or study.checks is None:
+        return
+    loo = study.checks.loo
+    print(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats.")
+    for message in loo.messages or ("No subject is influential or an outlier.",):
+        print(message)
+    sensitivity = study.checks.sensitivity
+    for row in sensitivity[sensitivity["diagnosis"] != ""].itertuples():
+        print(f"{row.environment} {row.parameter}, {row.quantity}: {row.diagnosis} ({row.prior:.2f}).")
+    if asked.compare and len(study.environments) > 1:
+        print(study.model_choice.table.to_string(index=False, float_format="{:.1f}".format))
+        print(study.model_choice.sentence)

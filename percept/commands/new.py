@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from importlib import resources
+from pathlib import Path
+
+from percept.errors import UsageError
 
 EXAMPLE = "percept new scene.toml"
 
@@ -16,25 +20,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the file and print its path; a file that is there stays as it is."""
-    from importlib import resources
-    from pathlib import Path
-
-    from percept.errors import UsageError
-
-    text = resources.files("percept.commands").joinpath("scene.toml").read_text(encoding="utf-8")
     path = Path(arguments.path)
     try:
         with path.open("x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+            file.write(resources.files("percept.commands").joinpath("scene.toml").read_text(encoding="utf-8"))
     except FileExistsError as error:
-        raise UsageError(
-            "is already there and stays as it is.",
-            file=str(path),
-            hint="Give another name, or remove it first.",
-        ) from error
+        hint = "Give another name, or remove it first."
+        raise UsageError("is already there and stays as it is.", file=str(path), hint=hint) from error
     except OSError as error:
-        raise UsageError(
-            f"cannot be written: {error.strerror}.", file=str(path), hint="Name a folder that is there."
-        ) from error
+        hint = "Name a folder that is there."
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(path), hint=hint) from error
     print(path)
     return 0

@@ -5,6 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from percept.commands.analysis import print_json
+from percept.errors import UsageError
+
 EXAMPLE = "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal"
 # By kind: what must be given, and what may be.
 _OPTIONS = {
@@ -12,13 +15,12 @@ _OPTIONS = {
     "user": (("ratio",), ("level",)),
     "share": (("ratio",), ("share", "confidence")),
 }
+_NAMES = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument(
-        "--kind", choices=("mean", "user", "share"), default="mean", help="what the interval covers (mean)"
-    )
+    parser.add_argument("--kind", choices=_OPTIONS, default="mean", help="what the interval covers (mean)")
     parser.add_argument(
         "--half-width", type=float, metavar="X", help="kind mean: in the unit of --sd, or as a fraction"
     )
@@ -43,44 +45,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the smallest number of subjects and what it promises."""
     from percept.planning import plan_mean, plan_share, plan_user
+    from percept.report.plain import plain
 
-    asked = _asked(arguments)
-    if arguments.kind == "mean":
-        found = plan_mean(asked.pop("half_width"), **asked)
-    elif arguments.kind == "user":
-        found = plan_user(asked.pop("ratio"), **asked)
-    else:
-        found = plan_share(asked.pop("ratio"), **asked)
+    given = {name: value for name in _NAMES if (value := getattr(arguments, name)) is not None}
+    _refuse_misplaced(arguments.kind, given)
+    width = given.pop(_OPTIONS[arguments.kind][0][0])
+    planners: dict[str, Any] = {"mean": plan_mean, "user": plan_user, "share": plan_share}
+    found = planners[arguments.kind](width, **given, assurance=arguments.assurance)
     if arguments.json:
-        from percept.report.plain import dumps, plain
-
-        print(dumps({**plain(found), "covers": found.covers}), end="")
+        print_json({**plain(found), "covers": found.covers})
     else:
         print(found.covers)
     return 0
 
 
-def _asked(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the options given; refuse those that the kind lacks or has no use for."""
-    from percept.errors import UsageError
-
-    kind = arguments.kind
+def _refuse_misplaced(kind: str, given: dict[str, object]) -> None:
+    """Refuse options that a kind lacks or has no use for."""
     needed, useful = _OPTIONS[kind]
-    given = {
-        name: getattr(arguments, name)
-        for name in ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
-        if getattr(arguments, name) is not None
-    }
     for name in needed:
         if name not in given:
             raise UsageError(f"kind {kind} needs {_flag(name)}.")
     for name in given:
         if name not in (*needed, *useful):
-            kinds = [other for other, parts in _OPTIONS.items() if name in (*parts[0], *parts[1])]
+            kinds = [other for other, (must, may) in _OPTIONS.items() if name in (*must, *may)]
             raise UsageError(
                 f"kind {kind} has no use for {_flag(name)}, which is of kind {' or '.join(kinds)}."
             )
-    return {**given, "assurance": arguments.assurance}
 
 
 def _flag(name: str) -> str:

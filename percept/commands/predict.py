@@ -7,13 +7,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from percept.commands.analysis import add_analysis_arguments, open_study, tell_error
-from percept.commands.progress import Working
+from percept.commands.analysis import Working, add_analysis_arguments, open_study, print_json, tell_error
+from percept.errors import UsageError
 
 if TYPE_CHECKING:
     from percept.study import Study
 
 EXAMPLE = "percept predict sessions.csv --k 15000 --b 12 --scene scene.toml"
+_COLUMNS = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,8 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print how far the environment lies from the tested ones, its intervals, and what was left out."""
-    from percept.errors import UsageError
-    from percept.report.plain import dumps, plain
+    from percept.report.plain import plain
     from percept.study.prediction import predict
 
     if arguments.leave_one_out and (arguments.k is not None or arguments.b is not None):
@@ -51,12 +51,10 @@ def run(arguments: argparse.Namespace) -> int:
         found = predict(study, stiffness=arguments.k, damping=arguments.b)
     tell_error(study)
     if arguments.json:
-        said = {"sentence": found.sentence, "extrapolates": found.extrapolates}
-        print(dumps({**said, **plain(found)}), end="")
+        print_json({"sentence": found.sentence, "extrapolates": found.extrapolates, **plain(found)})
         return 0
     print(found.sentence)
-    columns = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
-    print(found.intervals[columns].to_string(index=False, float_format="{:.6g}".format))
+    print(found.intervals[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
     for row in found.intervals.drop_duplicates("kind").to_dict("records"):
         print(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}")
     worst, asked = float(found.intervals["monte_carlo"].max()), study.scene.inference.tolerance
@@ -78,12 +76,12 @@ def _left_out(study: Study, arguments: argparse.Namespace) -> int:
     from percept.study.left_out import leave_one_environment_out
 
     document = left_out_document(study, leave_one_environment_out(study))
-    if arguments.out:
-        page = "leave_one_out.md"
-        with filled_folder(arguments.out, last=page) as folder:
-            (folder / "leave_one_out.json").write_text(dumps(document), encoding="utf-8")
-            (folder / page).write_text(left_out_markdown(document), encoding="utf-8")
-        print(Path(arguments.out) / page)
-    else:
-        print(dumps(document) if arguments.json else left_out_markdown(document), end="")
+    texts = {"leave_one_out.json": dumps(document), "leave_one_out.md": left_out_markdown(document)}
+    if not arguments.out:
+        print(texts["leave_one_out.json" if arguments.json else "leave_one_out.md"], end="")
+        return 0
+    with filled_folder(arguments.out, last="leave_one_out.md") as folder:
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    print(Path(arguments.out) / "leave_one_out.md")
     return 0

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from percept.commands.analysis import add_worker_arguments
+from percept.errors import UsageError
 
 EXAMPLE = "percept sbc --fits 1000 --out reports/calibration"
 
@@ -28,7 +29,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
     from percept.calibration.placing import SBC_DESIGNS
     from percept.calibration.sbc import calibrate_designs, write_calibrations
-    from percept.errors import UsageError
     from percept.workers import open_mapper
 
     def told(design: str, done: int, fits: int) -> None:

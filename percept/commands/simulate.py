@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from percept.commands.progress import Working
+from percept.commands.analysis import Working
 
 EXAMPLE = "percept simulate --like datasets/hbfd_table1.csv --seed 1 --out sessions.csv"
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from percept.errors import UsageError
+
 EXAMPLE = "percept validate sessions/ --scene scene.toml"
 
 
@@ -21,7 +23,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Validate; the exit code is 0 without problems, otherwise the problems' own."""
-    from percept.errors import UsageError
     from percept.scene import Scene
     from percept.sessions import ReadOptions, format_validation, propose_columns, validate
 

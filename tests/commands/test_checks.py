@@ -7,7 +7,7 @@ import pytest
 import xarray
 
 from percept.cli import main
-from percept.commands.checks import add_check_arguments, with_checks
+from percept.commands.analysis import add_check_arguments, with_checks
 from percept.scene import ChecksTable, Scene
 
 

@@ -14,10 +14,10 @@ SESSIONS = str(dataset("hbfd_sessions.csv"))
 
 SAMPLING = """
 import time
-from percept.commands import progress
+from percept.commands.analysis import Working
 from percept.inference.sampling.run import Progress
-progress._WAIT = 0.1
-with progress.Working("fitting", shown=True) as working:
+Working.wait = 0.1
+with Working("fitting", shown=True) as working:
     time.sleep(0.4)
     working(Progress(240, 480, 0.0123, 0.01))
     time.sleep(0.4)
@@ -25,8 +25,8 @@ with progress.Working("fitting", shown=True) as working:
 """
 COMMAND = """
 import sys
-from percept.commands import progress
-progress._WAIT = 0.0
+from percept.commands.analysis import Working
+Working.wait = 0.0
 from percept.cli import main
 sys.exit(main(sys.argv[1:]))
 """
