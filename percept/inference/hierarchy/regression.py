@@ -24,8 +24,8 @@ from percept.inference.hierarchy.blocks import (
     join,
     weighted_mean,
 )
+from percept.inference.hierarchy.least_squares import factor
 from percept.inference.hierarchy.priors import Priors
-from percept.inference.hierarchy.regression import factor
 from percept.inference.hierarchy.scales import Layout, Scales
 from percept.inference.hierarchy.statistics import Pattern, Statistics
 

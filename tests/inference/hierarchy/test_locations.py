@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.regression import factor
+from percept.inference.hierarchy.least_squares import factor
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import designs
 
