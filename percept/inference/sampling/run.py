@@ -102,6 +102,8 @@ _BURN_IN = 24
 _FIRST_ROUND = 144
 #: A run predicted to take so many times its first round begins anew, with a transport fitted to that round.
 _WORTH_REFINING = 3.0
+#: Times a run may begin anew: each transport follows many coordinates better than the one before.
+_MOST_REFINED = 4
 #: Autocorrelation times after that, as a fraction of those before.
 _SHORTER = 0.65
 #: How many times the walkers a refined run may have: array calls cost least for some thousand positions.
@@ -142,43 +144,50 @@ def sample(
             return judged
         if run.at_its_end(judged, settings):
             return judged
-        if not run.refined and needed > _WORTH_REFINING * run.spanned:
+        # Once for accuracy; again only where walkers are slow.
+        wanted = _steps_to_settle(judged) if run.refined else needed
+        if run.refined < _MOST_REFINED and wanted > _WORTH_REFINING * run.spanned:
             by_error = run.steps_by_error(judged, settings)
-            run = _Running(target, estimands, _refined(target, estimands, settings, judged, by_error))
+            begun = _refined(target, estimands, settings, judged, by_error, run.refined)
+            run = _Running(target, estimands, begun)
         else:
             run.go_on(judged, needed, settings)
 
 
 def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
-    """Seeds of the warm-up and of the run, and the same for a run that begins anew."""
-    return np.random.SeedSequence(settings.seed).spawn(4)
+    """Seeds of the warm-up and of the run, and the same for every refinement."""
+    return np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
 
 
 def _begin(target: Target, estimands: Estimands, settings: Settings) -> Begun:
     """Warm up, burn in, and keep nothing yet."""
     warm_seed, run_seed, *_ = _seeds(settings)
     here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), warm_seed)
-    return _burnt_in(here, points, run_seed, estimands, _STRIDE, _FIRST_ROUND, refined=False)
+    return _burnt_in(here, points, run_seed, estimands, _STRIDE, _FIRST_ROUND, refined=0)
 
 
-def _refined(target: Target, estimands: Estimands, settings: Settings, judged: Run, by_error: float) -> Begun:
+def _refined(
+    target: Target, estimands: Estimands, settings: Settings, judged: Run, by_error: float, before: int
+) -> Begun:
     """Begin anew with a transport fitted to kept positions, and keep none of them.
 
-    As many walkers as those of the positions would need `by_error` steps for the tolerance.
+    As many walkers as those of the positions would need `by_error` steps for the tolerance; the run was
+    refined so many times before.
     """
-    *_, warm_seed, run_seed = _seeds(settings)
-    ensembles, _, before, dimension = judged.points.shape
-    steps, walkers = _SHORTER * by_error, before
+    warm_seed, run_seed = _seeds(settings)[2 + 2 * before : 4 + 2 * before]
+    ensembles, _, walkers, dimension = judged.points.shape
+    steps = _SHORTER * by_error
     if not settings.walkers:
         # No fewer steps than the autocorrelation time asks for, whatever the number of walkers.
         wanted = max(_REFINED_STEPS, _SHORTER * _steps_to_settle(judged))
-        times = min(_MORE_WALKERS, key=lambda times: abs(math.log(steps / (times * wanted))))
-        walkers, steps = times * before, steps / times
+        work = steps * walkers
+        walkers = _WALKERS * min(_MORE_WALKERS, key=lambda n: abs(math.log(work / (n * _WALKERS * wanted))))
+        steps = work / walkers
     rng = np.random.default_rng(warm_seed)
     here, points = refine(target, judged.points.reshape(-1, dimension), (ensembles, walkers), rng)
     predicted = min(steps, 4.0 * _REFINED_ROUND, settings.most_steps - _BURN_IN)
     first = math.ceil(max(predicted, _REFINED_ROUND))
-    return _burnt_in(here, points, run_seed, estimands, _REFINED_STRIDE, first, refined=True)
+    return _burnt_in(here, points, run_seed, estimands, _REFINED_STRIDE, first, refined=before + 1)
 
 
 def _burnt_in(
@@ -189,7 +198,7 @@ def _burnt_in(
     stride: int,
     goal: int,
     *,
-    refined: bool,
+    refined: int,
 ) -> Begun:
     """Burn in from starting points."""
     state, _ = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN)
@@ -209,7 +218,7 @@ class Begun:
     components: Array  # (E, 0, W, C)
     stride: int  # steps between kept positions
     goal: int  # steps the kept positions must span before they are judged
-    refined: bool  # whether the first round became part of the warm-up
+    refined: int  # how many times a round became part of the warm-up
     closed: Closed | None = None  # what is left of the segments before
 
 
