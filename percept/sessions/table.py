@@ -21,6 +21,7 @@ from percept.sessions.summary import read_summary
 
 #: Columns of a block by name: texts as read, numbers as doubles, and `row`, the physical row of each.
 _Columns = dict[str, npt.NDArray[Any]]
+_MEND = "Correct the cell, or leave it empty if there was no adjustment."
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
 
@@ -104,10 +105,8 @@ class FileTable:
 
     def _summary(self, grid: Grid) -> pd.DataFrame:
         self._count(grid)
-        return read_summary(
-            grid, self.found, file=self.name, decimal=self.options.decimal, problems=self.problems,
-            notices=self.notices,
-        )  # fmt: skip
+        decimal = self.options.decimal
+        return read_summary(grid, self.found, self.name, decimal, self.problems, self.notices)
 
     def _count(self, grid: Grid) -> None:
         self.counts["rows read"] += len(grid.cells)
@@ -251,9 +250,8 @@ class FileTable:
             )
         for c, cells in texts.items():
             data[c] = values.parse_numbers(
-                cells.tolist(), data["row"].tolist(), mark=self._mark or values.DecimalMark("."),
-                problems=self.problems, **self._place(c),
-            )  # fmt: skip
+                cells.tolist(), data["row"].tolist(), self._mark, self.problems, _MEND, **self._place(c)
+            )
         for c in (c for c in NUMBERS if c in data and self.found.rules[c].unit is not None):
             data[c] = values.convert(data[c], self.found.rules[c].unit, c[0])
         if "trial" in data:
