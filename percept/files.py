@@ -136,9 +136,9 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         # Only within one file system is a move all or nothing, and a folder may be where another begins.
-        place = out if out.is_dir() else out.parent
-        _remove_abandoned(place)
-        aside = _make_aside(place, held)
+        parent = out if out.is_dir() else out.parent
+        _remove_abandoned(parent)
+        aside = _make_aside(parent, held)
     except OSError as error:
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
     try:
@@ -158,19 +158,19 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
                 parent.rmdir()  # only where nothing came of it: a folder with something in it stays
 
 
-def _make_aside(place: Path, held: ExitStack) -> Path:
-    """Make a folder in `place` and hold it."""
+def _make_aside(parent: Path, held: ExitStack) -> Path:
+    """Make a folder in `parent` and hold it."""
     while True:
-        aside = Path(tempfile.mkdtemp(prefix=_ASIDE, dir=place))
+        aside = Path(tempfile.mkdtemp(prefix=_ASIDE, dir=parent))
         with suppress(FileNotFoundError):
             held.enter_context(shared(aside))
             if aside.exists():  # nobody took it for an abandoned one before it was held
                 return aside
 
 
-def _remove_abandoned(place: Path) -> None:
+def _remove_abandoned(parent: Path) -> None:
     """Remove folders of runs that were killed: nobody holds them any more."""
-    for aside in place.glob(f"{_ASIDE}*"):
+    for aside in parent.glob(f"{_ASIDE}*"):
         with suppress(OSError), exclusive(aside, wait=False) as held:
             if held:
                 shutil.rmtree(aside)
@@ -216,7 +216,7 @@ def _listed(path: Path) -> dict[Path, str]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         return {}
-    found = {Path(name): digest for digest, _, name in (line.partition("  ") for line in lines) if name}
+    listed = {Path(name): digest for digest, _, name in (line.partition("  ") for line in lines) if name}
     return {
-        path: digest for path, digest in found.items() if not path.is_absolute() and ".." not in path.parts
+        path: digest for path, digest in listed.items() if not path.is_absolute() and ".." not in path.parts
     }

@@ -6,12 +6,12 @@ import asyncio
 import concurrent.futures
 import itertools
 import logging
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from percept.cache import numbers_version
-from percept.cores import cores
 from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
@@ -43,6 +43,13 @@ class Mapper(Protocol):
         end early.
         """
         ...
+
+
+def cores() -> int:
+    """Return how many cores this process may use: all of the machine, or those it is bound to."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def in_process(

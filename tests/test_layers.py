@@ -14,7 +14,6 @@ _ANALYSIS = {"study", "boundary", "haptics", "inference", "sessions", "scene", "
 ALLOWED = {
     "errors": set(),
     "html": {"errors"},
-    "cores": set(),
     "files": {"errors"},
     "haptics": {"html", "errors"},
     "inference": {"html", "errors"},
@@ -23,7 +22,7 @@ ALLOWED = {
     "scene": {"sessions", "inference", "html", "errors"},
     "study": _ANALYSIS - {"study"},
     "cache": {"inference", "files", "errors"},
-    "workers": {"cache", "cores", "errors"},
+    "workers": {"cache", "errors"},
     "planning": {"inference", "html", "errors"},
     "simulate": {"sessions", "inference", "files", "errors"},
     "calibration": _ANALYSIS | {"simulate", "workers", "files"},
@@ -37,7 +36,6 @@ ENDS = {"cli", "commands", "bench", "__main__", "__init__"}
 OUTSIDE = {
     "errors": set(),
     "html": set(),
-    "cores": set(),
     "files": set(),
     "haptics": {"numpy"},
     "inference": {"numpy", "scipy", "emcee", "arviz_base", "arviz_stats", "xarray"},

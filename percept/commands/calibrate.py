@@ -99,7 +99,7 @@ def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
         study = open_study(arguments, progress)
         refuse_unfit(study)
         values = fitted_values(study) if arguments.source == "fit" else None
-    asked, device = study.scene.inference, study.scene.device
+    inference, device = study.scene.inference, study.scene.device
     rigid, period = _DEVICE, _PERIOD
     if device is not None and device.mass is not None and device.damping is not None:
         rigid, period = (device.mass, device.damping), device.period
@@ -108,14 +108,14 @@ def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
             references=tuple((study.reference["k", e], study.reference["b", e]) for e in study.environments),
             subjects=subjects,
             truth=truth,
-            family=asked.family,
-            method="classical" if asked.method == "classical" else "both",
-            level=asked.level,
-            share=asked.held_share,
-            confidence=asked.confidence,
-            tolerance=max(asked.tolerance, 0.05),
+            family=inference.family,
+            method="classical" if inference.method == "classical" else "both",
+            level=inference.level,
+            share=inference.held_share,
+            confidence=inference.confidence,
+            tolerance=max(inference.tolerance, 0.05),
             values=values,
-            seed=asked.seed,
+            seed=inference.seed,
             device=rigid,
             period=period,
         )

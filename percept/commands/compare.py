@@ -44,23 +44,23 @@ def run(arguments: argparse.Namespace) -> int:
         if len(arguments.sessions) == 1 and not (arguments.by or arguments.other_scene):
             return _methods(open_study(arguments, progress), as_json=arguments.json)
         names, (a, b) = zip(*_named(arguments, progress), strict=True)
-        found = compare_studies(a, b)
+        comparison = compare_studies(a, b)
     tell_error(a, b)
     if arguments.json:
-        tables = {"intervals": found.intervals, "differences": found.differences, "curves": found.curves}
+        tables = {name: getattr(comparison, name) for name in ("intervals", "differences", "curves")}
         studies = dict(zip("ab", names, strict=True))
-        print_json({"studies": studies, **_stated(a), "notes": found.notes, **tables})
+        print_json({"studies": studies, **_stated(a), "notes": comparison.notes, **tables})
         return 0
     unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
-    print("\n".join([f"A: {names[0]}", f"B: {names[1]}", *found.notes]))
+    print("\n".join([f"A: {names[0]}", f"B: {names[1]}", *comparison.notes]))
     print(f"Both: {_claim(a)}.")
-    if len(found.differences):
+    if len(comparison.differences):
         print(f"\nAverage users, {unit}; spread between users, ratio B/A:")
-        _print(found.differences)
-    elif not len(found.curves):
+        _print(comparison.differences)
+    elif not len(comparison.curves):
         print("\nIntervals of A and B; width ratio B/A:")
-        _print(found.intervals)
-    _print_curves(found.curves, "B/A")
+        _print(comparison.intervals)
+    _print_curves(comparison.curves, "B/A")
     return 0
 
 

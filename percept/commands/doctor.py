@@ -36,8 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the environment; 0 unless a dependency that is always needed is missing or too old."""
     from percept.html import find_browser
 
-    found = list(dependencies(metadata.requires("percept") or ()))
-    broken = unmet(found)
+    packages = list(dependencies(metadata.requires("percept") or ()))
+    broken = unmet(packages)
     browser = find_browser()
     if arguments.json:
         report = {
@@ -46,19 +46,19 @@ def run(arguments: argparse.Namespace) -> int:
             "executable": sys.executable,
             "platform": platform.platform(),
             "browser": browser,
-            "dependencies": [dataclasses.asdict(one) for one in found],
+            "dependencies": [dataclasses.asdict(package) for package in packages],
             "complete": not broken,
         }
         print(json.dumps(report, indent=1))
         return int(bool(broken))
     print(f"percept {__version__}, Python {platform.python_version()}, {platform.platform()}")
-    for one in found:
-        kind = f"optional ({one.extra})" if one.extra else "needed"
-        note = f"  percept wants {one.wanted}" if one.version and one.fits is False else ""
-        print(f"  {one.name:<16}{one.version or 'missing':<14}{kind}{note}")
+    for package in packages:
+        kind = f"optional ({package.extra})" if package.extra else "needed"
+        note = f"  percept wants {package.wanted}" if package.version and package.fits is False else ""
+        print(f"  {package.name:<16}{package.version or 'missing':<14}{kind}{note}")
     print(f"  {'browser':<16}{browser or 'none found':<14}  only for PDF files and tests of the page")
-    for one in broken:
-        print(f'Install {one.name}: python -m pip install "{one.name}{one.wanted}"')
+    for package in broken:
+        print(f'Install {package.name}: python -m pip install "{package.name}{package.wanted}"')
     if not broken:
         print("Everything percept needs is here.")
     return int(bool(broken))
@@ -80,9 +80,10 @@ def dependencies(requirements: Iterable[str]) -> Iterator[Dependency]:
         yield Dependency(name, version, extra[1] if extra else None, wanted, _fits(version, wanted))
 
 
-def unmet(found: Iterable[Dependency]) -> list[Dependency]:
+def unmet(packages: Iterable[Dependency]) -> list[Dependency]:
     """Return the dependencies percept cannot do without that are missing or too old."""
-    return [one for one in found if one.extra is None and (one.version is None or one.fits is False)]
+    needed = (package for package in packages if package.extra is None)
+    return [package for package in needed if package.version is None or package.fits is False]
 
 
 def _fits(version: str | None, wanted: str) -> bool | None:

@@ -53,8 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _print_checks(study: Study) -> None:
     """Print what the checks say in words, where they were asked for."""
-    asked = study.scene.checks
-    if asked is None or study.checks is None:
+    options = study.scene.checks
+    if options is None or study.checks is None:
         return
     loo = study.checks.loo
     print(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats.")
@@ -63,6 +63,6 @@ def _print_checks(study: Study) -> None:
     sensitivity = study.checks.sensitivity
     for row in sensitivity[sensitivity["diagnosis"] != ""].itertuples():
         print(f"{row.environment} {row.parameter}, {row.quantity}: {row.diagnosis} ({row.prior:.2f}).")
-    if asked.compare and len(study.environments) > 1:
+    if options.compare and len(study.environments) > 1:
         print(study.model_choice.table.to_string(index=False, float_format="{:.1f}".format))
         print(study.model_choice.sentence)

@@ -51,11 +51,11 @@ def run(arguments: argparse.Namespace) -> int:
     _refuse_misplaced(arguments.kind, given)
     width = given.pop(_OPTIONS[arguments.kind][0][0])
     planners: dict[str, Any] = {"mean": plan_mean, "user": plan_user, "share": plan_share}
-    found = planners[arguments.kind](width, **given, assurance=arguments.assurance)
+    plan = planners[arguments.kind](width, **given, assurance=arguments.assurance)
     if arguments.json:
-        print_json({**plain(found), "covers": found.covers})
+        print_json({**plain(plan), "covers": plan.covers})
     else:
-        print(found.covers)
+        print(plan.covers)
     return 0
 
 

@@ -48,24 +48,26 @@ def run(arguments: argparse.Namespace) -> int:
         study = open_study(arguments, progress)
         if arguments.leave_one_out:
             return _left_out(study, arguments)
-        found = predict(study, stiffness=arguments.k, damping=arguments.b)
+        prediction = predict(study, stiffness=arguments.k, damping=arguments.b)
     tell_error(study)
     if arguments.json:
-        print_json({"sentence": found.sentence, "extrapolates": found.extrapolates, **plain(found)})
+        print_json(
+            {"sentence": prediction.sentence, "extrapolates": prediction.extrapolates, **plain(prediction)}
+        )
         return 0
-    print(found.sentence)
-    print(found.intervals[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
-    for row in found.intervals.drop_duplicates("kind").to_dict("records"):
+    print(prediction.sentence)
+    print(prediction.intervals[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
+    for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
         print(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}")
-    worst, asked = float(found.intervals["monte_carlo"].max()), study.scene.inference.tolerance
+    worst, asked = float(prediction.intervals["monte_carlo"].max()), study.scene.inference.tolerance
     if worst > asked:
         print(
             f"percept: these limits have Monte Carlo errors of up to {worst:.2%} of a half-width, more than "
             f"the {asked:.2%} that the fit was asked for: ask for a smaller tolerance.",
             file=sys.stderr,
         )
-    if found.boundaries:
-        print(f"{len(found.boundaries)} boundaries of abs(Z_h) were drawn too: see --json.")
+    if prediction.boundaries:
+        print(f"{len(prediction.boundaries)} boundaries of abs(Z_h) were drawn too: see --json.")
     return 0
 
 

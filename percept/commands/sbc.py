@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
     with open_mapper(arguments.workers, arguments.scheduler) as mapper:
-        found = calibrate_designs(
+        calibrations = calibrate_designs(
             arguments.fits,
             designs=tuple(arguments.designs or SBC_DESIGNS),
             fault=arguments.fault,
@@ -50,6 +50,6 @@ def run(arguments: argparse.Namespace) -> int:
             seconds=arguments.seconds,
             progress=told,
         )
-    write_calibrations(found, out)
+    write_calibrations(calibrations, out)
     print(out / "sbc.md")
     return 0

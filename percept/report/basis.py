@@ -69,7 +69,7 @@ def comparison(document: Record) -> Section | None:
     return Section("comparison", "Classical against Bayesian", values)
 
 
-def _columns(row: Record, known: Mapping[str, tuple[str, str]]) -> list[dict[str, str]]:
+def _columns(row: Record, heads: Mapping[str, tuple[str, str]]) -> list[dict[str, str]]:
     return [
         {
             "name": name,
@@ -77,7 +77,7 @@ def _columns(row: Record, known: Mapping[str, tuple[str, str]]) -> list[dict[str
             "meaning": meaning,
             "style": "percent" if name in _PERCENTAGES else "plain",
         }
-        for name, (head, meaning) in known.items()
+        for name, (head, meaning) in heads.items()
         if name in row
     ]
 
@@ -213,7 +213,7 @@ def checks(document: Record) -> Section | None:
         return None
     tables = []
     for table in _TABLES:
-        rows: Any = reduce(lambda found, step: found and found[step], table.steps.split("/"), record)
+        rows: Any = reduce(lambda inner, step: inner and inner[step], table.steps.split("/"), record)
         if rows:
             tables.append({**table._asdict(), "pointer": f"/checks/{table.steps}", "rows": rows})
     messages = list(record["loo"]["messages"])
@@ -279,17 +279,17 @@ def methods(document: Record) -> Section:
 
 def worst_curve(boundaries: Sequence[Record]) -> dict[str, Any] | None:
     """Name the curve through draws with the largest typical Monte Carlo error; None without such curves."""
-    known = [record for record in pointed(boundaries, "/boundaries") if record.get("error") is not None]
-    if not known:
+    drawn = [record for record in pointed(boundaries, "/boundaries") if record.get("error") is not None]
+    if not drawn:
         return None
-    worst = max(known, key=lambda record: float(record["error"]))
+    worst = max(drawn, key=lambda record: float(record["error"]))
     labels = {name: worst[name] for name in ("environment", "kind", "method", "family")}
     return labels | {"pointer": f"{worst['pointer']}/error"}
 
 
 def _model(document: Record) -> str:
     """Say what the hierarchical model is made of; data and scene leave parts of it out."""
-    record, asked = document["data"], document["provenance"]["scene"].get("model", {})
+    record, model = document["data"], document["provenance"]["scene"].get("model", {})
     pair = len({row["parameter"] for row in document["intervals"]}) == 2
     sessions, several = record["form"] == "trials", len(record["environments"]) > 1
     parts = [
@@ -297,20 +297,20 @@ def _model(document: Record) -> str:
         if several
         else "a bias"
     ]
-    if sessions and several and asked.get("subject_effect", True):
+    if sessions and several and model.get("subject_effect", True):
         both = " and correlated between stiffness and damping" if pair else ""
         parts.append(f"subject effects shared by all environments{both}")
     scatter = "between-subject scatter"
     if several:
-        scatter += " alike in all environments" if asked.get("common_spread") else " within each environment"
-    if several and asked.get("weber"):
+        scatter += " alike in all environments" if model.get("common_spread") else " within each environment"
+    if several and model.get("weber"):
         scatter += ", in proportion to the reference but for each environment’s own deviation"
     by_itself = " (stiffness and damping each by itself)" if pair and not sessions else ""
     return f"{', '.join(parts)}, and {scatter}{by_itself}"
 
 
-def _listed(parts: list[str]) -> str:
-    return " and ".join(part for part in (", ".join(parts[:-1]), *parts[-1:]) if part)
+def _listed(texts: list[str]) -> str:
+    return " and ".join(text for text in (", ".join(texts[:-1]), *texts[-1:]) if text)
 
 
 @dataclass(frozen=True)

@@ -90,13 +90,13 @@ def provenance(study: Study) -> dict[str, Any]:
 
 
 def _versions() -> dict[str, str]:
-    found = {}
+    versions = {}
     for package in _PACKAGES:
         try:
-            found[package] = metadata.version(package)
+            versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return versions
 
 
 def _data(study: Study) -> dict[str, Any]:
@@ -201,13 +201,13 @@ def _coupling(coupling: Coupling | None) -> dict[str, Any] | None:
 
 def _checks(study: Study) -> dict[str, Any] | None:
     """Collect the model checks that the scene asks for."""
-    asked = study.scene.checks
-    if asked is None or study.checks is None:
+    options = study.scene.checks
+    if options is None or study.checks is None:
         return None
     checks: dict[str, Any] = plain(study.checks)
     # A row per subject, environment and parameter would be most of the document.
     checks["loo"]["cells"] = [row for row in checks["loo"]["cells"] if row["outlier"]]
-    compared = asked.compare and len(study.environments) > 1
+    compared = options.compare and len(study.environments) > 1
     return checks | {"models": plain(study.model_choice) if compared else None}
 
 
@@ -224,6 +224,6 @@ def _skipped(study: Study, *, curves: bool) -> list[dict[str, str]]:
         "sensitivity to the device's mass and damping": study.apparatus is not None,
         "band law": len(study.parameters) == 2 and len(study.environments) > 1,
     }
-    known = {row["what"] for row in skipped}
-    names = [name for name, there in report_alone.items() if there and name not in known]
+    listed = {row["what"] for row in skipped}
+    names = [name for name, there in report_alone.items() if there and name not in listed]
     return [*({"what": name, "why": "only percept report has this"} for name in names), *skipped]

@@ -87,18 +87,18 @@ def _references(intervals: list[Record]) -> Iterator[dict[str, Any]]:
     for method in METHODS:
         rows = _known(matching(intervals, method=method, kind="mean", joint="marginal"))
         for family in distinct(rows, "family"):
-            known = matching(rows, family=family)
+            cells = matching(rows, family=family)
             outside = [
                 {name: row[name] for name in ("environment", "parameter")}
-                for row in known
+                for row in cells
                 if not float(row["lower"]) <= row["reference"] <= float(row["upper"])
             ]
             yield {
                 "method": method,
                 "family": family,
-                "level": known[0]["level"],
-                "inside": len(known) - len(outside),
-                "of": len(known),
+                "level": cells[0]["level"],
+                "inside": len(cells) - len(outside),
+                "of": len(cells),
                 "outside": outside,
             }
 

@@ -15,21 +15,21 @@ if TYPE_CHECKING:
 SCHEMA = "percept-leave-one-out/1"
 
 
-def left_out_document(study: Study, found: LeftOut) -> dict[str, Any]:
+def left_out_document(study: Study, result: LeftOut) -> dict[str, Any]:
     """Build what leave_one_out.json holds."""
     return {
         "schema": SCHEMA,
         "provenance": provenance(study),
         "simulated": study.sessions.simulated,
-        "sentence": found.sentence,
-        **plain(found),
+        "sentence": result.sentence,
+        **plain(result),
     }
 
 
 def left_out_markdown(document: Mapping[str, Any]) -> str:
     """Write the document as a page."""
     mean = "geometric mean" if document["family"] == "lognormal" else "mean"
-    files = ", ".join(one["name"] for one in document["provenance"]["files"])
+    files = ", ".join(file["name"] for file in document["provenance"]["files"])
     lines = [
         "# Each environment predicted from the others",
         "",

@@ -26,11 +26,11 @@ _NO_NUMBER = Markup('<span class="none">–</span>')
 def render_page(document: Mapping[str, Any], plots: Mapping[str, Drawing], *, date: str) -> str:
     """Render the page of a document; each of its numbers knows its pointer into report.json."""
 
-    def shown(pointer: str, *, digits: int = 5, style: str = "plain") -> Markup:
-        found = number(document, pointer, digits=digits, style=style)
-        if not found.exact:
+    def written(pointer: str, *, digits: int = 5, style: str = "plain") -> Markup:
+        shown = number(document, pointer, digits=digits, style=style)
+        if not shown.exact:
             return _NO_NUMBER
-        return Markup('<data value="{}" data-at="{}">{}</data>').format(found.exact, pointer, found.text)
+        return Markup('<data value="{}" data-at="{}">{}</data>').format(shown.exact, pointer, shown.text)
 
     environment = _environment(_PACKAGE).overlay()
     environment.filters = {**environment.filters, "embedded": _embedded, "symbols": _symbols}
@@ -38,7 +38,7 @@ def render_page(document: Mapping[str, Any], plots: Mapping[str, Drawing], *, da
         document=document,
         sections=build_sections(document),
         date=date,
-        n=shown,
+        n=written,
         plots=plots,
         style=_asset(_PACKAGE, "page.css"),
         script=_asset(_PACKAGE, "page.js"),
@@ -57,7 +57,7 @@ def render_standalone(
 ) -> str:
     """Render a template of a package that may use those of the report: rounded numbers, exact in `value`."""
 
-    def shown(value: float | str | None, digits: int = digits) -> Markup:
+    def written(value: float | str | None, digits: int = digits) -> Markup:
         if value is None:
             return _NO_NUMBER
         return Markup('<data value="{}">{}</data>').format(value, rounded(float(value), digits))
@@ -65,7 +65,7 @@ def render_standalone(
     environment = _environment(package, _PACKAGE).overlay()
     environment.filters = {**environment.filters, "symbols": symbols}
     style = _asset(_PACKAGE, "page.css") + Markup("").join(_asset(package, name) for name in styles)
-    return environment.get_template(template).render(plots=plots, n=shown, style=style, **values)
+    return environment.get_template(template).render(plots=plots, n=written, style=style, **values)
 
 
 @cache

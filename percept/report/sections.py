@@ -307,12 +307,12 @@ def design(document: Record) -> Section | None:
     couplings = [
         {
             "name": region["name"],
-            "method": found["method"],
+            "method": by_method["method"],
             "pointer": region["pointer"],
             "found": region["largest"] is not None,
         }
-        for found in pointed(record["maps"], "/design/maps")
-        for region in pointed(found["environments"], f"{found['pointer']}/environments")
+        for by_method in pointed(record["maps"], "/design/maps")
+        for region in pointed(by_method["environments"], f"{by_method['pointer']}/environments")
     ]
     return Section("design", "Admissible couplings", {"family": record["family"], "couplings": couplings})
 

@@ -54,30 +54,32 @@ def _curves(records: Sequence[Record]) -> str:
     """Write a row per curve and frequency."""
     heads = {"omega": "omega (rad/s)"} | _with_unit(("lower", "upper", "reference", "coupled"), "N·s/m")
     rows = (
-        dict(zip(heads, point, strict=True)) | {label: record[label] for label in _CURVE}
+        [*labels, *point]
         for record in records
+        if (labels := [_cell(record[label]) for label in _CURVE])
         for point in zip(*(record.get(name) or [None] * len(record["omega"]) for name in heads), strict=True)
     )
-    return _table({label: label for label in _CURVE} | heads, rows)
+    return _written([*_CURVE, *heads.values()], rows)
 
 
 def _table(heads: Mapping[str, str], rows: Iterable[Record]) -> str:
+    return _written(heads.values(), ([_cell(row.get(name)) for name in heads] for row in rows))
+
+
+def _written(head: Iterable[str], rows: Iterable[list[Any]]) -> str:
+    """Write CSV; its writer gives every digit of a double, and nothing for None."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(heads.values())
-    writer.writerows([_cell(row.get(name)) for name in heads] for row in rows)
+    writer.writerow(head)
+    writer.writerows(rows)
     return text.getvalue()
 
 
-def _cell(value: Any) -> str:
-    """Write one value; what a spreadsheet would run as a formula is made text."""
+def _cell(value: Any) -> Any:
+    """Make what a spreadsheet would run as a formula text."""
     if isinstance(value, bool):
         return str(value).lower()
-    if isinstance(value, (int, float)):
-        return repr(value)
-    if value is None or value in ("inf", "-inf"):
-        return value or ""
-    return neutralised(str(value))
+    return neutralised(value) if isinstance(value, str) and value not in ("inf", "-inf") else value
 
 
 _ESCAPES = str.maketrans(

@@ -1,4 +1,4 @@
-"""Text to cells, under the one dialect in which every line has as many; Parquet, Excel and frames too."""
+"""Text to cells, under the one dialect in which every line has as many."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal, TextIO
 
 import numpy as np
@@ -32,7 +32,6 @@ _HEAD = 1 << 18
 _EXACT: Any = None if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else "round_trip"
 #: A cell of more characters may be a number too small for a double without an exponent.
 _LONG = 300
-_EXTRA = "Install what reads it: pip install 'percept[tables]'."
 # Cells hold recordings of mouse tracks, beyond the module's 128 kB; a block bounds them.
 csv.field_size_limit(max(csv.field_size_limit(), 8 * files.BLOCK))
 
@@ -55,16 +54,15 @@ class _MisfitError(UsageError):
         self.width = width
 
 
-@dataclass(frozen=True)
+@dataclass
 class Layout:
     """How a file separates and quotes its cells, and its header."""
 
     file: str
     delimiter: str
     quoting: Quoting
-    line: str  # The file's first line as it stands
-    names: list[str]  # The header's cells as they stand
-    width: int  # Cells of a record as they stand
+    names: list[str] = field(default_factory=list)  # The header's cells as they stand
+    width: int = 0  # Cells of a record as they stand, once there is one
 
     @property
     def header(self) -> list[str]:
@@ -72,14 +70,8 @@ class Layout:
         header = [name.strip() for name in self.names]
         return header[:-1] if header[-1] == "" else header
 
-    def grid(self, text: str, first_row: int, *, last: bool) -> Grid:
-        """Split a stretch of text below the header."""
-        return self.rectangle(*self.records(*_records(text, self, first_row), last=last))
-
-    def records(
-        self, cells: list[list[str]], rows: list[int], *, last: bool
-    ) -> tuple[list[list[str]], list[int], Counter[str]]:
-        """Drop what is no data."""
+    def grid(self, cells: list[list[str]], rows: list[int], *, last: bool) -> Grid:
+        """Drop what is no data; hold the rest to one width, but for one empty trailing column."""
         dropped = Counter[str]()
         kept: list[int] = []
         for at, record in enumerate(cells):
@@ -91,23 +83,19 @@ class Layout:
                 dropped["end-of-file mark"] += 1
             else:
                 kept.append(at)
-        return [cells[at] for at in kept], [rows[at] for at in kept], dropped
-
-    def rectangle(self, cells: list[list[str]], rows: list[int], dropped: Counter[str]) -> Grid:
-        """Hold records to one width; one empty trailing column of header, records or both may go."""
-        header, named, width = self.header, len(self.names), self.width
-        fits = width in (named, len(header)) or width == named + 1 == len(header) + 1
+        cells, rows = [cells[at] for at in kept], [rows[at] for at in kept]
+        self.width = width = self.width or (len(cells[0]) if cells else 0)
+        header, named = self.header, len(self.names)
+        fits = not cells or width in (named, len(header)) or width == named + 1 == len(header) + 1
         odd = next((at for at, r in enumerate(cells) if len(r) != width or (width > named and r[-1])), None)
         if odd is not None or not fits:
             wrong = next((at for at, r in enumerate(cells) if len(r) not in (named, len(header))), odd or 0)
-            raise _MisfitError(
-                named,
-                f"{len(cells[wrong])} cells where the header has {named}.",
-                file=self.file,
-                row=rows[wrong],
-                value=clip(self.delimiter.join(cells[wrong])),
-                hint="Mend this line, or the quoting of a cell in it.",
+            message = f"{len(cells[wrong])} cells where the header has {named}."
+            value, hint = (
+                clip(self.delimiter.join(cells[wrong])),
+                "Mend this line, or the quoting of a cell in it.",
             )
+            raise _MisfitError(named, message, file=self.file, row=rows[wrong], value=value, hint=hint)
         return Grid(
             header, [r[: len(header)] for r in cells] if width > len(header) else cells, rows, dropped
         )
@@ -127,7 +115,8 @@ class Block:
         """Split the text."""
         if self.cells is None:
             assert self.layout is not None  # a block has cells or a text
-            self.cells = self.layout.grid(self.text, self.first_row, last=self.last)
+            records = _records(self.text, self.layout, self.first_row)
+            self.cells = self.layout.grid(*records, last=self.last)
         return self.cells
 
 
@@ -195,9 +184,9 @@ def _find_layout(
     for candidate in [delimiter] if delimiter else [d for d in _DELIMITERS if d in text]:
         failed: list[_MisfitError] = []
         for quoting in _quotings(text):
-            layout = Layout(file, candidate, quoting, _FIRST_LINE.match(text)[0], [], 0)  # type: ignore[index]
+            layout = Layout(file, candidate, quoting)
             try:
-                fits.append(_with_header(layout, text, first_row, last=last))
+                fits.append((layout, _with_header(layout, text, first_row, last=last)))
                 break
             except _MisfitError as misfit:
                 failed.append(misfit)
@@ -228,24 +217,21 @@ def _quotings(text: str) -> tuple[Quoting, ...]:
     return ("doubled", "backslash")
 
 
-def _with_header(layout: Layout, text: str, first_row: int, *, last: bool) -> tuple[Layout, Grid]:
+def _with_header(layout: Layout, text: str, first_row: int, *, last: bool) -> Grid:
     """Split a text under a dialect that is tried, its first line that is not blank being the header."""
-    file = layout.file
     cells, rows = _records(text, layout, first_row)
     start = next((at for at, record in enumerate(cells) if any(cell.strip() for cell in record)), None)
     if start is None:
-        raise _MisfitError(0, "the file has no header.", file=file)
-    layout = replace(layout, names=cells[start])
+        raise _MisfitError(0, "the file has no header.", file=layout.file)
+    place: Any = {"file": layout.file, "row": rows[start]}
+    layout.names = cells[start]
     if len(layout.names) < 2:
-        raise _MisfitError(1, "the header has a single cell.", file=file, row=rows[start])
-    kept, kept_rows, dropped = layout.records(cells[start + 1 :], rows[start + 1 :], last=last)
-    if not kept:
-        hint = "Leave the file out."
-        raise _MisfitError(
-            len(layout.names), "there are no data below the header.", file=file, row=rows[start], hint=hint
-        )
-    layout = replace(layout, width=len(kept[0]))
-    return layout, layout.rectangle(kept, kept_rows, dropped)
+        raise _MisfitError(1, "the header has a single cell.", **place)
+    grid = layout.grid(cells[start + 1 :], rows[start + 1 :], last=last)
+    if not grid.cells:
+        message = "there are no data below the header."
+        raise _MisfitError(len(layout.names), message, hint="Leave the file out.", **place)
+    return grid
 
 
 def _records(text: str, layout: Layout, first_row: int) -> tuple[list[list[str]], list[int]]:
@@ -385,70 +371,3 @@ def plain_columns(
         if np.isinf(columns[at]).any() or (small and (columns[at] == 0).any()):
             return None
     return columns
-
-
-def frame_grid(frame: pd.DataFrame, *, file: str) -> Grid:
-    """Grid of a DataFrame; a row's number is its position plus 2, as if a header were line 1."""
-    columns = [frame.iloc[:, at].tolist() for at in range(frame.shape[1])]
-    return _typed_grid([str(name) for name in frame.columns], columns, file)
-
-
-def parquet_grid(data: bytes, *, file: str) -> Grid:
-    """Grid of a Parquet file."""
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise UsageError("a Parquet file needs pyarrow.", file=file, hint=_EXTRA) from None
-    try:
-        table = pq.read_table(io.BytesIO(data))
-    except (pa.ArrowException, OSError, ValueError) as error:
-        message = f"a broken Parquet file: {str(error).rstrip('.')}."
-        raise UsageError(message, file=file, hint="Write it again.") from None
-    return _typed_grid(list(table.column_names), [column.to_pylist() for column in table.columns], file)
-
-
-def excel_grid(data: bytes, *, file: str, sheet: str | None) -> Grid:
-    """Grid of one sheet of an Excel workbook; formulas count with the values Excel stored."""
-    try:
-        import openpyxl  # type: ignore[import-untyped, unused-ignore]
-    except ImportError:
-        raise UsageError("an Excel workbook needs openpyxl.", file=file, hint=_EXTRA) from None
-    try:
-        book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-        names = list(book.sheetnames)
-        known = sheet is None or sheet in names
-        page = (book[sheet] if sheet else book.worksheets[0]) if known else None
-        rows = [] if page is None else list(page.iter_rows(values_only=True))
-        book.close()
-    # openpyxl lets whatever its XML reader meets escape: KeyError, ValueError, zlib.error and others.
-    except Exception as error:  # noqa: BLE001
-        hint = "Save it again, or as CSV."
-        raise UsageError(f"a broken workbook: {error}.", file=file, hint=hint) from None
-    if not known:
-        raise UsageError(f"no such sheet; there are {', '.join(names)}.", file=file, value=sheet)
-    if not rows:
-        raise UsageError("the sheet is empty.", file=file, hint="Name another with [sessions] sheet.")
-    width = max((at + 1 for at, name in enumerate(rows[0]) if name is not None), default=0)
-    columns = [[row[at] if at < len(row) else None for row in rows[1:]] for at in range(width)]
-    return _typed_grid([_text(name) for name in rows[0][:width]], columns, file)
-
-
-def _typed_grid(header: Sequence[str], columns: Iterable[Iterable[Any]], file: str) -> Grid:
-    cells = [[_text(value) for value in record] for record in zip(*columns, strict=True)]
-    kept = [at for at, record in enumerate(cells) if any(cell.strip() for cell in record)]
-    if not kept:
-        raise UsageError("there are no data below the header.", file=file, hint="Leave it out.")
-    blank = Counter({"blank line": len(cells) - len(kept)} if len(kept) < len(cells) else {})
-    return Grid([name.strip() for name in header], [cells[at] for at in kept], [at + 2 for at in kept], blank)
-
-
-def _text(value: Any) -> str:
-    """Write a typed cell as text; `repr` of a float reads back as the same double."""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, float):
-        return "" if value != value else repr(float(value))
-    if value is None or value is pd.NA or value is pd.NaT:
-        return ""
-    return str(value)

@@ -18,7 +18,8 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.files import Input, expand, ids_from_name, load
-from percept.sessions.grids import Block, frame_grid
+from percept.sessions.formats import frame_grid, open_blocks
+from percept.sessions.grids import Block
 from percept.sessions.options import ReadOptions
 from percept.sessions.records import (
     IDS,
@@ -31,7 +32,7 @@ from percept.sessions.records import (
     Source,
 )
 from percept.sessions.summary import check_summary
-from percept.sessions.table import FileTable, open_blocks
+from percept.sessions.table import FileTable
 
 _SPECIAL = re.compile(r'[",\r\n]')
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")

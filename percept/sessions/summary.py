@@ -25,13 +25,7 @@ _LEVEL = 0.95
 
 
 def read_summary(
-    grid: Grid,
-    found: Resolution,
-    *,
-    file: str,
-    decimal: Mark | None,
-    problems: Problems,
-    notices: list[Notice],
+    grid: Grid, found: Resolution, file: str, decimal: Mark | None, problems: Problems, notices: list[Notice]
 ) -> pd.DataFrame:
     """Read a published table of limits, or of means and standard deviations."""
     columns = found.slots[0].columns
@@ -51,10 +45,7 @@ def read_summary(
     mark = mark or decimal_mark([(c, text[c]) for c in numbers], grid.rows, file=file, problems=problems)
     frame: dict[str, Any] = {c: np.array(text[c], dtype=object) for c in ("environment", "parameter")}
     for c in numbers:
-        frame[c] = parse_numbers(
-            text[c], grid.rows, mark=mark or DecimalMark("."), file=file, column=c, problems=problems,
-            optional=False,
-        )  # fmt: skip
+        frame[c] = parse_numbers(text[c], grid.rows, mark, problems, file=file, column=c)
         for at, cell in enumerate(text[c]):
             if is_missing(cell) and not (limits and c in _MOMENTS):
                 message = "a summary leaves no cell empty."

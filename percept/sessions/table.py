@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -14,41 +14,16 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.columns import Resolution, Slot, check_columns, resolve, unused_columns
-from percept.sessions.files import Input, is_workbook, open_text
-from percept.sessions.grids import Block, Grid, excel_grid, parquet_grid, plain_columns, text_blocks
+from percept.sessions.grids import Block, Grid, plain_columns
 from percept.sessions.options import CANONICAL, KEPT_COLUMNS, ExcludeRule, ReadOptions
 from percept.sessions.records import IDS, NUMBERS, Exclusion, Notice, Problems, shown
 from percept.sessions.summary import read_summary
 
 #: Columns of a block by name: texts as read, numbers as doubles, and `row`, the physical row of each.
 _Columns = dict[str, npt.NDArray[Any]]
+_MEND = "Correct the cell, or leave it empty if there was no adjustment."
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
-
-
-def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Generator[Block]:
-    """Give the cells of one input, whatever its format, in blocks."""
-    file, data = entry.name, entry.data or b""
-    if data.startswith(b"PAR1"):
-        yield Block(cells=parquet_grid(data, file=file))
-        return
-    if data.startswith(b"PK\x03\x04") and is_workbook(data, file):
-        yield Block(cells=excel_grid(data, file=file, sheet=options.sheet))
-        return
-    text, encoding = open_text(entry, options.encoding)
-    if encoding == "cp1252" and options.encoding is None:
-        notices.append(Notice("not UTF-8; read as Windows-1252", file))
-
-    def resolves(header: list[str]) -> bool:
-        try:
-            found = resolve(header, options.columns, file=file)
-        except UsageError:
-            return False
-        return found.form == "summary" or bool(found.present & {"k_adj", "b_adj"})
-
-    yield from text_blocks(
-        text, file=file, delimiter=options.delimiter, large=entry.data is None, resolves=resolves
-    )
 
 
 class FileTable:
@@ -130,10 +105,8 @@ class FileTable:
 
     def _summary(self, grid: Grid) -> pd.DataFrame:
         self._count(grid)
-        return read_summary(
-            grid, self.found, file=self.name, decimal=self.options.decimal, problems=self.problems,
-            notices=self.notices,
-        )  # fmt: skip
+        decimal = self.options.decimal
+        return read_summary(grid, self.found, self.name, decimal, self.problems, self.notices)
 
     def _count(self, grid: Grid) -> None:
         self.counts["rows read"] += len(grid.cells)
@@ -277,9 +250,8 @@ class FileTable:
             )
         for c, cells in texts.items():
             data[c] = values.parse_numbers(
-                cells.tolist(), data["row"].tolist(), mark=self._mark or values.DecimalMark("."),
-                problems=self.problems, **self._place(c),
-            )  # fmt: skip
+                cells.tolist(), data["row"].tolist(), self._mark, self.problems, _MEND, **self._place(c)
+            )
         for c in (c for c in NUMBERS if c in data and self.found.rules[c].unit is not None):
             data[c] = values.convert(data[c], self.found.rules[c].unit, c[0])
         if "trial" in data:

@@ -99,19 +99,14 @@ def _readings(cell: str) -> str:
 def parse_numbers(
     cells: Sequence[str],
     rows: Sequence[int],
-    *,
-    mark: DecimalMark,
-    file: str,
-    column: str,
+    mark: DecimalMark | None,
     problems: Problems,
-    optional: bool = True,
+    mend: str = "Correct the cell.",
+    **place: Any,
 ) -> npt.NDArray[np.float64]:
     """Convert cells to the nearest doubles."""
-    out = np.full(len(cells), np.nan)
-    is_number = _NUMBER[mark.sign].fullmatch
-    mend = (
-        "Correct the cell, or leave it empty if there was no adjustment." if optional else "Correct the cell."
-    )
+    mark = mark or DecimalMark(".")
+    out, is_number = np.full(len(cells), np.nan), _NUMBER[mark.sign].fullmatch
     for at, cell in enumerate(cells):
         text = cell.strip(_SPACE)
         if is_number(text):
@@ -123,7 +118,7 @@ def parse_numbers(
             continue
         else:
             message, hint = _diagnosis(text, mark)
-        problems.add(message, file=file, row=int(rows[at]), column=column, value=cell, hint=hint or mend)
+        problems.add(message, row=int(rows[at]), value=cell, hint=hint or mend, **place)
     return out
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ import pandas as pd
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.statistics import from_cells
-from percept.inference.sampling.run import Progress
 from percept.scene import Scene
 from percept.sessions import Reduced
-from percept.study.bayesian import Prepared, RunStore, fit, pooled
+from percept.study.bayesian import Prepared, fit, pooled
 from percept.study.chosen import analysed
 from percept.study.classical import TOO_FEW, Cell
 from percept.study.interval_table import COLUMNS, bayesian_rows, classical_rows, refuse_nothing
@@ -22,83 +20,64 @@ from percept.study.placed import References
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
 
-def reduced_intervals(
-    reduced: Reduced,
-    scene: Scene | None = None,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-    store: RunStore | None = None,
-) -> pd.DataFrame:
-    """Work out the intervals of a study that was reduced while it was read."""
+def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFrame:
+    """Work out the intervals of a reduced study: those of `Study.intervals`, in one family."""
     scene = scene or Scene()
-    parameters = _asked(reduced, scene)
-    reference = {
-        (p, str(e)): float(value)
-        for p in parameters
-        for e, value in zip(reduced.references["environment"], reduced.references[f"{p}_ref"], strict=True)
-    }
+    references = reduced.references.set_index("environment")
+    parameters = _parameters(reduced, scene)
+    reference = {(p, str(e)): float(v) for p in parameters for e, v in references[f"{p}_ref"].items()}
     refuse_lone_subject(reduced.cells["subject"][reduced.cells["n"] > 0].unique().tolist())
     rows: list[dict[str, Any]] = []
-    skipped: tuple[tuple[str, str], ...] = ()
-    error_reached = ""
+    attrs: dict[str, Any] = {"skipped": (), "error_reached": ""}
     if scene.inference.method != "bayesian":
         cells = _cells(reduced, reference)
         rows += classical_rows({reduced.family: cells}, scene, reference)
         if not rows and scene.inference.method == "classical":
             refuse_nothing(cells)
     if scene.inference.method != "classical":
-        found = fit(prepare_reduced(reduced, scene), scene, progress=progress, store=store)
+        found = fit(prepare_reduced(reduced, scene), scene)
         why = " ".join(found.run.gate.reasons)
         if found.run.gate.passed:
             rows += bayesian_rows(found, scene, reference)
-            error_reached = found.run.gate.error_reached
+            attrs["error_reached"] = found.run.gate.error_reached
         elif rows:
-            skipped = (("Bayesian intervals", why),)
+            attrs["skipped"] = (("Bayesian intervals", why),)
         else:
             raise RefusalError(f"the Bayesian intervals are withheld: {why}")
     table = pd.DataFrame(rows, columns=COLUMNS)
-    table.attrs |= {"skipped": skipped, "error_reached": error_reached}
+    table.attrs |= attrs
     return table
 
 
 def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     """Build the hierarchical model of a study that was reduced while it was read."""
-    parameters = _asked(reduced, scene)
+    parameters = _parameters(reduced, scene)
     cells = reduced.cells[reduced.cells["n"] > 0]
     subjects, environments = (tuple(cells[c].unique()) for c in ("subject", "environment"))
     refuse_lone_subject(subjects)
+    columns = list(environments)
     grid = cells.pivot(index="subject", columns="environment").reindex(subjects)
-    mean = np.stack([grid[f"mean_{p}"][list(environments)].to_numpy() for p in parameters], axis=1)
-    sums = (
-        cells.groupby("environment")[["scatter_kk", "scatter_kb", "scatter_bb"]].sum().loc[list(environments)]
-    )
-    # In the order of their names: "kb" for either order of the parameters.
+    count = grid["n"][columns].fillna(0).to_numpy(dtype=np.intp)
+    mean = np.stack([grid[f"mean_{p}"][columns].to_numpy() for p in parameters], axis=1)
+    # One name, "kb", for either order of the parameters.
     pairs = [["scatter_" + "".join(sorted((p, q), reverse=True)) for q in parameters] for p in parameters]
+    sums = cells.groupby("environment")[["scatter_kk", "scatter_kb", "scatter_bb"]].sum().loc[columns]
     scatter = np.array([[sums[pair].to_numpy() for pair in row] for row in pairs])
-    columns = [f"{p}_ref" for p in parameters]
-    reference = reduced.references.set_index("environment").loc[list(environments), columns].to_numpy().T
-    statistics = from_cells(
-        grid["n"][list(environments)].fillna(0).to_numpy(dtype=np.intp),
-        mean,
-        scatter,
-        decades(reference),
-        parameters=parameters,
-        environments=environments,
-        subjects=subjects,
-    )
+    references = reduced.references.set_index("environment").loc[columns]
+    reference = references[[f"{p}_ref" for p in parameters]].to_numpy().T
+    names: Any = {"parameters": parameters, "environments": environments, "subjects": subjects}
+    statistics = from_cells(count, mean, scatter, decades(reference), **names)
     return pooled(statistics, scene, reference, ResponseScale.of(reference, reduced.family))
 
 
-def _asked(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
+def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
     """Parameters to be analysed, of a scene that fits the reduction."""
-    family = scene.inference.family
-    if family != reduced.family:
+    if (family := scene.inference.family) != reduced.family:
         message = f"the trials were reduced to responses of the family {reduced.family!r}."
         hint = "Reduce them again, or change the scene."
         raise UsageError(message, key="inference.family", value=family, hint=hint)
     if scene.model.pooling == "none":
-        hint = "Read the trials with read_sessions."
-        message = "cells that were reduced are pooled."
+        message, hint = "cells that were reduced are pooled.", "Read the trials with read_sessions."
         raise UsageError(message, key="model.pooling", value="none", hint=hint)
     present = tuple(p for p in ("k", "b") if reduced.references[f"{p}_ref"].notna().any())
     return analysed(present, scene)
@@ -110,12 +89,8 @@ def _cells(reduced: Reduced, reference: References) -> list[Cell]:
     out: list[Cell] = []
     for p in dict.fromkeys(parameter for parameter, _ in reference):
         for environment, table in cells.groupby("environment", sort=False):
-            name, mean = str(environment), table[f"mean_{p}"].to_numpy()
-            values, repeats = (
-                reference[p, name] * (np.exp(mean) if log else 1.0 + mean),
-                (table["n"] > 1).any(),
-            )
-            enough = len(table) > 1
-            moments = Moments.from_values(values, log=log, repeats=bool(repeats)) if enough else TOO_FEW
-            out.append(Cell.of(p, name, moments))
+            mean, repeats = table[f"mean_{p}"].to_numpy(), bool((table["n"] > 1).any())
+            values = reference[p, str(environment)] * (np.exp(mean) if log else 1.0 + mean)
+            moments = Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW
+            out.append(Cell.of(p, str(environment), moments))
     return out

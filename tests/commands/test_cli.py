@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from percept.cli import COMMANDS, build_parser, main
+from percept.errors import UsageError
 from tests import DATASETS
 from tests.unmixed import unmixed_sessions
 
@@ -303,3 +304,17 @@ def test_fit_says_once_what_only_a_report_has(tmp_path, capsys):
         "sensitivity to the device's mass and damping", "band law",
     ]  # fmt: skip
     assert len({line.partition(" (")[0] for line in left}) == len(left)
+
+
+@pytest.mark.parametrize("before", [True, False], ids=["before the command", "after it"])
+def test_debug_shows_the_traceback(before):
+    command = ["validate", "nowhere.csv", "--scene", "nowhere.toml"]
+    with pytest.raises(UsageError, match="nowhere"):
+        main(["--debug", *command] if before else [*command, "--debug"])
+
+
+def test_without_debug_an_error_is_one_line(capsys):
+    assert main(["validate", "nowhere.csv", "--scene", "nowhere.toml"]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert message.startswith("percept: nowhere.toml")

@@ -121,7 +121,7 @@ def test_numbers_are_correctly_rounded(value, kind, digits):
 
     text = f"{value:.{digits}{kind}}"
     problems = Problems()
-    (got,) = parse_numbers([text], [2], mark=DecimalMark("."), file="f", column="k_adj", problems=problems)
+    (got,) = parse_numbers([text], [2], DecimalMark("."), problems, file="f", column="k_adj")
     exact = Fraction(text)
     if problems.total:
         assert exact != 0

@@ -146,7 +146,5 @@ def shade_boxes(
         antialiased=False,  # smoothed edges would leave a light line where boxes touch
         label=label,
     )
+    # add_patch would look for the extent segment by segment; whoever shades sets the limits.
     ax.add_artist(mark)
-    # add_patch would look for the extent segment by segment.
-    ax.update_datalim(corners.reshape(-1, 2))
-    ax.autoscale_view()

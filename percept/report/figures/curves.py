@@ -96,24 +96,26 @@ def beyond_axis(limits: Sequence[Limits]) -> bool:
 
 
 def _ratios(limits: Sequence[Limits]) -> list[Limits]:
-    return [replace(one, lower=one.lower / one.reference, upper=one.upper / one.reference) for one in limits]
+    return [
+        replace(pair, lower=pair.lower / pair.reference, upper=pair.upper / pair.reference) for pair in limits
+    ]
 
 
 def _positive(limits: Sequence[Limits]) -> FloatArray:
-    values = np.concatenate([np.empty(0), *(curve for one in limits for curve in (one.lower, one.upper))])
+    values = np.concatenate([np.empty(0), *(curve for pair in limits for curve in (pair.lower, pair.upper))])
     return values[np.isfinite(values) & (values > 0)]
 
 
 def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:
-    for one in limits:
-        omega, colour = one.omega, COLOURS[one.method]
-        if one.method == "classical":
-            ax.plot(omega, one.lower, color=colour, label=one.label)
-            ax.plot(omega, one.upper, color=colour)
+    for pair in limits:
+        omega, colour = pair.omega, COLOURS[pair.method]
+        if pair.method == "classical":
+            ax.plot(omega, pair.lower, color=colour, label=pair.label)
+            ax.plot(omega, pair.upper, color=colour)
         else:
             # The corner curves cross; the band between them is what is meant.
-            low, high = np.minimum(one.lower, one.upper), np.maximum(one.lower, one.upper)
-            ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=one.label)
+            low, high = np.minimum(pair.lower, pair.upper), np.maximum(pair.lower, pair.upper)
+            ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=pair.label)
             ax.plot(omega, low, color=colour, linewidth=0.6)
             ax.plot(omega, high, color=colour, linewidth=0.6)
 
@@ -185,7 +187,7 @@ def _drawable(curve: FloatArray) -> FloatArray:
     return np.where((curve > 0) & np.isfinite(curve), curve, np.nan)
 
 
-def _at(place: float, omega: FloatArray, values: FloatArray) -> float:
+def _at(frequency: float, omega: FloatArray, values: FloatArray) -> float:
     """Return a curve's value between its points, straight on the log-log axes."""
     kept = np.isfinite(values)
-    return float(np.exp(np.interp(np.log(place), np.log(omega[kept]), np.log(values[kept]))))
+    return float(np.exp(np.interp(np.log(frequency), np.log(omega[kept]), np.log(values[kept]))))

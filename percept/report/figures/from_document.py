@@ -136,11 +136,11 @@ def _interval_caption(
 def _classical(rows: list[Record], families: Sequence[str]) -> str:
     """Say of which family the classical limits are: they are worked out in both."""
     classical = matching(rows, method="classical")
-    shown = {
+    present = {
         first(matching(classical, environment=name), family=families)["family"]  # type: ignore[index]
         for name in distinct(classical, "environment")
     }
-    said = ", where there are none ".join(family for family in families if family in shown)
+    said = ", where there are none ".join(family for family in families if family in present)
     return f" Classical limits are {said}." if said else ""
 
 
@@ -202,9 +202,9 @@ def _boundary_views(document: Record, environment: str, name: str) -> list[Drawi
 def _close(limits: list[Limits]) -> bool:
     """Say whether every limit lies within a fifth of the reference."""
     return all(
-        np.abs(np.log(np.maximum(curve, np.finfo(float).tiny) / one.reference)).max() < np.log(1.2)
-        for one in limits
-        for curve in (one.lower, one.upper)
+        np.abs(np.log(np.maximum(curve, np.finfo(float).tiny) / pair.reference)).max() < np.log(1.2)
+        for pair in limits
+        for curve in (pair.lower, pair.upper)
     )
 
 
@@ -222,22 +222,22 @@ def _paper_limits(rows: list[Record]) -> list[Limits]:
         ("bayesian", ("lognormal", "normal"), ("pointwise", "envelope", "corner")),
         ("classical", ("normal", "lognormal"), ("corner", "envelope")),
     )
-    found = [
+    chosen = [
         first(matching(rows, method=method), kind=KINDS, family=families, shape=shapes)
         for method, families, shapes in preferred
     ]
-    return [_limits(row) for row in found if row is not None]
+    return [_limits(row) for row in chosen if row is not None]
 
 
 def _like_limits(rows: list[Record], kind: str, families: Sequence[str]) -> list[Limits]:
     """Return the boundaries of both methods in one family and one shape."""
     for shape in ("envelope", "pointwise", "corner"):
         alike = matching(rows, kind=kind, shape=shape)
-        found = [first(matching(alike, method=method), family=families) for method in reversed(METHODS)]
-        if any(found):
-            limits = [_limits(row) for row in found if row is not None]
+        chosen = [first(matching(alike, method=method), family=families) for method in reversed(METHODS)]
+        if any(chosen):
+            limits = [_limits(row) for row in chosen if row is not None]
             # One legend serves all kinds.
-            return [replace(one, label=one.label.replace(f" {kind},", "")) for one in limits]
+            return [replace(pair, label=pair.label.replace(f" {kind},", "")) for pair in limits]
     return []
 
 
@@ -298,18 +298,18 @@ def design_drawings(document: Record) -> list[Drawing]:
     design, used = document["design"], document["provenance"]["scene"].get("coupling")
     if not design:
         return []
-    shown = first(design["maps"], method=METHODS[::-1])
-    assert shown is not None
-    environments, edge = shown["environments"], design["stable"]
+    best = first(design["maps"], method=METHODS[::-1])
+    assert best is not None
+    environments, edge = best["environments"], design["stable"]
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(environments), columns=_MAP_COLUMNS, bottom=17)
-        titles, _ = row_labels([one["name"] or "all together" for one in environments], most=_MAP_TITLE)
-        for ax, one, title in zip(axes, environments, titles, strict=True):
+        titles, _ = row_labels([region["name"] or "all together" for region in environments], most=_MAP_TITLE)
+        for ax, region, title in zip(axes, environments, titles, strict=True):
             draw_design(
                 ax,
-                array(shown["damping"]),
-                [np.array(segments, dtype=float).reshape(-1, 2) for segments in one["intervals"]],
+                array(best["damping"]),
+                [np.array(segments, dtype=float).reshape(-1, 2) for segments in region["intervals"]],
                 stable=(array(edge["stiffness"]), array(edge["damping"])) if edge else None,
                 coupling=(used["stiffness"], used["damping"]) if used else None,
             )
@@ -326,7 +326,7 @@ def design_drawings(document: Record) -> list[Drawing]:
             "design",
             "Couplings that qualify, by environment",
             "Shaded: stable with this device, and inside the next user's boundary "
-            f"({METHOD_NAMES[shown['method']]}, {design['family']}, envelope), checked at "
+            f"({METHOD_NAMES[best['method']]}, {design['family']}, envelope), checked at "
             f"{counted(design['frequencies'], 'frequency', 'frequencies')} only."
             + (f" {said[0].upper()}{said[1:]}." if said else ""),
             (175.0, 16.0 + 52.0 * -(-len(environments) // _MAP_COLUMNS)),

@@ -118,19 +118,19 @@ _HEIGHTS = (-8.0, 3.0, -16.0, 11.0, -24.0, 19.0)
 
 def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None:
     """Draw band against impedance on logarithmic axes, with the fitted laws."""
-    for one in series:
-        colour = COLOURS[one.method]
+    for widths in series:
+        colour = COLOURS[widths.method]
         ax.plot(
-            one.impedance,
-            one.band,
-            marker=_MARKERS[one.method],
+            widths.impedance,
+            widths.band,
+            marker=_MARKERS[widths.method],
             markersize=4,
             linestyle="none",
             color=colour,
-            label=one.label,
+            label=widths.label,
         )
-        for (name, curve), dashes in zip(one.laws.items(), _LAW_DASHES, strict=False):
-            label = f"{one.label}: {name}"
+        for (name, curve), dashes in zip(widths.laws.items(), _LAW_DASHES, strict=False):
+            label = f"{widths.label}: {name}"
             ax.plot(impedance, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
     log_scale(ax)
     _name(ax, series)
@@ -147,11 +147,11 @@ def _name(ax: Axes, series: Sequence[Widths]) -> None:
     points = 72.0 / ax.figure.dpi
     left, right = ax.bbox.x0 * points, ax.bbox.x1 * points
 
-    def placed(one: Widths) -> list[list[float]]:
-        at = ax.transData.transform(np.column_stack([one.impedance, one.band]))
+    def placed(widths: Widths) -> list[list[float]]:
+        at = ax.transData.transform(np.column_stack([widths.impedance, widths.band]))
         return [[x * points, y * points] for x, y in np.asarray(at).tolist()]
 
-    taken: list[Box] = [(x - 3, y - 3, x + 3, y + 3) for one in series for x, y in placed(one)]
+    taken: list[Box] = [(x - 3, y - 3, x + 3, y + 3) for widths in series for x, y in placed(widths)]
     data = zip(first.impedance, first.band, strict=True)
     for name, at, (x, y) in zip(names, data, placed(first), strict=True):
         long = row_labels([name], most=_NAME_WIDTH)[1] * MM * 72.0
@@ -172,8 +172,8 @@ def _name(ax: Axes, series: Sequence[Widths]) -> None:
         ax.annotate(name, at, xytext=(over, up), textcoords="offset points", ha=side, fontsize=_SIZE)
 
 
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+def _overlap(box: Box, other: Box) -> bool:
+    return box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
 
 
 #: The axes of a map show at most this many times what qualifies.

@@ -3,11 +3,11 @@
 import subprocess
 import sys
 
-from percept.cores import cores
+from percept.workers import cores
 
 PROGRAM = """
 import os
-from percept.cores import cores
+from percept.workers import cores
 everything = cores()
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
