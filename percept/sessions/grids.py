@@ -318,38 +318,32 @@ def plain_columns(
     The parser takes what percept refuses: short lines, "True" for 1, words for NaN and infinity. So the lines
     must be of one width, and cells of numbers must hold nothing but digits, signs and the mark.
     """
-    layout, text = block.layout, block.text
-    if layout is None or not text or '"' in text or _MARK in text or not layout.delimiter.isascii():
+    layout, text = block.layout, block.text.replace("\r\n", "\n")
+    if layout is None or any(sign in text for sign in ('"', "\r", _MARK)) or not layout.delimiter.isascii():
         return None
-    raw = text.encode() + (b"" if text.endswith("\n") else b"\n")
-    if b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n"):
-        return None
+    body = text.encode() + (b"" if text.endswith("\n") else b"\n")
     # Of each character: 0 for what ends a cell, 1 for what numbers are made of, 2 for others.
     kinds = bytearray(b"\2" * 256)
-    for kind, group in ((1, f"0123456789+-eE{mark}"), (0, f"{layout.delimiter}\r\n")):
+    for kind, group in ((1, f"0123456789+-eE{mark}"), (0, f"{layout.delimiter}\n")):
         for character in group.encode():
             kinds[character] = kind
-    characters = np.frombuffer(raw, dtype=np.uint8)
-    ends = np.flatnonzero((characters == ord(layout.delimiter)) | (characters == ord("\n")))
-    lines, beside = divmod(len(ends), layout.width)
-    ends_line = (characters[ends] == ord("\n"))[: lines * layout.width].reshape(lines, layout.width)
+    # With a line end before it every cell lies between two ends.
+    raw = b"\n" + body
+    characters, found = (np.frombuffer(data, dtype=np.uint8) for data in (raw, raw.translate(kinds)))
+    ends = np.flatnonzero(found == 0)
+    lines, beside = divmod(len(ends) - 1, layout.width)
+    ends_line = (characters[ends[1:]] == ord("\n"))[: lines * layout.width].reshape(lines, layout.width)
     if beside or not ends_line[:, -1].all() or ends_line[:, :-1].any():
         return None
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    found = np.maximum.reduceat(np.frombuffer(raw.translate(kinds), dtype=np.uint8), starts)
-    found = found.reshape(lines, layout.width)
+    found = np.maximum.reduceat(found, ends[:-1]).reshape(lines, layout.width)
     # A last line with a single cell may say that the file ends.
-    if (
-        (found[:, list(numbers)] == 2).any()
-        or not found.any(axis=1).all()
-        or found[-1].astype(bool).sum() < 2
-    ):
+    if (found[:, list(numbers)] == 2).any() or not found.any(axis=1).all() or np.count_nonzero(found[-1]) < 2:
         return None
     kinds_of_columns: dict[Any, Any] = dict.fromkeys(texts, object) | dict.fromkeys(numbers, np.float64)
     blank: Any = {at: [""] for at in numbers}
     try:
         parsed = pd.read_csv(
-            io.BytesIO(raw),
+            io.BytesIO(body),
             sep=layout.delimiter,
             header=None,
             usecols=[*texts, *numbers],
@@ -365,9 +359,10 @@ def plain_columns(
     except (ValueError, OverflowError):
         return None
     columns = {at: parsed[at].to_numpy() for at in (*texts, *numbers)}
-    # Only an exponent, or a very long cell, makes a number too small for a double.
-    small = b"e-" in raw or b"E-" in raw or int((ends - starts).max()) > _LONG
     for at in numbers:
-        if np.isinf(columns[at]).any() or (small and (columns[at] == 0).any()):
+        # Only an exponent, or a very long cell, makes a number too small for a double.
+        if np.isinf(columns[at]).any() or (
+            (columns[at] == 0).any() and (b"e-" in raw or b"E-" in raw or np.diff(ends).max() > _LONG)
+        ):
             return None
     return columns
