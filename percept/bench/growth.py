@@ -20,7 +20,7 @@ from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
-from percept.study.bayesian import prepare
+from percept.study.fit import prepare
 
 if TYPE_CHECKING:
     from percept.study import Study

@@ -122,20 +122,20 @@ def study_propagation(
     study: Study, *, frequencies: tuple[float, float, int] = _EVERY, repeats: int = 3
 ) -> list[PropagationCost]:
     """Time both ways on the next user of every environment of a study."""
-    fit, apparatus = study.fit, study.apparatus
+    fit, setup = study.fit, study.setup
     assert fit is not None
-    assert apparatus is not None
+    assert setup is not None
     ours = next(d for d in study.curve_draws if (d.method, d.kind) == ("bayesian", "user"))
     points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
     rng = np.random.default_rng(study.scene.inference.seed)
-    every = fit.prepared.scale.native(fit.prepared.model.draw(points, rng)[1])
-    column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
+    every = fit.scale.native(fit.model.draw(points, rng)[1])
+    column = {cell: c for c, cell in enumerate(fit.model.cells)}
     costs: list[PropagationCost] = []
     for name, kept in ours.pairs.items():
         rest = (every[:, column[parameter, name]] for parameter in ("k", "b"))
         k, b = (np.concatenate(pair) for pair in zip(kept, rest, strict=True))
         costs += propagation_costs(
-            apparatus.device, k, b, apparatus.period,
+            setup.device, k, b, setup.period,
             kept=kept[0].size, name=name, level=ours.level, frequencies=frequencies, repeats=repeats,
         )  # fmt: skip
     return costs

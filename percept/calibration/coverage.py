@@ -17,7 +17,6 @@ from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.models import Pooled
 from percept.study import Study
-from percept.study.posterior import thinned_points
 from percept.study.responses import refuse_no_ratio
 from percept.workers import Mapper
 
@@ -38,13 +37,13 @@ def fitted_values(study: Study) -> dict[str, Any]:
     """Take the posterior means of a study as the truth to simulate from."""
     refuse_unfit(study)
     fit = study.fit
-    if fit is None or not fit.run.gate.passed or not isinstance(fit.prepared.model, Pooled):
+    if fit is None or not fit.passed or not isinstance(fit.model, Pooled):
         raise RefusalError(
             "calibration needs a passed Bayesian fit of the sessions.",
             hint='Set method = "both" and pooling = "partial", or calibrate from the prior.',
         )
-    model = fit.prepared.model
-    points, _ = thinned_points(fit)
+    model = fit.model
+    points = fit.points
     means = {name: values.mean(axis=0) for name, (_, values) in model.scales(points).items()}
     beta = model.laws(points).mean.mean(axis=0).reshape(2, -1).T
     zero = [0.0, 0.0]

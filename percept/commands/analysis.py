@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from percept.inference.sampling.run import Progress
     from percept.scene import Scene
     from percept.study import Study
-    from percept.study.bayesian import RunStore
+    from percept.study.fit import RunStore
 
 _SETTINGS = ("seed", "tolerance", "level", "family", "method")
 _NOTICES = 10  # printed; percept validate lists all

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the methods' comparison for one path, the difference of the studies for two."""
-    from percept.study.pairs import compare_studies
+    from percept.study.compare import compare_studies
 
     with Working("comparing", shown=not arguments.quiet) as progress:
         if len(arguments.sessions) == 1 and not (arguments.by or arguments.other_scene):
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _named(arguments: argparse.Namespace, progress: Working) -> list[tuple[str, Study]]:
     """Return the two studies, each with what it is."""
-    from percept.study.pairs import split_by
+    from percept.study.compare import split_by
 
     paths, column = arguments.sessions, arguments.by
     if column:

@@ -75,7 +75,7 @@ def _left_out(study: Study, arguments: argparse.Namespace) -> int:
     from percept.files import filled_folder
     from percept.report.left_out import left_out_document, left_out_markdown
     from percept.report.plain import dumps
-    from percept.study.left_out import leave_one_environment_out
+    from percept.study.prediction import leave_one_environment_out
 
     document = left_out_document(study, leave_one_environment_out(study))
     texts = {"leave_one_out.json": dumps(document), "leave_one_out.md": left_out_markdown(document)}

@@ -21,7 +21,7 @@ from percept.report.select import (
     family_of,
     pointed,
 )
-from percept.study.units import NAMES
+from percept.study.basics import NAMES
 
 _MEASURES = {
     "width_ratio": ("width ratio", "Bayesian width over classical width"),

@@ -14,18 +14,15 @@ from percept.haptics import Device, stable_region
 from percept.report.findings import findings
 from percept.report.plain import plain
 from percept.report.select import EACH_BY_ITSELF, distinct
-from percept.study.adjustments import adjustments, design_counts
+from percept.study.intervals import adjustments, design_counts
 
 if TYPE_CHECKING:
     from percept.haptics import Coupling
-    from percept.scene import Scene
     from percept.study import Study
 
 SCHEMA = "percept-report/1"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
-# A close view spans 2 % around its frequency on either side, as the paper's do.
-_LOOK_BY = 0.02
 _CLOSE_POINTS = 61
 _EDGE_POINTS = 65  # of the stable region
 
@@ -50,7 +47,8 @@ def build_document(study: Study, *, curves: bool = True) -> dict[str, Any]:
         of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
     """
     boundaries = plain(study.boundaries) if curves else []
-    windows = zoom_windows(study.scene, distinct(boundaries, "environment"))
+    shown = distinct(boundaries, "environment")
+    windows = {name: window for name, window in study.zoom.items() if name in shown}
     document = {
         "schema": SCHEMA,
         "provenance": provenance(study),
@@ -120,19 +118,6 @@ def _data(study: Study) -> dict[str, Any]:
 def _located(record: Any, *names: str) -> dict[str, Any]:
     where = {"file": PurePath(record.file).name if record.file else None, "row": record.row}
     return {name: plain(getattr(record, name)) for name in names} | where
-
-
-def zoom_windows(scene: Scene, environments: list[str]) -> dict[str, list[float]]:
-    """Return the window of ω that each environment's close view shows."""
-    middle = scene.frequency.read_at
-    usual = (middle * (1 - _LOOK_BY), middle * (1 + _LOOK_BY))
-    windows = {}
-    for environment in environments:
-        low, high = scene.report.zoom.get(environment, usual)
-        low, high = max(low, scene.frequency.lower), min(high, scene.frequency.upper)
-        if low < high:
-            windows[environment] = [float(low), float(high)]
-    return windows
 
 
 def _close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[str, Any]]:
@@ -216,12 +201,12 @@ def _skipped(study: Study, *, curves: bool) -> list[dict[str, str]]:
     skipped = [{"what": what, "why": why} for what, why in study.skipped]
     if curves or not len(study.intervals):
         return skipped
-    coupled = study.apparatus is not None and study.scene.coupling is not None
+    coupled = study.setup is not None and study.scene.coupling is not None
     report_alone = {
-        "boundaries of Z_h": study.apparatus is not None,
+        "boundaries of Z_h": study.setup is not None,
         "coupling: Z_h_vc and stability": coupled,
         "admissible couplings": coupled,
-        "sensitivity to the device's mass and damping": study.apparatus is not None,
+        "sensitivity to the device's mass and damping": study.setup is not None,
         "band law": len(study.parameters) == 2 and len(study.environments) > 1,
     }
     listed = {row["what"] for row in skipped}

@@ -10,7 +10,7 @@ from percept.report.plain import plain
 
 if TYPE_CHECKING:
     from percept.study import Study
-    from percept.study.left_out import LeftOut
+    from percept.study.prediction import LeftOut
 
 SCHEMA = "percept-leave-one-out/1"
 

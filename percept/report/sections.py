@@ -30,7 +30,7 @@ from percept.report.select import (
     matching,
     pointed,
 )
-from percept.study.units import NAMES
+from percept.study.basics import NAMES
 
 _COLUMNS = (
     ("classical", "normal"),

@@ -74,9 +74,9 @@ def write_report(
         _write_document(folder / "report.json", document)
         step("tables")
         _write_tables(folder, document)
-        if study.posterior_groups is not None:
+        if study.posterior is not None:
             step("posterior")
-            _write_posterior(folder, study)
+            study.posterior.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
         step("figures")
         # The drawing library waits for whoever draws.
         from percept.report.figures.from_document import drawings
@@ -117,8 +117,8 @@ def write_fit(study: Study, out_dir: str | Path) -> Path:
     """
     with filled_folder(out_dir, last="fit.json") as folder:
         _write_document(folder / "fit.json", build_document(study, curves=False))
-        if study.posterior_groups is not None:
-            _write_posterior(folder, study)
+        if study.posterior is not None:
+            study.posterior.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     return Path(out_dir) / "fit.json"
 
 
@@ -134,10 +134,3 @@ def _write_tables(folder: Path, document: dict[str, Any]) -> None:
     for name, text in (csv_tables(document) | latex_tables(document)).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
     (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
-
-
-def _write_posterior(folder: Path, study: Study) -> None:
-    from percept.study.posterior_file import write_posterior
-
-    assert study.posterior_groups is not None
-    write_posterior(study.posterior_groups, folder / "posterior.nc")

@@ -1,68 +1,102 @@
-"""Verdicts on the device and its virtual coupling: stability, and realism per environment."""
+"""Verdicts on the device and its virtual coupling: stability, realism, and couplings that are both."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from scipy import special
 
 from percept import haptics
 from percept.boundary.curves import depth_membership, magnitude_membership
-from percept.boundary.realism import Realism
+from percept.boundary.realism import Displayed, Populations, Realism, realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
-from percept.haptics import Coupling, Environment
+from percept.haptics import Coupling, TabulatedDevice
+from percept.haptics.search import covers_range, dips_and_peaks, search_grid
 from percept.html import NotebookRecord
-from percept.study.apparatus import Apparatus
+from percept.scene import InferenceTable
+from percept.study.basics import Array, Skipped, Stream, generator, thin
+from percept.study.device import Setup
 from percept.study.regions import Region
 
-Array = NDArray[np.float64]
-#: What a verdict makes of realism: a coupling on the limit of stability is none to use.
-_STABLE = {"stable": True, "marginal": False, "unstable": False}
+if TYPE_CHECKING:
+    from percept.study.fit import Fit
+
+#: By environment, and whether it is displayed through the coupling.
+Realisms = dict[tuple[str, bool], Realism]
+_LABELS = ("environment", "method", "kind", "family", "joint")
+# Frequencies that Llewellyn's criterion is drawn at, and that couplings are designed at.
+_STABILITY_POINTS, _DESIGN_POINTS = 400, 81
+# Realism starts from these, and takes up to so many.
+_REALISM_POINTS, _MOST = 80, 4096
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CouplingStudy(NotebookRecord):
-    """What the coupling does, with the device, over the scene's frequencies."""
+    """What the coupling does, with the device, over the scene's frequencies.
+
+    Parameters
+    ----------
+    stiffness, damping : float
+        Of the coupling, N/m and N·s/m.
+    verdict, reason : str
+        Llewellyn's criterion: "stable", "marginal", "unstable" or "undecided", and why.
+    margin : float
+        Smallest ratio of what the device has to what the coupling needs.
+    binding_omega : float
+        Where it binds, rad/s.
+    required_damping, required_omega : float or None
+        Damping a rigid device needs, N·s/m, and where that need is largest, rad/s; None for other devices.
+    omega, bound, admittance : ndarray, shape (M,)
+        Frequencies, rad/s; the criterion's bound and the real part of the coupling's admittance there.
+    realism : DataFrame
+        Per boundary: share of the range inside, where curves leave, and the margin; without and through the
+        coupling.
+    read_at : float
+        Where single values are read, rad/s.
+    probability : DataFrame or None
+        Probability over posterior draws of being realistic throughout; None without a Bayesian fit.
+    """
 
     stiffness: float
     damping: float
     verdict: str
     reason: str
     margin: float
-    binding_omega: float  # Where it binds, rad/s
-    required_damping: float | None  # Damping a rigid device would need, N·s/m
-    required_omega: float | None  # Where that need is largest, rad/s
-    omega: Array  # (M,)
-    bound: Array  # (M,)
-    admittance: Array  # (M,)
+    binding_omega: float
+    required_damping: float | None
+    required_omega: float | None
+    omega: Array
+    bound: Array
+    admittance: Array
     realism: pd.DataFrame
-    read_at: float  # Where single values are read, rad/s
+    read_at: float
     probability: pd.DataFrame | None = None
 
 
 def study_coupling(
-    apparatus: Apparatus,
-    boundaries: tuple[Boundary, ...],
-    regions: tuple[Region, ...],
-    realisms: Iterable[tuple[str, bool, Realism]] = (),
+    setup: Setup,
+    boundaries: Sequence[Boundary],
+    regions: Sequence[Region],
+    realisms: Realisms,
     *,
     read_at: float,
 ) -> CouplingStudy:
     """Judge a coupling: Llewellyn's criterion, and membership in the boundaries."""
-    device, coupling, period, hold = apparatus.device, apparatus.coupling, apparatus.period, apparatus.hold
+    device, coupling, period, hold = setup.device, setup.coupling, setup.period, setup.hold
     if coupling is None:
         raise UsageError("there is no coupling to judge.", hint="Give the scene a [coupling].")
     verdict = haptics.absolute_stability(device, coupling, period, hold=hold)
     rigid = isinstance(device, haptics.Device)
     need = haptics.required_damping(coupling, period, hold=hold) if rigid else None
     nyquist = np.pi / period
-    omega = np.geomspace(min(1.0, 1e-3 * nyquist), nyquist, 400)
-    if isinstance(device, haptics.TabulatedDevice):
+    omega = np.geomspace(min(1.0, 1e-3 * nyquist), nyquist, _STABILITY_POINTS)
+    if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
     return CouplingStudy(
         stiffness=float(coupling.stiffness),
@@ -76,74 +110,165 @@ def study_coupling(
         omega=omega,
         bound=haptics.coupling_bound(omega, device, period, hold=hold),
         admittance=haptics.coupling_admittance(omega, coupling, period).real,
-        realism=_realism(apparatus, coupling, boundaries, regions, read_at),
+        realism=_memberships(setup, coupling, boundaries, regions, read_at),
         read_at=read_at,
-        probability=_probability(realisms, _STABLE.get(verdict.verdict)),
+        probability=_probability(realisms, verdict.verdict) if realisms else None,
     )
 
 
-def _realism(
-    apparatus: Apparatus,
+def _memberships(
+    setup: Setup,
     coupling: Coupling,
-    boundaries: tuple[Boundary, ...],
-    regions: tuple[Region, ...],
+    boundaries: Sequence[Boundary],
+    regions: Sequence[Region],
     read_at: float,
 ) -> pd.DataFrame:
-    found = {(r.environment, r.method, r.kind, r.family, r.joint): r for r in regions}
-    effective = {
-        name: haptics.effective_impedance(read_at, reference, coupling, apparatus.period)
-        for name, reference in apparatus.references.items()
-    }
+    """Say of every boundary whether the reference stays inside, without and through the coupling."""
+    known = {tuple(getattr(region, name) for name in _LABELS): region for region in regions}
     rows = []
     for boundary in boundaries:
-        if boundary.coupled is None:
-            continue
-        reference = apparatus.references[boundary.environment]
-        key = (boundary.environment, boundary.method, boundary.kind, boundary.family, boundary.joint)
-        row: dict[str, Any] = dict(
-            zip(("environment", "method", "kind", "family", "joint"), key, strict=True)
-        )
-        row["shape"] = boundary.shape
+        assert boundary.coupled is not None
+        key = tuple(getattr(boundary, name) for name in _LABELS)
+        row: dict[str, Any] = dict(zip(_LABELS, key, strict=True)) | {"shape": boundary.shape}
         for name, curve in (("uncoupled", boundary.reference), ("coupled", boundary.coupled)):
             member = magnitude_membership(boundary.omega, boundary.lower, boundary.upper, curve)
             row[f"share_inside_{name}"] = member.inside
             row[f"leaves_{name}"] = member.leaves
             row[f"margin_{name}"] = member.margin
-        row["effective_stiffness"] = float(effective[boundary.environment].stiffness)
-        row["effective_damping"] = float(effective[boundary.environment].damping)
+        reference = setup.references[boundary.environment]
+        read = haptics.effective_impedance(read_at, reference, coupling, setup.period)
+        row["effective_stiffness"], row["effective_damping"] = float(read.stiffness), float(read.damping)
         if boundary.shape == "envelope":
-            row |= _plane(found[key], boundary.omega, reference, coupling, apparatus.period)
+            # More strictly: effective stiffness and damping both inside the region.
+            shown = haptics.effective_impedance(boundary.omega, reference, coupling, setup.period)
+            own = (np.full(boundary.omega.shape, v) for v in (reference.stiffness, reference.damping))
+            direct, coupled = (
+                depth_membership(boundary.omega, known[key].depths(*pair))
+                for pair in (own, (shown.stiffness, shown.damping))
+            )
+            row["plane_uncoupled"] = direct.inside
+            row["plane_coupled"], row["plane_leaves_coupled"] = coupled.inside, coupled.leaves
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _plane(
-    region: Region, omega: Array, reference: Environment, coupling: Coupling, period: float
-) -> dict[str, Any]:
-    """Test more strictly: effective stiffness and damping both inside the region."""
-    shown = haptics.effective_impedance(omega, reference, coupling, period)
-    direct = region.depths(*(np.full(omega.shape, v) for v in (reference.stiffness, reference.damping)))
-    coupled = depth_membership(omega, region.depths(shown.stiffness, shown.damping))
+def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
+    """Probabilities of being realistic; times stability, of which a coupling at its limit has none."""
+    stable = {"stable": True, "marginal": False, "unstable": False}.get(verdict)
+    rows = []
+    for (environment, coupled), found in realisms.items():
+        both = stable if coupled else None
+        magnitude, plane = found.magnitude_throughout, found.plane_throughout
+        rows.append(
+            {
+                "environment": environment,
+                "coupled": coupled,
+                "magnitude": magnitude,
+                "plane": plane,
+                "stable_and_realistic": None if both is None else magnitude * both,
+                "stable_and_realistic_plane": None if both is None else plane * both,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def no_design(setup: Setup, kinds: Sequence[str]) -> Skipped | None:
+    """Say why no admissible couplings are looked for; None where they are."""
+    device, what = setup.device, "admissible couplings"
+    if isinstance(device, TabulatedDevice) and not covers_range(device, setup.period):
+        covered = f"{device.omega[0]:g} to {device.omega[-1]:g} rad/s"
+        needed = f"all of 0 to {np.pi / setup.period:g}"
+        return Skipped(what, f"the device's table covers {covered}, and stability needs {needed}")
+    if "user" not in kinds:
+        return Skipped(what, "they are judged by intervals of kind user, which were not asked for")
+    return None
+
+
+def design_by_method(
+    setup: Setup, regions: Sequence[Region], family: str, omega: Array
+) -> dict[str, haptics.CouplingDesign]:
+    """Map the couplings that are stable and realistic, by the envelope of kind user of each method."""
+    grid = np.geomspace(omega[0], omega[-1], min(_DESIGN_POINTS, omega.size))
+    found = {}
+    for method in ("classical", "bayesian"):
+        of_user = {
+            r.environment: r
+            for r in regions
+            if (r.method, r.kind, r.family, r.joint) == (method, "user", family, "marginal")
+        }
+        if of_user.keys() != setup.references.keys():
+            continue
+        limits = [
+            haptics.EnvironmentBoundary(reference, *setup.outline(of_user[name], "envelope", grid))
+            for name, reference in setup.references.items()
+        ]
+        found[method] = haptics.design_couplings(grid, setup.device, limits, setup.period, hold=setup.hold)
+    return found
+
+
+def populations(fit: Fit, asked: InferenceTable) -> dict[str, Populations]:
+    """Limits between which the level of all users lie, per posterior draw and environment."""
+    means, _ = fit.model.draw(fit.points, generator(asked.seed, Stream.REALISM))
+    reach = -special.ndtri(0.5 * (1.0 - asked.level)) * fit.model.laws(fit.points).population_sd
+    lower, upper = fit.scale.native(means - reach), fit.scale.native(means + reach)
+
+    def limits(parameter: str, environment: str) -> tuple[Array, Array]:
+        c = fit.column[parameter, environment]
+        return lower[:, c], upper[:, c]
+
+    return {e: Populations(limits("k", e), limits("b", e)) for e in fit.environments}
+
+
+def study_realism(setup: Setup, fit: Fit, asked: InferenceTable, omega: Array) -> Realisms:
+    """Judge every reference, without and through the coupling, at as many frequencies as it takes.
+
+    Some of the frequencies given are judged first, and the dips and peaks of abs(Z_h) as displayed. All
+    intervals are then halved until no probability throughout the range moves by more than its Monte Carlo
+    error, or up to 4096 frequencies.
+    """
     return {
-        "plane_uncoupled": depth_membership(omega, direct).inside,
-        "plane_coupled": coupled.inside,
-        "plane_leaves_coupled": coupled.leaves,
+        (environment, coupled): found
+        for environment, users in populations(fit, asked).items()
+        for coupled, found in zip((False, True), _refined(setup, environment, users, omega), strict=False)
     }
 
 
-def _probability(realisms: Iterable[tuple[str, bool, Realism]], stable: bool | None) -> pd.DataFrame | None:
-    def both(probability: float, coupled: bool) -> float | None:
-        return probability * stable if coupled and stable is not None else None
+def _refined(setup: Setup, environment: str, users: Populations, omega: Array) -> list[Realism]:
+    """Judge one reference at `omega`, at dips and peaks, and at as many more frequencies as it takes."""
+    omega = thin(omega, _REALISM_POINTS)
+    turns = _turns(setup, environment, float(omega[0]), float(omega[-1]))
+    grid = np.unique(np.concatenate([omega, *turns]))
+    judged = _judged(setup, environment, users, grid)
+    while grid.size < _MOST:
+        before, grid = judged, np.union1d(grid, np.sqrt(grid[:-1] * grid[1:]))
+        judged = _judged(setup, environment, users, grid)
+        first, second = (
+            np.array([(one.magnitude_throughout, one.plane_throughout) for one in found])
+            for found in (before, judged)
+        )
+        draws = users.stiffness[0].size
+        # Where all draws agree the error counts as one draw.
+        error = np.maximum(np.sqrt(second * (1.0 - second) / draws), 1.0 / draws)
+        if (np.abs(first - second) <= error).all():
+            break
+    return judged
 
-    rows = [
-        {
-            "environment": environment,
-            "coupled": coupled,
-            "magnitude": found.magnitude_throughout,
-            "plane": found.plane_throughout,
-            "stable_and_realistic": both(found.magnitude_throughout, coupled),
-            "stable_and_realistic_plane": both(found.plane_throughout, coupled),
-        }
-        for environment, coupled, found in realisms
-    ]
-    return pd.DataFrame(rows) if rows else None
+
+def _turns(setup: Setup, environment: str, lower: float, upper: float) -> Iterator[Array]:
+    """Where abs(Z_h) as displayed has its dips and peaks between two frequencies, rad/s."""
+    fine = search_grid(setup.device, setup.period, *setup.resonances(environment))
+    fine = np.unique([lower, *fine[(fine > lower) & (fine < upper)], upper])
+    for coupled in (False, True)[: 1 + (setup.coupling is not None)]:
+        yield dips_and_peaks(partial(setup.curve, environment, coupled=coupled), fine)
+
+
+def _judged(setup: Setup, environment: str, users: Populations, omega: Array) -> list[Realism]:
+    """Judge one reference at frequencies (M,), rad/s, without and, if there is one, through the coupling."""
+    reference = setup.references[environment]
+    direct = (np.full(omega.shape, float(value)) for value in (reference.stiffness, reference.damping))
+    displayed = [Displayed(omega, setup.curve(environment, omega, coupled=False), *direct)]
+    if setup.coupling is not None:
+        shown = haptics.effective_impedance(omega, reference, setup.coupling, setup.period)
+        curve = setup.curve(environment, omega, coupled=True)
+        displayed.append(Displayed(omega, curve, shown.stiffness, shown.damping))
+    return realism(displayed, users, setup.device, setup.period, hold=setup.hold)

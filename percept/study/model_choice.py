@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
@@ -14,9 +14,9 @@ from percept.inference.hierarchy.scales import Options
 from percept.inference.sampling.run import Progress
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.bayesian import RunStore, fit, prepare
-from percept.study.posterior import subject_density
-from percept.study.subject_checks import SubjectChecks, check_subjects
+from percept.study.basics import Skipped
+from percept.study.checks import SubjectChecks, check_subjects
+from percept.study.fit import RunStore, fit_model, prepare
 
 #: Models compared, by what they leave out of the full one. "Weber trend" keeps each environment's own spread
 #: about the trend, which takes up what the trend lacks: it seldom differs from "full". Weber's law itself is
@@ -35,11 +35,22 @@ _SMALL = 4.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ModelChoice(NotebookRecord):
-    """Models in the order of their predictive density."""
+    """Models in the order of their predictive density.
 
-    table: pd.DataFrame  # model
-    failed: tuple[str, ...]  # Those, with the reason
-    sentence: str  # What can be told
+    Parameters
+    ----------
+    table : DataFrame
+        Per model: elpd with its standard error, difference to the best with its own, and the number of
+        subjects left out roughly.
+    failed : tuple of str
+        Models that failed the gate, with the reason.
+    sentence : str
+        What can be told.
+    """
+
+    table: pd.DataFrame
+    failed: tuple[str, ...]
+    sentence: str
 
 
 def compare_models(
@@ -57,8 +68,7 @@ def compare_models(
             "with one environment there is one model only.",
             hint="Models differ in how they join several environments.",
         )
-    unknown = [name for name in models if name not in MODELS]
-    if unknown:
+    if unknown := [name for name in models if name not in MODELS]:
         raise UsageError(f"no such model; there are {', '.join(MODELS)}.", key="models", value=unknown[0])
     if sessions.form == "summary" or scene.model.pooling == "none":
         raise RefusalError(
@@ -70,52 +80,49 @@ def compare_models(
     for name in models:
         model = scene.model.model_dump(exclude_none=True) | dataclasses.asdict(MODELS[name])
         asked = scene.with_tables(model=model)
-        prepared = prepare(sessions, asked, parameters)
-        sampled = fit(prepared, asked, progress=progress, store=store)
-        if sampled.run.gate.passed:
-            subjects = subject_density(sampled)
-            assert subjects is not None
-            found[name] = check_subjects(sampled, subjects, asked, progress=progress)
+        fit = fit_model(prepare(sessions, asked, parameters), asked.inference, progress=progress, store=store)
+        if fit.passed:
+            assert not isinstance(fit.subjects, Skipped)
+            found[name] = check_subjects(fit, fit.subjects, asked, progress=progress)
         else:
-            failed.append(f"{name}: {' '.join(sampled.run.gate.reasons)}")
+            failed.append(f"{name}: {' '.join(fit.run.gate.reasons)}")
     if not found:
         raise RefusalError("no model passes the gate of the sampler.", hint=" ".join(failed))
-    table = _table(found)
-    return ModelChoice(table, tuple(failed), _sentence(table))
+    table = ranked(found)
+    return ModelChoice(table, tuple(failed), sentence_of(table))
 
 
-def _table(found: dict[str, SubjectChecks]) -> pd.DataFrame:
+def ranked(found: Mapping[str, SubjectChecks]) -> pd.DataFrame:
+    """Put models in the order of their density, with how far each lies behind the first."""
     order = sorted(found, key=lambda name: -found[name].elpd)
     best = found[order[0]].subjects["elpd"].to_numpy()
     rows = []
     for name in order:
-        checks = found[name]
-        rough = checks.subjects["influential"] & ~checks.subjects["refitted"]
-        apart = checks.subjects["elpd"].to_numpy() - best
+        subjects = found[name].subjects
+        behind = subjects["elpd"].to_numpy() - best
         rows.append(
             {
                 "model": name,
-                "elpd": checks.elpd,
-                "se": checks.se,
-                "difference": float(apart.sum()),
-                "difference_se": float(np.sqrt(apart.size * apart.var(ddof=1))),
-                "rough": int(rough.sum()),
+                "elpd": found[name].elpd,
+                "se": found[name].se,
+                "difference": float(behind.sum()),
+                "difference_se": float(np.sqrt(behind.size * behind.var(ddof=1))),
+                "rough": int((subjects["influential"] & ~subjects["refitted"]).sum()),
             }
         )
     return pd.DataFrame(rows)
 
 
-def _sentence(table: pd.DataFrame) -> str:
+def sentence_of(table: pd.DataFrame) -> str:
+    """Say which model is best, and which of the others are clearly worse."""
     behind = table.iloc[1:]
-    clear = behind[(behind["difference"] < -_SMALL) & (behind["difference"] < -2.0 * behind["difference_se"])]
+    clear = (behind["difference"] < -_SMALL) & (behind["difference"] < -2.0 * behind["difference_se"])
     told = f'"{table["model"].iloc[0]}" predicts a subject left out best'
-    close = [name for name in behind["model"] if name not in set(clear["model"])]
-    if close:
-        told += f", not distinguishable from {', '.join(close)}"
-    if len(clear):
-        told += f"; {', '.join(clear['model'])} clearly worse"
-    rough = int(table["rough"].sum())
-    if rough:
+    if not clear.all():
+        told += f", not distinguishable from {', '.join(behind.loc[~clear, 'model'])}"
+    if clear.any():
+        told += f"; {', '.join(behind.loc[clear, 'model'])} clearly worse"
+    if rough := int(table["rough"].sum()):
         told += (
             f". {rough} of the left-out densities are rough (Pareto index too high): use --refit to be sure"
         )

@@ -1,53 +1,71 @@
-"""Intervals and boundaries of an environment nobody tested."""
+"""Intervals and boundaries of an environment nobody tested, and how well the tested ones are predicted."""
 
 from __future__ import annotations
 
 import dataclasses
 import html
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from scipy import special
 
 from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
-from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
-from percept.inference.record import Interval
-from percept.scene import Scene
+from percept.inference.record import Kind, percent
+from percept.scene import InferenceTable
 from percept.sessions.values import UNITS
-from percept.study.apparatus import Apparatus
-from percept.study.bayesian import Fit
-from percept.study.boundaries import Range, environment_boundaries
-from percept.study.posterior import thinned_points
+from percept.study.basics import NAMES, Array, Stream, generator
+from percept.study.boundaries import boundaries_of
+from percept.study.fit import Fit, estimands_of
+from percept.study.intervals import bayesian_interval, cell_moments, known_moments, row_of
 from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
 from percept.study.responses import ResponseScale, refuse_no_ratio
-from percept.study.streams import Stream, generator
-from percept.study.units import NAMES
 
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-Array = NDArray[np.float64]
 _DRAWS = 16_384
 _BATCHES = 20
+# Environments that leaving one out leaves a trend to.
+_FEWEST = 3
 #: Why a reference of zero cannot be predicted from, nor for.
-NO_PLACE = "and has no place on the scale that environments are compared on"
+_NO_PLACE = "and has no place on the scale that environments are compared on"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """What the hierarchical model expects of an untested environment."""
+    """What the hierarchical model expects of an untested environment.
 
-    environment: str  # Its name
+    Parameters
+    ----------
+    environment : str
+        Its name.
+    decades : dict
+        log10 of each reference over the geometric mean of those tested, by parameter.
+    beyond : dict
+        Decades by which each reference lies above the tested range, negative below it, 0 inside.
+    nearest : str
+        The tested environment whose references are nearest.
+    distance : float
+        How far that is, decades.
+    intervals : DataFrame
+        As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
+    boundaries : tuple of Boundary
+        Of abs(Z_h); empty without a device.
+    """
+
+    environment: str
     decades: dict[str, float]
     beyond: dict[str, float]
-    nearest: str  # The tested environment whose references are nearest
-    distance: float  # How far that is, decades
+    nearest: str
+    distance: float
     intervals: pd.DataFrame
-    boundaries: tuple[Boundary, ...]  # Of abs(Z_h)
+    boundaries: tuple[Boundary, ...]
 
     @property
     def extrapolates(self) -> bool:
@@ -78,11 +96,35 @@ def predict(
     stiffness: float | None = None,
     damping: float | None = None,
     name: str = "new",
-    kinds: tuple[str, ...] | None = None,
+    kinds: tuple[Kind, ...] | None = None,
     curves: bool = True,
 ) -> Prediction:
-    """Predict intervals and boundaries of an untested environment."""
-    scene = study.scene
+    """Predict intervals and boundaries of an untested environment.
+
+    Parameters
+    ----------
+    study : Study
+        With a passed Bayesian fit that pools environments.
+    stiffness, damping : float
+        Of the environment, N/m and N·s/m; each where the study analyses it.
+    name : str
+        Of the environment.
+    kinds : tuple of str, optional
+        Of the intervals; those of the study by default.
+    curves : bool
+        Whether boundaries are wanted.
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    UsageError
+        A reference that is missing, not positive, or of a parameter that the study does not analyse.
+    RefusalError
+        No passed Bayesian fit, a tested reference of zero, or one environment.
+    """
     given = {"k": stiffness, "b": damping}
     for parameter, value in given.items():
         if value is not None and parameter not in study.parameters:
@@ -93,36 +135,44 @@ def predict(
                 hint="Leave it out.",
             )
     reference = np.array([_positive(p, given[p]) for p in study.parameters])
-    refuse_no_ratio(study.reference, why=NO_PLACE)
+    refuse_no_ratio(study.reference, why=_NO_PLACE)
     fit = _fit(study)
-    # Those the fit is of: an environment where some parameter was never adjusted is not among them.
-    environments = tuple(dict.fromkeys(e for _, e in fit.prepared.model.cells))
-    tested = np.array([[study.reference[p, e] for e in environments] for p in study.parameters])
-    logs = np.log10(tested)
+    tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
     at = np.log10(reference)
-    x = at - logs.mean(axis=1)
-    beyond = np.maximum(at - logs.max(axis=1), 0.0) + np.minimum(at - logs.min(axis=1), 0.0)
-    far = np.hypot.reduce(logs - at[:, None], axis=0)
-    expected = expected_users(fit, x, scene)
-    scale = ResponseScale.of(reference, scene.inference.family)
-    intervals = _intervals(study, fit, expected, scale, kinds or scene.inference.kinds, name)
+    x = at - tested.mean(axis=1)
+    beyond = np.maximum(at - tested.max(axis=1), 0.0) + np.minimum(at - tested.min(axis=1), 0.0)
+    far = np.hypot.reduce(tested - at[:, None], axis=0)
+    asked, summary = study.scene.inference, study.sessions.form == "summary"
+    expected = expected_users(fit, x, asked)
+    scale = ResponseScale.of(reference, asked.family)
+    approximate = summary and asked.family == "lognormal"
+    rows = _rows(fit, expected, scale, asked, kinds or asked.kinds, name, approximate=approximate)
+    intervals = pd.DataFrame(rows)
+    boundaries: tuple[Boundary, ...] = ()
+    if curves and study.setup is not None and len(study.parameters) == 2:
+        regions: list[Region] = list(rectangles(intervals))
+        draws = [] if summary else list(_draws(expected, scale, asked, name))
+        for drawn in draws:
+            regions += draw_ellipses(drawn, {name: int(fit.counts.max())})
+        environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
+        setup = dataclasses.replace(study.setup, references={name: environment})
+        boundaries = boundaries_of(setup, [name], regions, draws, study.frequencies)
     return Prediction(
         environment=name,
         decades=dict(zip(study.parameters, x.tolist(), strict=True)),
         beyond=dict(zip(study.parameters, beyond.tolist(), strict=True)),
-        nearest=environments[int(far.argmin())],
+        nearest=fit.environments[int(far.argmin())],
         distance=float(far.min()),
         intervals=intervals,
-        boundaries=_boundaries(study, fit, expected, scale, intervals, reference, name) if curves else (),
+        boundaries=boundaries,
     )
 
 
-def expected_users(fit: Fit, x: Array, scene: Scene) -> NewEnvironment:
+def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> NewEnvironment:
     """Work out what a fit expects of the users of a new environment."""
-    points, _ = thinned_points(fit)
-    rng = generator(scene.inference.seed, Stream.NEW_ENVIRONMENT)
-    repeats = max(4, round(_DRAWS / len(points)))
-    return new_environment(fit.prepared.model, points, x, repeats=repeats, rng=rng)
+    repeats = max(4, round(_DRAWS / len(fit.points)))
+    rng = generator(asked.seed, Stream.NEW_ENVIRONMENT)
+    return new_environment(fit.model, fit.points, x, repeats=repeats, rng=rng)
 
 
 def _fit(study: Study) -> Fit:
@@ -131,76 +181,56 @@ def _fit(study: Study) -> Fit:
             "the classical method has no model of environments nobody tested.",
             hint='Set method = "both" or "bayesian".',
         )
-    if not study.fit.run.gate.passed:
+    if not study.fit.passed:
         raise RefusalError("the posterior is withheld: " + " ".join(study.fit.run.gate.reasons))
     return study.fit
 
 
 def _positive(parameter: str, value: float | None) -> float:
+    which = f"the {NAMES[parameter]} of the new environment"
     if value is None:
         raise UsageError(
-            f"the {NAMES[parameter]} of the new environment is missing.",
+            f"{which} is missing.",
             key=parameter,
             hint=f"The study analyses it: give a positive number of {UNITS[parameter]}.",
         )
     if not (np.isfinite(value) and value > 0):
         raise UsageError(
-            f"the {NAMES[parameter]} of the new environment must be a positive number of {UNITS[parameter]}.",
-            key=parameter,
-            value=value,
+            f"{which} must be a positive number of {UNITS[parameter]}.", key=parameter, value=value
         )
     return float(value)
 
 
-def _intervals(
-    study: Study,
+def _rows(
     fit: Fit,
     expected: NewEnvironment,
     scale: ResponseScale,
-    kinds: tuple[str, ...],
+    asked: InferenceTable,
+    kinds: tuple[Kind, ...],
     name: str,
-) -> pd.DataFrame:
-    asked = study.scene.inference
-    estimands = IntervalEstimands(
-        fit.prepared.model,
-        kinds=kinds,
-        level=asked.level,
-        share=asked.held_share,
-        confidence=asked.confidence,
-    )
-    laws = expected.laws
+    *,
+    approximate: bool,
+) -> Iterator[dict[str, Any]]:
+    """Yield a row of the interval table for every kind and parameter, with its Monte Carlo error."""
+    estimands, laws = estimands_of(fit.model, asked), expected.laws
     estimate = _native(scale, laws.mean.mean(axis=0))
-    rows: list[dict[str, Any]] = []
+    reference = {(p, name): float(value) for p, value in zip(fit.parameters, scale.origin, strict=True)}
     for kind in kinds:
         lower, upper, influence = estimands.limits(kind, laws)
         error = _monte_carlo(influence).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
         low, high = _native(scale, lower), _native(scale, upper)
-        for p, parameter in enumerate(study.parameters):
-            interval = Interval(
-                kind=kind,  # type: ignore[arg-type]
-                method="bayesian",
-                family=asked.family,
-                level=asked.level,
-                lower=float(low[p]),
-                upper=float(high[p]),
-                estimate=float(estimate[p]),
-                n=int(fit.prepared.counts.max()),
-                share=asked.held_share if kind == "share" else None,
-                confidence=asked.confidence if kind == "share" else None,
-                repeats=fit.prepared.repeats,
-                approximate=study.sessions.form == "summary" and asked.family == "lognormal",
-                unit=UNITS[parameter],
+        for p, parameter in enumerate(fit.parameters):
+            interval = bayesian_interval(
+                asked,
+                kind,
+                parameter,
+                (float(low[p]), float(high[p])),
+                float(estimate[p]),
+                n=int(fit.counts.max()),
+                repeats=fit.repeats,
+                approximate=approximate,
             )
-            rows.append(
-                {
-                    "environment": name,
-                    "parameter": parameter,
-                    "reference": float(scale.origin[p]),
-                    **interval.as_dict(),
-                    "monte_carlo": float(error[p]),
-                }
-            )
-    return pd.DataFrame(rows)
+            yield row_of(interval, parameter, name, reference) | {"monte_carlo": float(error[p])}
 
 
 def _monte_carlo(influence: Array) -> Array:
@@ -210,42 +240,147 @@ def _monte_carlo(influence: Array) -> Array:
     return means.std(axis=0, ddof=1) / np.sqrt(_BATCHES)
 
 
-def _boundaries(
-    study: Study,
-    fit: Fit,
-    expected: NewEnvironment,
-    scale: ResponseScale,
-    intervals: pd.DataFrame,
-    reference: Array,
-    name: str,
-) -> tuple[Boundary, ...]:
-    known = study.apparatus
-    if known is None:
-        return ()
-    asked = study.scene.inference
-    rng = generator(asked.seed, Stream.NEW_BOUNDARIES)
-    drawn = dict(zip(("mean", "user"), expected.draw(rng), strict=True))
-    draws = [
-        Draws(
-            kind=kind,
-            method="bayesian",
-            family=asked.family,
-            level=asked.level,
-            pairs={name: (native[:, 0], native[:, 1])},
-        )
-        for kind, responses in drawn.items()
-        if kind in asked.kinds and study.sessions.form == "trials"
-        for native in [displayable(_native(scale, responses))]
-    ]
-    regions: list[Region] = list(rectangles(intervals))
-    for part in draws:
-        regions += draw_ellipses(part, {name: int(fit.prepared.counts.max())})
-    environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
-    apparatus = Apparatus(known.device, known.period, known.hold, {name: environment}, known.coupling)
-    frequencies: Range = study.frequencies
-    return tuple(environment_boundaries(apparatus, name, regions, draws, frequencies))
+def _draws(
+    expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable, name: str
+) -> Iterator[Draws]:
+    """Draw the average and the next user of the environment."""
+    drawn = expected.draw(generator(asked.seed, Stream.NEW_BOUNDARIES))
+    for kind, responses in zip(("mean", "user"), drawn, strict=True):
+        if kind in asked.kinds:
+            k, b = displayable(_native(scale, responses)).T
+            yield Draws(
+                kind=kind, method="bayesian", family=asked.family, level=asked.level, pairs={name: (k, b)}
+            )
 
 
 def _native(scale: ResponseScale, response: Array) -> Array:
     with np.errstate(over="ignore", under="ignore"):
         return scale.native(response)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Predictions of environments that the model had not seen, against what was found there.
+
+    Parameters
+    ----------
+    family : str
+        Of the model.
+    level : float
+        Of the intervals.
+    rows : DataFrame
+        Per environment and parameter: the predicted interval of the average user, the observed mean and
+        whether it lies inside, and how many of its users the interval of the next user holds.
+    skipped : tuple of tuple
+        Environments without a prediction, and why.
+    """
+
+    family: str
+    level: float
+    rows: pd.DataFrame
+    skipped: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """How many observed means the predictions hold."""
+        held = int(self.rows["inside"].sum()) if len(self.rows) else 0
+        said = (
+            f"{held} of {len(self.rows)} observed means lie inside the {percent(self.level)} interval of the "
+            "average user predicted from the other environments."
+        )
+        outside = [
+            f"{row.parameter} of {row.environment}" for row in self.rows.itertuples() if not row.inside
+        ]
+        return f"{said} Outside: {', '.join(outside)}." if outside else said
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(self.sentence)}</p>{self.rows.to_html(index=False, escape=True)}"
+
+
+def leave_one_environment_out(study: Study) -> LeftOut:
+    """Predict each environment from a fit to all others, and compare with its users.
+
+    Parameters
+    ----------
+    study : Study
+        Of three environments or more, with a Bayesian method.
+
+    Returns
+    -------
+    LeftOut
+
+    Raises
+    ------
+    RefusalError
+        Fewer environments, the classical method alone, or a reference of zero.
+    """
+    if len(study.environments) < _FEWEST:
+        raise RefusalError(
+            f"leaving one of {len(study.environments)} environments out leaves no trend to predict from; "
+            f"{_FEWEST} are needed."
+        )
+    asked = study.scene.inference
+    if asked.method == "classical":
+        _fit(study)
+    refuse_no_ratio(study.reference, why=_NO_PLACE)
+    observed = known_moments(cell_moments(study.sessions, study.parameters, asked.family), asked.family)
+    rows: list[dict[str, Any]] = []
+    skipped = []
+    for environment in study.environments:
+        table = study.sessions.table
+        kept = dataclasses.replace(study.sessions, table=table[table["environment"] != environment])
+        others = study.over(kept)
+        given = {p: study.reference[p, environment] for p in study.parameters}
+        try:
+            found = predict(
+                others,
+                stiffness=given.get("k"),
+                damping=given.get("b"),
+                name=environment,
+                kinds=("mean", "user"),
+                curves=False,
+            )
+        except RefusalError as refused:
+            skipped.append((environment, str(refused)))
+            continue
+        assert others.fit is not None
+        expected = expected_users(others.fit, np.array(list(found.decades.values())), asked)
+        rows += _against(found, expected, observed)
+    return LeftOut(asked.family, asked.level, pd.DataFrame(rows), tuple(skipped))
+
+
+def _against(
+    found: Prediction, expected: NewEnvironment, observed: Mapping[tuple[str, str], Moments]
+) -> Iterator[dict[str, Any]]:
+    """Yield a row for every parameter whose users are known."""
+    limits = {(row["parameter"], row["kind"]): row for row in found.intervals.to_dict("records")}
+    laws = expected.laws
+    for p, (parameter, beyond) in enumerate(found.beyond.items()):
+        moments = observed.get((parameter, found.environment))
+        if moments is None:
+            continue
+        mean, user = (limits[parameter, kind] for kind in ("mean", "user"))
+        log = mean["family"] == "lognormal"
+        centre, sd, n = float(moments.mean), float(moments.sd), int(moments.n)
+        reference = float(mean["reference"])
+        response = centre - np.log(reference) if log else (centre - reference) / reference
+        spread = np.hypot(laws.sd[:, p], laws.population_sd[:, p] / np.sqrt(n))
+        ends = np.array([user["lower"], user["upper"]], dtype=float)
+        held = np.diff(special.ndtr(((np.log(ends) if log else ends) - centre) / sd))
+        value = float(np.exp(centre)) if log else centre
+        yield {
+            "environment": found.environment,
+            "parameter": parameter,
+            "reference": reference,
+            "lower": float(mean["lower"]),
+            "upper": float(mean["upper"]),
+            "estimate": float(mean["estimate"]),
+            "observed": value,
+            "n": n,
+            "inside": bool(mean["lower"] <= value <= mean["upper"]),
+            "place": float(special.ndtr((response - laws.mean[:, p]) / spread).mean()),
+            "user_lower": float(ends[0]),
+            "user_upper": float(ends[1]),
+            "users_inside": float(held[0]),
+            "beyond": beyond,
+        }

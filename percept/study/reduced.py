@@ -12,11 +12,9 @@ from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.statistics import from_cells
 from percept.scene import Scene
 from percept.sessions import Reduced
-from percept.study.bayesian import Prepared, fit, pooled
-from percept.study.chosen import analysed
-from percept.study.classical import TOO_FEW, Cell
-from percept.study.interval_table import COLUMNS, bayesian_rows, classical_rows, refuse_nothing
-from percept.study.placed import References
+from percept.study.basics import References, analysed_parameters, results
+from percept.study.fit import Prepared, bayesian_rows, fit_model, pooled
+from percept.study.intervals import COLUMNS, TOO_FEW, Cell, classical_rows
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
 
@@ -31,14 +29,12 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
     attrs: dict[str, Any] = {"skipped": (), "error_reached": ""}
     if scene.inference.method != "bayesian":
         cells = _cells(reduced, reference)
-        rows += classical_rows({reduced.family: cells}, scene, reference)
-        if not rows and scene.inference.method == "classical":
-            refuse_nothing(cells)
+        rows += results(classical_rows({reduced.family: cells}, scene.inference, reference))
     if scene.inference.method != "classical":
-        found = fit(prepare_reduced(reduced, scene), scene)
+        found = fit_model(prepare_reduced(reduced, scene), scene.inference)
         why = " ".join(found.run.gate.reasons)
-        if found.run.gate.passed:
-            rows += bayesian_rows(found, scene, reference)
+        if found.passed:
+            rows += results(bayesian_rows(found, scene.inference, reference))
             attrs["error_reached"] = found.run.gate.error_reached
         elif rows:
             attrs["skipped"] = (("Bayesian intervals", why),)
@@ -80,7 +76,7 @@ def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
         message, hint = "cells that were reduced are pooled.", "Read the trials with read_sessions."
         raise UsageError(message, key="model.pooling", value="none", hint=hint)
     present = tuple(p for p in ("k", "b") if reduced.references[f"{p}_ref"].notna().any())
-    return analysed(present, scene)
+    return analysed_parameters(present, scene.inference.parameters)
 
 
 def _cells(reduced: Reduced, reference: References) -> list[Cell]:

@@ -1,36 +1,38 @@
-"""Regions of (k, b) that boundaries are drawn around: every method, kind and joint treatment of a study."""
+"""Regions and draws of (k, b) that boundaries come from: of every method, kind and joint treatment."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from percept.boundary.draws import ellipse_of_draws
+from percept.boundary.draws import confidence_draws, ellipse_of_draws
 from percept.errors import RefusalError
 from percept.inference.classical.trials import subject_means
-from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.record import Family
 from percept.inference.regions import EllipseRegion, ellipse_region
-from percept.scene import Scene
+from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
-from percept.study.cells import Limits, paired_limits
-from percept.study.classical import FAMILIES
-from percept.study.posterior import thinned_points
+from percept.study.basics import FAMILIES, Array, Skipped, Stream, generator, results
+from percept.study.intervals import Limits, paired_limits
 
 if TYPE_CHECKING:
-    from percept.study.bayesian import Fit
+    from percept.study.fit import Fit
 
-Array = NDArray[np.float64]
-Family = Literal["normal", "lognormal"]
+#: Of k and of b, each (N,), N/m and N·s/m, by environment.
 Pairs = dict[str, tuple[Array, Array]]
 # Where little is known a spread, and so a draw or a limit, may leave the range of doubles; beyond this many
 # N/m or N·s/m no curve of interest changes.
 _LARGEST = 1e40
-_SIDES = ("lower", "upper")
+#: What a covariance of k and b needs.
+_FEWEST_SUBJECTS = 3
+# As many as there is information for: several conditional draws per effective draw of the scales ...
+_POSTERIOR = 16_384
+# ... and evenly spread ones, whose quantiles are as good as those of ten times as many independent ones.
+_CLASSICAL = 8_192
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,15 +65,20 @@ class Region:
 class Draws:
     """Draws of (k, b) per environment that curves are drawn through."""
 
-    kind: str  # What was drawn
-    method: str  # What was drawn
-    family: str  # What was drawn
+    kind: str
+    method: str
+    family: str
     level: float  # Level of the bands
-    pairs: Pairs  # Draws of k and b by environment, each (N,), N/m and N·s/m
+    pairs: Pairs
 
-    def within(self, environment: str) -> Draws:
-        """Draws of one environment alone."""
-        return dataclasses.replace(self, pairs={environment: self.pairs[environment]})
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sources:
+    """What ellipses and curves through draws of (k, b) come from."""
+
+    kinds: dict[str, tuple[str, ...]]  # Kinds drawn, by method
+    pairs: dict[Family, Pairs]  # Subjects' values, by family; empty without the classical method
+    skipped: list[Skipped]
 
 
 def displayable(values: Array) -> Array:
@@ -79,52 +86,120 @@ def displayable(values: Array) -> Array:
     return np.copysign(np.clip(np.abs(values), 1.0 / _LARGEST, _LARGEST), values)
 
 
+def regions_of(
+    intervals: pd.DataFrame,
+    sources: Sources,
+    draws: Sequence[Draws],
+    fit: Fit | None,
+    asked: InferenceTable,
+) -> tuple[Region, ...]:
+    """Put together the regions of every method; ellipses of a fit go around its draws."""
+    found = [*rectangles(intervals), *_classical_ellipses(sources, asked.level)]
+    if fit is not None and len(fit.parameters) == 2:
+        found += _bonferroni(fit, asked)
+        counts = {e: int(fit.counts[c]) for (_, e), c in fit.column.items()}
+        for drawn in draws:
+            if drawn.method == "bayesian":
+                found += draw_ellipses(drawn, counts)
+    return tuple(found)
+
+
 def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     """Pair the intervals of stiffness and damping."""
-    if intervals.empty:
-        return
-    shown = intervals.assign(**{side: displayable(intervals[side].to_numpy()) for side in _SIDES})
-    labels = ("environment", "kind", "method", "family", "joint")
-    for rows, limits in paired_limits(shown, labels):
-        said: dict[str, Any] = {label: str(rows["k"][label]) for label in labels}
-        yield Region(**said, level=float(rows["k"]["level"]), limits=limits)
+    labels = ("environment", "kind", "method", "family", "joint", "level")
+    limits = {side: displayable(intervals[side].to_numpy(dtype=float)) for side in ("lower", "upper")}
+    for rows, pair in paired_limits(intervals.assign(**limits), labels):
+        yield Region(**{label: rows["k"][label] for label in labels}, limits=pair)
 
 
-def subject_pairs(sessions: Sessions, family: Family) -> Pairs:
+def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
+    """Posterior rectangles whose sides leave out half as much each, so that both hold at the level."""
+    from percept.inference.hierarchy.models import IntervalEstimands
+
+    level, share, confidence = (
+        1.0 - 0.5 * (1.0 - part) for part in (asked.level, asked.held_share, asked.confidence)
+    )
+    halved = IntervalEstimands(fit.model, level=level, share=share, confidence=confidence)
+    laws = fit.model.laws(fit.points)
+    for kind in asked.kinds:
+        lower, upper = (displayable(fit.scale.native(end)) for end in halved.limits(kind, laws)[:2])
+        for environment in fit.environments:
+            k, b = (
+                (float(lower[c]), float(upper[c])) for c in (fit.column[p, environment] for p in ("k", "b"))
+            )
+            yield Region(
+                environment=environment,
+                kind=kind,
+                method="bayesian",
+                family=asked.family,
+                joint="bonferroni",
+                level=asked.level,
+                limits=(k, b),
+            )
+
+
+def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, device: bool) -> Sources:
+    """Find what ellipses and curves can be drawn through, and say what cannot; nothing with one parameter."""
+    asked, skipped = scene.inference, list[Skipped]()
+    if len(parameters) < 2:
+        return Sources({}, {}, skipped)
+    if "share" in asked.kinds:
+        skipped.append(Skipped("ellipse of kind share", "there is no exact ellipse of a share of users"))
+        if device:
+            why = "a share of users has no curve of its own"
+            skipped.append(Skipped("curves through draws, kind share", why))
+    if sessions.form == "summary":
+        why = "published limits hold no correlation of k and b"
+        return Sources({}, {}, [*skipped, Skipped("ellipses and curves through draws", why)])
+    methods = ["classical", "bayesian"] if asked.method == "both" else [asked.method]
+    if "bayesian" in methods and scene.model.pooling == "none":
+        methods.remove("bayesian")
+        why = "cells without pooling hold no correlation of k and b"
+        skipped.append(Skipped("Bayesian ellipses and curves through draws", why))
+    if device and methods:
+        why = "a band symmetric in logs does not suit skewed draws: it can lie inside the pointwise band"
+        skipped.append(Skipped("simultaneous bands through draws", why))
+    pairs: dict[Family, Pairs] = {}
+    if "classical" in methods:
+        for family in FAMILIES:
+            found = list(_subject_pairs(sessions, family))
+            pairs[family] = dict(results(found))
+            skipped += [part for part in found if isinstance(part, Skipped)]
+    kinds = tuple(kind for kind in asked.kinds if kind != "share")
+    return Sources(dict.fromkeys(methods, kinds), pairs, skipped)
+
+
+def _subject_pairs(sessions: Sessions, family: Family) -> Iterator[tuple[str, tuple[Array, Array]] | Skipped]:
     """Take one stiffness and one damping per subject and environment, of the trials that have both."""
     complete = sessions.table[sessions.table[["k_adj", "b_adj"]].notna().all(axis=1)]
-    pairs: Pairs = {}
-    for environment, rows in complete.groupby("environment", sort=False):
+    for name, rows in complete.groupby("environment", sort=False):
+        environment, subjects = str(name), rows["subject"].to_numpy()
         adjusted = rows[["k_adj", "b_adj"]].to_numpy(dtype=float)
-        if family == "lognormal" and (adjusted <= 0).any():
-            continue
-        k, b = (
-            displayable(subject_means(column, rows["subject"].to_numpy(), family=family).values)
-            for column in adjusted.T
-        )
-        pairs[str(environment)] = k, b
-    return pairs
+        if (count := rows["subject"].nunique()) < _FEWEST_SUBJECTS:
+            yield Skipped(
+                f"classical ellipses and curves through draws of {environment}",
+                f"they need {_FEWEST_SUBJECTS} subjects with both parameters; there are {count}",
+            )
+        elif family == "normal" or (adjusted > 0).all():
+            k, b = (
+                displayable(subject_means(column, subjects, family=family).values) for column in adjusted.T
+            )
+            yield environment, (k, b)
 
 
-def classical_ellipses(sessions: Sessions, scene: Scene) -> Iterator[Region]:
+def _classical_ellipses(sources: Sources, level: float) -> Iterator[Region]:
     """Hotelling's ellipses of the average and the next user, in both families."""
-    if sessions.form == "summary":
-        return
-    level = scene.inference.level
-    for family in FAMILIES:
-        for environment, (k, b) in subject_pairs(sessions, family).items():  # type: ignore[arg-type]
-            for kind in ("mean", "user"):
-                if kind not in scene.inference.kinds:
-                    continue
+    for family, values in sources.pairs.items():
+        for environment, (k, b) in values.items():
+            for kind in sources.kinds["classical"]:
                 try:
                     ellipse = ellipse_region(k, b, kind=kind, level=level, family=family)  # type: ignore[arg-type]
                 except RefusalError:
                     continue
-                if _representable(ellipse):
-                    yield _around(environment, ellipse)
+                yield from _around(environment, ellipse)
 
 
-def draw_ellipses(draws: Draws, counts: dict[str, int]) -> Iterator[Region]:
+def draw_ellipses(draws: Draws, counts: Mapping[str, int]) -> Iterator[Region]:
     """Ellipses that hold the level of posterior draws."""
     for environment, (k, b) in draws.pairs.items():
         ellipse = ellipse_of_draws(
@@ -135,55 +210,54 @@ def draw_ellipses(draws: Draws, counts: dict[str, int]) -> Iterator[Region]:
             level=draws.level,
             n=counts[environment],
         )
-        if _representable(ellipse):
-            yield _around(environment, ellipse)
+        yield from _around(environment, ellipse)
 
 
-def bonferroni_regions(fit: Fit, scene: Scene) -> Iterator[Region]:
-    """Posterior rectangles whose sides leave out half as much each, so that both hold at the level."""
-    asked = scene.inference
-    model = fit.prepared.model
-    halved = IntervalEstimands(
-        model,
-        level=_halved(asked.level),
-        share=_halved(asked.held_share),
-        confidence=_halved(asked.confidence),
-    )
-    laws = model.laws(thinned_points(fit)[0])
-    for kind in asked.kinds:
-        lower, upper = (displayable(fit.prepared.scale.native(end)) for end in halved.limits(kind, laws)[:2])
-        limits = {cell: (float(lower[c]), float(upper[c])) for c, cell in enumerate(model.cells)}
-        for environment in dict.fromkeys(e for _, e in model.cells):
-            yield Region(
-                environment=environment,
-                kind=kind,
-                method="bayesian",
-                family=asked.family,
-                joint="bonferroni",
-                level=asked.level,
-                limits=(limits["k", environment], limits["b", environment]),
-            )
-
-
-def _representable(ellipse: EllipseRegion) -> bool:
-    """Say whether an ellipse of logarithms stays in the range of doubles: no curve is drawn where not."""
-    if ellipse.family == "normal":
-        return True
+def _around(environment: str, ellipse: EllipseRegion) -> Iterator[Region]:
+    """Yield the region of an ellipse; none of one of logarithms that leaves the range of doubles."""
     reach = np.abs(ellipse.centre) + ellipse.radius * ellipse.sd
-    return bool(reach.max() < np.log(_LARGEST))
+    if ellipse.family == "normal" or reach.max() < np.log(_LARGEST):
+        labels = {name: getattr(ellipse, name) for name in ("kind", "method", "family", "joint", "level")}
+        yield Region(environment=environment, ellipse=ellipse, **labels)
 
 
-def _halved(level: float) -> float:
-    return 1.0 - 0.5 * (1.0 - level)
+def draws_of(sources: Sources, fit: Fit | None, asked: InferenceTable) -> tuple[Draws, ...]:
+    """Put together the draws of every method."""
+    found = list(_classical_draws(sources, asked))
+    if fit is not None and "bayesian" in sources.kinds:
+        found += _posterior_draws(fit, asked, sources.kinds["bayesian"])
+    return tuple(found)
 
 
-def _around(environment: str, ellipse: EllipseRegion) -> Region:
-    return Region(
-        environment=environment,
-        kind=ellipse.kind,
-        method=ellipse.method,
-        family=ellipse.family,
-        joint=ellipse.joint,
-        level=ellipse.level,
-        ellipse=ellipse,
-    )
+def _posterior_draws(fit: Fit, asked: InferenceTable, kinds: Sequence[str]) -> Iterator[Draws]:
+    """Draw the average and the next user of every environment, several times per kept set of scales."""
+    repeats = max(1, round(_POSTERIOR / len(fit.points)))
+    rng = generator(asked.seed, Stream.POSTERIOR_CURVES)
+    drawn = fit.model.draw(np.repeat(fit.points, repeats, axis=0), rng)
+    for kind, responses in zip(("mean", "user"), drawn, strict=True):
+        if kind in kinds:
+            native = displayable(fit.scale.native(responses))
+            pairs = {
+                e: (native[:, fit.column["k", e]], native[:, fit.column["b", e]]) for e in fit.environments
+            }
+            yield Draws(kind=kind, method="bayesian", family=asked.family, level=asked.level, pairs=pairs)
+
+
+def _classical_draws(sources: Sources, asked: InferenceTable) -> Iterator[Draws]:
+    """Draw from the distributions behind the classical intervals, in both families."""
+    rng = generator(asked.seed, Stream.CLASSICAL_CURVES)
+    for family, values in sources.pairs.items():
+        for kind in sources.kinds["classical"]:
+            found: Pairs = {}
+            for environment, (k, b) in values.items():
+                try:
+                    # Twice, so that the halves are independent and each is evenly spread.
+                    halves = [
+                        confidence_draws(k, b, kind=kind, family=family, draws=_CLASSICAL // 2, rng=rng)
+                        for _ in range(2)
+                    ]
+                except RefusalError:
+                    continue
+                drawn = np.concatenate(halves, axis=1)
+                found[environment] = displayable(drawn[0]), displayable(drawn[1])
+            yield Draws(kind=kind, method="classical", family=family, level=asked.level, pairs=found)

@@ -9,13 +9,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import RefusalError
+from percept.errors import RefusalError, counted
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.placed import References
-from percept.study.units import NAMES
-
-Array = NDArray[np.float64]
+from percept.study.basics import NAMES, Array, References, Skipped
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,15 +20,15 @@ class ResponseScale:
     """The map between responses and parameters, per cell (parameter-major)."""
 
     log: bool  # Whether a response is a logarithm
-    origin: Array  # (C,)
-    unit: Array  # (C,)
+    origin: Array  # (C,) N/m or N·s/m of a response of zero
+    unit: Array  # (C,) N/m or N·s/m per response; 1 for logarithms
 
     @classmethod
     def of(cls, reference: Array, family: str, unit: Array | None = None) -> Self:
         """Take responses to references of any shape; relative deviations are in `unit`, or in references."""
-        log = family == "lognormal"
-        one = np.ones(reference.size) if log else (reference if unit is None else unit).ravel()
-        return cls(log, reference.ravel(), one)
+        if family == "lognormal":
+            return cls(True, reference.ravel(), np.ones(reference.size))
+        return cls(False, reference.ravel(), (reference if unit is None else unit).ravel())
 
     def native(self, response: Array) -> Array:
         """Responses (..., C) in N/m or N·s/m."""
@@ -42,17 +39,17 @@ class ResponseScale:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trials:
-    """Trials of the parameters asked for, as arrays."""
+    """Trials of all parameters asked for, as arrays."""
 
     response: Array  # (M, P) Unit-free responses
     subject: NDArray[np.intp]  # (M,) Codes
     environment: NDArray[np.intp]  # (M,) Codes
-    subjects: tuple[str, ...]  # Labels
-    environments: tuple[str, ...]  # Labels
-    reference: Array  # (P, J) References, N/m or N·s/m
+    subjects: tuple[str, ...]  # Labels of the codes
+    environments: tuple[str, ...]  # Labels of the codes
+    reference: Array  # (P, J) N/m or N·s/m
     x: Array  # (P, J) log10 of each reference over their geometric mean
     scale: ResponseScale  # The way back
-    dropped: int  # Trials left out because one of the parameters is missing
+    skipped: tuple[Skipped, ...]  # Trials and environments that lack one of the parameters
 
 
 def references(sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]) -> Array:
@@ -67,24 +64,9 @@ def references(sessions: Sessions, parameters: tuple[str, ...], environments: tu
 
 def decades(reference: Array) -> Array:
     """log10 of references over their geometric mean, shape (P, J); zeros where one is not positive."""
-    rows = []
-    for row in reference:
-        if np.all(row > 0):
-            logs = np.log10(row)
-            rows.append(logs - logs.mean())
-        else:
-            rows.append(np.zeros_like(row))
-    return np.array(rows)
-
-
-def refuse_lone_subject(subjects: Sequence[str]) -> None:
-    """Refuse a study of fewer than two subjects."""
-    if len(subjects) < 2:
-        found = f"only one, {subjects[0]!r}, is" if subjects else "none is"
-        raise RefusalError(
-            f"at least two subjects are needed to tell users apart; {found} in the data.",
-            hint="Add the sessions of more subjects.",
-        )
+    positive = (reference > 0).all(axis=1, keepdims=True)
+    logs = np.log10(np.where(positive, reference, 1.0))
+    return logs - logs.mean(axis=1, keepdims=True)
 
 
 def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials:
@@ -104,12 +86,36 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Tri
     subject = table["subject"].map({s: i for i, s in enumerate(subjects)}).to_numpy(dtype=np.intp)
     unit = _units(reference, parameters, environments, scene)
     at = reference[:, environment].T
-    response = np.log(adjusted / at) if lognormal else (adjusted - at) / unit[:, environment].T
-    scale = ResponseScale.of(reference, scene.inference.family, unit)
     return Trials(
-        response, subject, environment, subjects, environments,
-        reference, decades(reference), scale, int((~complete).sum()),
-    )  # fmt: skip
+        response=np.log(adjusted / at) if lognormal else (adjusted - at) / unit[:, environment].T,
+        subject=subject,
+        environment=environment,
+        subjects=subjects,
+        environments=environments,
+        reference=reference,
+        x=decades(reference),
+        scale=ResponseScale.of(reference, scene.inference.family, unit),
+        skipped=_incomplete(sessions, parameters, environments, int((~complete).sum())),
+    )
+
+
+def _incomplete(
+    sessions: Sessions, parameters: tuple[str, ...], kept: tuple[str, ...], dropped: int
+) -> tuple[Skipped, ...]:
+    """Name the trials that lack a parameter, and the environments they leave without any."""
+    if not dropped:
+        return ()
+    lacking = " or ".join(NAMES[p] for p in parameters)
+    lack = "it lacks" if dropped == 1 else "they lack"
+    needed = "both parameters" if len(parameters) == 2 else lacking
+    return (
+        Skipped(f"{counted(dropped, 'trial')}, in the hierarchical model", f"{lack} {lacking}"),
+        *(
+            Skipped(f"Bayesian intervals of {environment}", f"no trial there has {needed}")
+            for environment in sessions.environments
+            if environment not in kept
+        ),
+    )
 
 
 def _units(
@@ -129,6 +135,16 @@ def _units(
             )
         unit[p] = scales[name]
     return unit
+
+
+def refuse_lone_subject(subjects: Sequence[str]) -> None:
+    """Refuse a study of fewer than two subjects."""
+    if len(subjects) < 2:
+        found = f"only one, {subjects[0]!r}, is" if subjects else "none is"
+        raise RefusalError(
+            f"at least two subjects are needed to tell users apart; {found} in the data.",
+            hint="Add the sessions of more subjects.",
+        )
 
 
 def refuse_no_ratio(
@@ -151,15 +167,14 @@ def _refuse_not_positive(
     sessions: Sessions, index: NDArray[np.generic], adjusted: Array, columns: list[str]
 ) -> None:
     wrong = np.argwhere(adjusted <= 0)
-    if not len(wrong):
-        return
-    row, column = wrong[0]
-    file, line = sessions.locate(int(index[row]))
-    raise RefusalError(
-        f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
-        file=file,
-        row=line,
-        column=columns[column],
-        value=float(adjusted[row, column]),
-        hint='Set family = "normal", or exclude the trial in the scene.',
-    )
+    if len(wrong):
+        row, column = wrong[0]
+        file, line = sessions.locate(int(index[row]))
+        raise RefusalError(
+            f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
+            file=file,
+            row=line,
+            column=columns[column],
+            value=float(adjusted[row, column]),
+            hint='Set family = "normal", or exclude the trial in the scene.',
+        )

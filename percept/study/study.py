@@ -9,37 +9,47 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from percept import haptics
+from percept.boundary.band import BandStudy
+from percept.boundary.records import Boundary
 from percept.errors import UsageError, counted
+from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.chosen import analysed, chosen
-from percept.study.frequencies import thinned
-from percept.study.placed import placed
-from percept.study.responses import references
+from percept.study.band import band_study, with_band
+from percept.study.basics import FAMILIES, Array, Skipped, analysed_parameters, referenced, results, select
+from percept.study.boundaries import JOINTS, Range, boundaries_of, compare_methods, zoom_windows
+from percept.study.coupling import (
+    CouplingStudy,
+    Realisms,
+    design_by_method,
+    no_design,
+    study_coupling,
+    study_realism,
+)
+from percept.study.device import (
+    DeviceSensitivity,
+    Setup,
+    device_of,
+    device_sensitivity,
+    fixed_device,
+    setup_of,
+)
+from percept.study.intervals import COLUMNS, Cell, Row, cell_moments, classical_rows
+from percept.study.regions import Draws, Region, Sources, draws_of, regions_of, sources_of
+from percept.study.responses import references, refuse_lone_subject
 
+# What imports the hierarchical model is imported where it is needed: the classical method does without.
 if TYPE_CHECKING:
-    from percept.boundary.band import BandStudy
-    from percept.boundary.realism import Realism
-    from percept.boundary.records import Boundary
     from percept.inference.sampling.run import Progress
-    from percept.study.apparatus import Apparatus
-    from percept.study.bayesian import Fit, RunStore
-    from percept.study.boundaries import Range
-    from percept.study.coupling import CouplingStudy
-    from percept.study.device_sensitivity import DeviceSensitivity
-    from percept.study.model_checks import ModelChecks
+    from percept.study.checks import ModelChecks
+    from percept.study.fit import Fit, RunStore
     from percept.study.model_choice import ModelChoice
-    from percept.study.posterior import Groups
-    from percept.study.regions import Draws, Region
 
-Array = NDArray[np.float64]
 #: Frequencies of an even grid where the scene leaves their number open.
 DEFAULT_POINTS = 241
-# Realism starts from these and takes as many more as it needs.
-_REALISM_POINTS = 80
 
 
 class Study:
@@ -92,7 +102,7 @@ class Study:
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
-        return analysed(self.sessions.parameters, self.scene)
+        return analysed_parameters(self.sessions.parameters, self.scene.inference.parameters)
 
     @property
     def environments(self) -> tuple[str, ...]:
@@ -102,61 +112,68 @@ class Study:
     @cached_property
     def reference(self) -> dict[tuple[str, str], float]:
         """Reference per (parameter, environment), N/m or N·s/m."""
+        cells = [(p, e) for p in self.parameters for e in self.environments]
         values = references(self.sessions, self.parameters, self.environments)
-        return {
-            (p, e): float(values[i, j])
-            for i, p in enumerate(self.parameters)
-            for j, e in enumerate(self.environments)
-        }
+        return dict(zip(cells, values.ravel().tolist(), strict=True))
 
     @property
     def intervals(self) -> pd.DataFrame:
         """Intervals of every method, kind and family, one row each, in N/m and N·s/m; a copy."""
-        return self._intervals.copy()
+        return pd.DataFrame(results(self._intervals), columns=COLUMNS)
 
     @cached_property
-    def _intervals(self) -> pd.DataFrame:
-        from percept.study.interval_table import interval_table
+    def _intervals(self) -> list[Row | Skipped]:
+        """Rows of the interval table, and the intervals there are none of."""
+        asked, summary = self.scene.inference, self.sessions.form == "summary"
+        rows: list[Row | Skipped] = []
+        if asked.method != "bayesian":
+            if not summary:
+                refuse_lone_subject(self.sessions.subjects)
+            rows += classical_rows(self._cells, asked, self.reference)
+        if asked.method == "classical":
+            return [*rows, Skipped("hierarchical model", "only the classical method was asked for")]
+        from percept.study.fit import bayesian_rows
 
-        return interval_table(self)
+        approximate = summary and asked.family == "lognormal"
+        return [*rows, *bayesian_rows(self.fit, asked, self.reference, approximate=approximate)]
+
+    @cached_property
+    def _cells(self) -> dict[Family, list[Cell]]:
+        return {family: cell_moments(self.sessions, self.parameters, family) for family in FAMILIES}
 
     @cached_property
     def fit(self) -> Fit | None:
         """The sampled hierarchical model; None where only the classical method is asked for."""
         if self.scene.inference.method == "classical":
             return None
-        from percept.study.bayesian import fit, prepare
+        from percept.study.fit import fit_model, prepare
 
         prepared = prepare(self.sessions, self.scene, self.parameters)
-        return fit(prepared, self.scene, progress=self._progress, store=self._store)
+        return fit_model(prepared, self.scene.inference, progress=self._progress, store=self._store)
 
-    @cached_property
-    def posterior_groups(self) -> Groups | None:
-        """Posterior as named arrays, draws thinned to the effective size; None without a passed fit."""
-        if self.fit is None or not self.fit.run.gate.passed:
-            return None
-        from percept.study.posterior import full_groups, posterior_groups, subject_density
-
-        full = self.scene.checks is not None and subject_density(self.fit) is not None
-        return (full_groups if full else posterior_groups)(self.fit, seed=self.scene.inference.seed)
+    @property
+    def _passed(self) -> Fit | None:
+        return self.fit if self.fit is not None and self.fit.passed else None
 
     @cached_property
     def posterior(self) -> Any:
         """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
-        if self.posterior_groups is None:
+        if self._passed is None:
             return None
-        from percept.study.posterior import data_tree
+        from percept.study.posterior import posterior_tree
 
-        return data_tree(self.posterior_groups)
+        full = self.scene.checks is not None
+        return posterior_tree(self._passed, seed=self.scene.inference.seed, full=full)
 
     @cached_property
     def checks(self) -> ModelChecks | None:
         """Checks of the hierarchical model; None without a passed fit that pools sessions."""
-        if self.fit is None or not self.fit.run.gate.passed:
+        if self._passed is None:
             return None
-        from percept.study.model_checks import model_checks
+        from percept.study.checks import model_checks
 
-        return model_checks(self.fit, self.scene, progress=self._progress)
+        found = model_checks(self._passed, self.scene, progress=self._progress)
+        return None if isinstance(found, Skipped) else found
 
     @cached_property
     def model_choice(self) -> ModelChoice:
@@ -164,35 +181,18 @@ class Study:
         from percept.study.model_choice import compare_models
 
         return compare_models(
-            self.sessions,
-            self.scene,
-            self.parameters,
-            progress=self._progress,
-            store=self._store,
+            self.sessions, self.scene, self.parameters, progress=self._progress, store=self._store
         )
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:
         """Verdict of the gate, what it rests on, and the priors in force; None without a fit."""
-        if self.fit is None:
-            return None
-        from percept.study.diagnostics import diagnostics
-
-        return diagnostics(self.fit)
+        return None if self.fit is None else self.fit.diagnostics
 
     @cached_property
     def device(self) -> haptics.AnyDevice | None:
         """The scene's device; None without one."""
-        from percept.study.apparatus import device_of
-
         return device_of(self.scene)
-
-    @cached_property
-    def coupling_element(self) -> haptics.Coupling | None:
-        """The scene's virtual coupling; None without one."""
-        from percept.study.apparatus import coupling_of
-
-        return coupling_of(self.scene)
 
     @cached_property
     def omega(self) -> Array:
@@ -203,26 +203,39 @@ class Study:
     @cached_property
     def frequencies(self) -> Range:
         """Where boundaries are drawn: on the scene's own grid, or at as many points as the curves need."""
-        from percept.study.boundaries import Range
-
         table = self.scene.frequency
         return Range(table.lower, table.upper, self.omega if table.points else None)
 
     @cached_property
-    def placed(self) -> tuple[str, ...]:
-        """Environments with a reference of every parameter, which curves and bands are drawn for."""
-        return placed(self.reference, self.parameters, self.environments)
+    def _with_reference(self) -> list[str | Skipped]:
+        return list(referenced(self.reference, self.parameters, self.environments))
+
+    @property
+    def with_reference(self) -> tuple[str, ...]:
+        """Environments with a reference of both parameters, which curves and bands are drawn for."""
+        return tuple(results(self._with_reference))
+
+    @cached_property
+    def _setup(self) -> list[Setup | Skipped]:
+        shown = {
+            e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
+            for e in self.with_reference
+        }
+        return list(setup_of(self.scene, self.device, shown))
+
+    @property
+    def setup(self) -> Setup | None:
+        """Device, coupling and the references that curves are drawn for; None without any of the two."""
+        return next((one for one in results(self._setup) if one.references), None)
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
-        from percept.study.boundaries import JOINTS
-
-        return self._boundaries(self.frequencies, self.placed, self.scene.inference.kinds, JOINTS)
+        return self.boundaries_at(self.frequencies)
 
     def boundaries_at(
         self,
-        omega: ArrayLike,
+        omega: ArrayLike | Range,
         environments: Collection[str] | None = None,
         *,
         kinds: Collection[str] | None = None,
@@ -250,58 +263,28 @@ class Study:
             Frequencies that are none, not positive or do not increase; an environment, kind or treatment that
             the study does not have.
         """
-        from percept.study.boundaries import JOINTS, Range
-
-        return self._boundaries(
-            Range.of(omega),
-            chosen("environment", environments, self.placed),
-            chosen("kind", kinds, self.scene.inference.kinds),
-            chosen("joint treatment", joints, JOINTS),
-        )
-
-    def _boundaries(
-        self,
-        frequencies: Range,
-        environments: Collection[str],
-        kinds: Collection[str],
-        joints: Collection[str],
-    ) -> tuple[Boundary, ...]:
-        if self.apparatus is None:
+        frequencies = Range.of(omega)
+        environments = select("environment", environments, self.with_reference)
+        kinds = select("kind", kinds, self.scene.inference.kinds)
+        joints = select("joint treatment", joints, JOINTS)
+        if self.setup is None:
             return ()
-        from percept.study.boundaries import boundaries_of
-
         regions = [one for one in self.regions if one.kind in kinds and one.joint in joints]
         draws = [one for one in self.curve_draws if one.kind in kinds and "joint" in joints]
-        return boundaries_of(self.apparatus, environments, regions, draws, frequencies)
+        return boundaries_of(self.setup, environments, regions, draws, frequencies)
 
     @cached_property
-    def apparatus(self) -> Apparatus | None:
-        """Device and references that curves are drawn for; None without a device or with one parameter."""
-        if self.parameters != ("k", "b"):
-            return None
-        return self._apparatus(
-            {
-                e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
-                for e in self.placed
-            }
-        )
+    def _zoom(self) -> list[tuple[str, list[float]] | Skipped]:
+        return list(zoom_windows(self.scene, self.environments))
 
-    def _apparatus(self, references: dict[str, haptics.Environment]) -> Apparatus | None:
-        table = self.scene.device
-        if table is None or self.device is None:
-            return None
-        from percept.study.apparatus import Apparatus
-
-        return Apparatus(self.device, table.period, table.hold, references, self.coupling_element)
+    @property
+    def zoom(self) -> dict[str, list[float]]:
+        """Window of omega, rad/s, that each environment's close view shows."""
+        return dict(results(self._zoom))
 
     @cached_property
-    def regions(self) -> tuple[Region, ...]:
-        """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
-        if self.parameters != ("k", "b"):
-            return ()
-        from percept.study.both_methods import study_regions
-
-        return study_regions(self)
+    def _sources(self) -> Sources:
+        return sources_of(self.sessions, self.scene, self.parameters, device=self.device is not None)
 
     @cached_property
     def curve_draws(self) -> tuple[Draws, ...]:
@@ -309,61 +292,54 @@ class Study:
 
         Empty for published limits and models without a correlation of k and b: none is invented.
         """
-        if self.parameters != ("k", "b") or self.sessions.form == "summary":
-            return ()
-        from percept.study.both_methods import study_draws
+        return draws_of(self._sources, self._passed, self.scene.inference) if self._sources.kinds else ()
 
-        return study_draws(self)
+    @cached_property
+    def regions(self) -> tuple[Region, ...]:
+        """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
+        asked = self.scene.inference
+        return regions_of(self.intervals, self._sources, self.curve_draws, self._passed, asked)
+
+    @cached_property
+    def _banded(self) -> list[str | Skipped]:
+        """Environments with a band to set against their impedance."""
+        if len(self.environments) < 2:
+            return [Skipped("trend over environments and band law", "there is one environment")]
+        read_at = self.scene.frequency.read_at
+        return list(with_band(self.reference, self.with_reference, self.scene.inference, read_at))
 
     @cached_property
     def band(self) -> BandStudy | None:
         """Band of the environment's own impedance and its law; None with one parameter or environment."""
-        if self.parameters != ("k", "b") or len(self.environments) < 2:
+        if len(self.parameters) < 2 or len(self.environments) < 2:
             return None
-        from percept.study.both_methods import study_bands
-
-        return study_bands(self, self.scene.frequency.read_at)
+        names, read_at = results(self._banded), self.scene.frequency.read_at
+        asked = self.scene.inference
+        return band_study(self.intervals, names, self._cells, self._passed, asked, read_at)
 
     @cached_property
     def coupling(self) -> CouplingStudy | None:
         """Stability and realism of the coupling; None without a device and a coupling."""
-        apparatus = self.apparatus or self._apparatus({})
-        if apparatus is None or apparatus.coupling is None:
+        setup = next(iter(results(self._setup)), None)
+        if setup is None or setup.coupling is None:
             return None
-        from percept.study.coupling import study_coupling
-
-        return study_coupling(
-            apparatus,
-            self.boundaries,
-            self.regions,
-            ((e, coupled, found) for (e, coupled), found in self.realism.items()),
-            read_at=self.scene.frequency.read_at,
-        )
+        read_at = self.scene.frequency.read_at
+        return study_coupling(setup, self.boundaries, self.regions, self.realism, read_at=read_at)
 
     @property
     def passivity(self) -> pd.DataFrame | None:
         """Whether each reference, rendered without the coupling, is passive; None without a device."""
-        if self.apparatus is None:
-            return None
-        from percept.study.passivity import direct_passivity
-
-        return direct_passivity(self.apparatus)
+        return None if self.setup is None else self.setup.passivity
 
     @cached_property
-    def realism(self) -> dict[tuple[str, bool], Realism]:
+    def realism(self) -> Realisms:
         """Probability that each reference feels real, without and through the coupling (True).
 
         Empty without a device, a passed fit, or both parameters.
         """
-        fit = self.fit
-        if self.apparatus is None or fit is None or not fit.run.gate.passed:
+        if self.setup is None or self._passed is None:
             return {}
-        from percept.study.realism import study_realism
-
-        omega = thinned(self.omega, _REALISM_POINTS)
-        return {
-            (e, coupled): found for e, coupled, found in study_realism(self.apparatus, fit, self.scene, omega)
-        }
+        return study_realism(self.setup, self._passed, self.scene.inference, self.omega)
 
     @cached_property
     def coupling_design(self) -> dict[str, haptics.CouplingDesign]:
@@ -371,18 +347,16 @@ class Study:
 
         Judged by the envelope of kind user in the scene's family; empty without a device or both parameters.
         """
-        if self.apparatus is None:
+        if self.setup is None or no_design(self.setup, self.scene.inference.kinds):
             return {}
-        from percept.study.coupling_design import design_by_method
-
-        return design_by_method(self.apparatus, self.regions, self.scene.inference.family, self.omega)
+        return design_by_method(self.setup, self.regions, self.scene.inference.family, self.omega)
 
     @cached_property
     def sensitivity(self) -> DeviceSensitivity | None:
         """How the verdicts move with the device's mass and damping; None without a device that has them."""
-        from percept.study.device_sensitivity import device_sensitivity
-
-        return device_sensitivity(self)
+        if self.setup is None or fixed_device(self.setup, self.scene.inference.method):
+            return None
+        return device_sensitivity(self.setup, self.regions, self.scene.inference, self.omega)
 
     @property
     def comparison(self) -> pd.DataFrame | None:
@@ -391,36 +365,39 @@ class Study:
 
     @cached_property
     def _comparison(self) -> pd.DataFrame | None:
-        if self.fit is None or self.scene.inference.method != "both" or not self.fit.run.gate.passed:
+        asked = self.scene.inference
+        if self._passed is None or asked.method != "both":
             return None
-        from percept.study.comparison import compare_intervals, sample_sds
+        from percept.study.methods import compare_intervals
 
-        sds = sample_sds(self.sessions, self.parameters, self.scene.inference.family)
-        return compare_intervals(self.intervals, self.fit, self.scene, sds)
+        return compare_intervals(self.intervals, self._passed, asked, self._cells[asked.family])
 
     @property
     def curve_comparison(self) -> pd.DataFrame:
-        """Both methods' boundaries in equal environment, kind, family, joint treatment and shape; a copy."""
-        return self._curve_comparison.copy()
+        """Both methods' boundaries in equal environment, kind, family, joint treatment and shape."""
+        return compare_methods(self.boundaries)
 
     @cached_property
-    def _curve_comparison(self) -> pd.DataFrame:
-        from percept.study.comparison import compare_curves
-
-        return compare_curves(self.boundaries)
-
-    @cached_property
-    def skipped(self) -> tuple[tuple[str, str], ...]:
+    def skipped(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
-        from percept.study.skipped import skipped
-
-        return tuple(skipped(self))
+        parts: list[Any] = [*self._intervals, *self._with_reference, *self._setup, *self._zoom, *self._banded]
+        parts += self._sources.skipped
+        if self.setup is not None:
+            parts.append(fixed_device(self.setup, self.scene.inference.method))
+            if self.setup.coupling is not None:
+                parts.append(no_design(self.setup, self.scene.inference.kinds))
+        if self.fit is not None and self.scene.checks is not None:
+            parts.append(self.fit.subjects)
+        if self.sessions.form == "summary":
+            parts.append(Skipped("subject effects and k-b correlation", "published limits do not hold them"))
+        return tuple(dict.fromkeys(part for part in parts if isinstance(part, Skipped)))
 
     def __repr__(self) -> str:
-        adjusted = " and ".join(self.sessions.parameters)
-        return (
-            f"<Study of {adjusted} in {counted(len(self.environments), 'environment')}, {self.sessions.form}>"
+        adjusted, where = (
+            " and ".join(self.sessions.parameters),
+            counted(len(self.environments), "environment"),
         )
+        return f"<Study of {adjusted} in {where}, {self.sessions.form}>"
 
     def _repr_html_(self) -> str:
         shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True, na_rep="–")

@@ -10,14 +10,14 @@ from percept import Scene, Study, read_sessions
 from percept.bench.skipping import PACKAGES, STAGES, skipping_cost, work_of
 from percept.reproduce.published import dataset
 from percept.sessions import Sessions
-from percept.study.bayesian import prepare
+from percept.study.fit import prepare
 
 SAMPLER = {"emcee", "h5netcdf"}
 ARVIZ = {"arviz_base", "arviz_stats", "xarray"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
 CURVES = {"curve_draws", "boundaries", "sensitivity", "coupling_design"}
-BAYESIAN = {"fit", "posterior_groups", "comparison", "realism"}
+BAYESIAN = {"fit", "posterior", "comparison", "realism"}
 
 
 def quick(scene, method):

@@ -22,7 +22,6 @@ from percept.calibration.coverage import (
 )
 from percept.calibration.judge import CoveragePlan, Judgement, Population, interval_held, judge_study
 from percept.simulate.model import Design, Hyperparameters
-from percept.study.posterior import thinned_points
 from percept.workers import on_cluster
 from tests import DATASETS
 from tests.workers.clusters import QUIET, in_threads
@@ -197,8 +196,8 @@ def test_fitted_values_are_those_of_the_fit() -> None:
     truth = dataclasses.replace(PLAN, values=given).true_values()
     assert study.fit is not None
     assert truth is not None
-    model = study.fit.prepared.model
-    named = {name: values for name, (_, values) in model.scales(thinned_points(study.fit)[0]).items()}
+    model = study.fit.model
+    named = {name: values for name, (_, values) in model.scales(study.fit.points).items()}
     for name in ("rho_u", "rho_w"):
         assert given["hyper"][name] == pytest.approx(named[name].mean())
     np.testing.assert_allclose(truth.hyper.alpha + truth.delta, truth.beta, atol=1e-12)

@@ -6,7 +6,7 @@ import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.cli import main
-from percept.study.pairs import compare_studies
+from percept.study.compare import compare_studies
 from tests import DATASETS
 from tests.unmixed import unmixed_sessions
 

@@ -9,7 +9,7 @@ import pytest
 
 from percept import read_sessions
 from percept.sessions import Sessions
-from percept.study.adjustments import adjustments
+from percept.study.intervals import adjustments
 from tests import DATASETS
 
 

@@ -12,7 +12,9 @@ from scipy import special, stats
 from percept import Scene, Study
 from percept.boundary.band import LAWS, fit_law
 from percept.sessions import Sessions
-from percept.study.band_replicates import classical_replicates, posterior_replicates
+from percept.study.band import classical_replicates, posterior_replicates
+from percept.study.basics import FAMILIES
+from percept.study.intervals import Cell, cell_moments
 
 LEVEL, OMEGA, SUBJECTS = 0.9, 10.0, 16
 RATIO = np.geomspace(1.0, 1000.0, 16)
@@ -61,6 +63,10 @@ def simulated(law: str, seed: int) -> Sessions:
     )
 
 
+def cells_of(sessions: Sessions) -> dict[str, list[Cell]]:
+    return {family: cell_moments(sessions, ("k", "b"), family) for family in FAMILIES}
+
+
 def widened(law: str, width: float) -> np.ndarray:
     """Parameters of the law of a band of `width` SDs: an exponent stays."""
     return np.array([value * (1.0 if name == "p" else width) for name, value in ONE_SD[law].items()])
@@ -75,7 +81,9 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
     true = widened(law, width)
     inside, centres = [], []
     for seed in range(STUDIES):
-        drawn = classical_replicates(simulated(law, seed), scene_of("classical"), NAMES, OMEGA)
+        drawn = classical_replicates(
+            cells_of(simulated(law, seed)), scene_of("classical").inference, NAMES, OMEGA
+        )
         lower, centre, upper = np.quantile(
             fit_law(law, IMPEDANCE, drawn["classical", "user", "normal"].bands), [0.05, 0.5, 0.95], axis=0
         )
@@ -89,7 +97,7 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
 
 def test_replicates_have_the_bands_of_the_study_in_their_middle() -> None:
     study = Study(simulated("weber", 1), scene_of("classical"))
-    names, drawn = classical_replicates(study.sessions, study.scene, NAMES, OMEGA)[
+    names, drawn = classical_replicates(cells_of(study.sessions), study.scene.inference, NAMES, OMEGA)[
         "classical", "user", "normal"
     ]
     assert names == NAMES
@@ -109,7 +117,7 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     )
     assert study.fit is not None
     assert study.fit.run.gate.passed
-    replicates = posterior_replicates(study.fit, study.scene, study.environments, OMEGA)
+    replicates = posterior_replicates(study.fit, study.scene.inference, study.environments, OMEGA)
     assert not [found for found in replicates if "share" in found]
     names, drawn = replicates["bayesian", "user", "normal"]
     assert names == study.environments

@@ -9,7 +9,7 @@ from scipy import stats
 
 from percept import Scene
 from percept.inference.hierarchy.density import ConditionalMoments
-from percept.study.band_replicates import posterior_replicates
+from percept.study.band import posterior_replicates
 from percept.study.responses import ResponseScale
 
 
@@ -21,13 +21,13 @@ def test_bands_of_the_next_user_lie_about_the_drawn_means() -> None:
         cells=(("k", "E"), ("b", "E")), laws=lambda points: laws, draw=lambda points, rng: (drawn, drawn)
     )
     fit = types.SimpleNamespace(
-        prepared=types.SimpleNamespace(
-            model=model, scale=ResponseScale.of(np.array([[100.0], [1e-9]]), "lognormal")
-        ),
-        run=types.SimpleNamespace(independent=lambda: np.zeros((1, 2, 1))),
+        model=model,
+        scale=ResponseScale.of(np.array([[100.0], [1e-9]]), "lognormal"),
+        points=np.zeros((2, 1)),
+        column={("k", "E"): 0, ("b", "E"): 1},
     )
     scene = Scene.from_tables({"inference": {"kinds": ["mean", "user"], "level": 0.9}})
-    found = posterior_replicates(fit, scene, ("E",), 10.0)
+    found = posterior_replicates(fit, scene.inference, ("E",), 10.0)
     half = stats.norm.isf(0.05)
     for kind, centre, reach in (("mean", np.zeros(2), half), ("user", drawn[:, 0], 0.1 * half)):
         wanted = 10.0 * (np.exp(centre + reach) - np.exp(centre - reach))

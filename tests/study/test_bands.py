@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from percept import Study
-from percept.study.bands import weber_trend
-from percept.study.posterior import thinned_points
+from percept.study.band import weber_trend
 
 
 def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> None:
@@ -24,7 +23,7 @@ def test_the_trend_of_the_spread_has_even_tails(fitted: Study) -> None:
     assert fitted.fit is not None
     found = weber_trend(fitted.fit, level=0.9)
     assert found is not None
-    drawn = fitted.fit.prepared.model.scales(thinned_points(fitted.fit)[0])["kappa"][1]
+    drawn = fitted.fit.model.scales(fitted.fit.points)["kappa"][1]
     for p, row in enumerate(found.itertuples()):
         # A quantile between two draws.
         assert abs(np.mean(drawn[:, p] < row.lower) - 0.05) < 2 / len(drawn)

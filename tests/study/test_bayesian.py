@@ -8,7 +8,7 @@ from scipy import stats
 
 from percept import Scene, read_sessions
 from percept.sessions import Sessions
-from percept.study.bayesian import prepare
+from percept.study.fit import prepare
 from tests import DATASETS
 from tests.study.checked import table_of
 

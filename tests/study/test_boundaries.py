@@ -11,7 +11,7 @@ from percept.boundary.curves import FLOOR, magnitude_membership
 from percept.boundary.records import Boundary
 from percept.haptics import perceived_magnitude
 from percept.inference.regions import ellipse_region
-from percept.study.boundaries import Range, environment_boundaries, region_curves
+from percept.study.boundaries import Range, boundaries_of
 from percept.study.coupling import study_coupling
 from percept.study.study import DEFAULT_POINTS
 from tests import DATASETS
@@ -137,12 +137,12 @@ def departure_of(boundary: Boundary, omega: np.ndarray, true: dict[str, np.ndarr
 
 
 def test_chosen_frequencies_follow_every_boundary_around_a_region(fitted: Study) -> None:
-    assert fitted.apparatus is not None
+    assert fitted.setup is not None
     fine = np.exp(np.sort(np.random.default_rng(1).uniform(np.log(0.1), np.log(100.0), 400)))
     for environment in fitted.environments:
         regions = [r for r in fitted.regions if r.environment == environment]
         found = [b for b in fitted.boundaries if b.environment == environment and b.joint != "joint"]
-        exact = environment_boundaries(fitted.apparatus, environment, regions, [], Range(0.1, 100.0, fine))
+        exact = boundaries_of(fitted.setup, [environment], regions, [], Range(0.1, 100.0, fine))
         assert len(exact) == 42
         for boundary, true in zip(found, exact, strict=True):
             curves = {side: getattr(true, side) for side in ("lower", "upper", "reference", "coupled")}
@@ -155,18 +155,16 @@ def test_chosen_frequencies_follow_every_boundary_around_a_region(fitted: Study)
 
 
 def test_chosen_frequencies_follow_every_band_through_draws(fitted: Study) -> None:
-    assert fitted.apparatus is not None
+    assert fitted.setup is not None
     fine = np.exp(np.sort(np.random.default_rng(2).uniform(np.log(0.1), np.log(100.0), 120)))
     known = {(b.environment, b.kind, b.method, b.family, b.shape): b for b in fitted.boundaries}
     for drawn in fitted.curve_draws:
         tail = 0.5 * (1.0 - drawn.level)
         for environment, pair in drawn.pairs.items():
             key = (environment, drawn.kind, drawn.method, drawn.family)
-            curves = perceived_magnitude(
-                fine[:, None], fitted.apparatus.device, *pair, fitted.apparatus.period
-            )
+            curves = perceived_magnitude(fine[:, None], fitted.setup.device, *pair, fitted.setup.period)
             point = known[*key, "pointwise"]
-            shown = {side: fitted.apparatus.curve(environment, fine, coupled=c) for side, c in SHOWN.items()}
+            shown = {side: fitted.setup.curve(environment, fine, coupled=c) for side, c in SHOWN.items()}
             assert departure_of(point, fine, shown) < 1e-3
             # Quantiles are rough: the lines keep within one standard error of as many independent draws.
             slack = np.sqrt(tail * (1.0 - tail) / pair[0].size)
@@ -187,8 +185,8 @@ def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
 
 def test_realism_shares_are_those_of_membership(fitted: Study) -> None:
     boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3", "VE5"))
-    assert fitted.apparatus is not None
-    table = study_coupling(fitted.apparatus, boundaries, fitted.regions, read_at=10.0).realism
+    assert fitted.setup is not None
+    table = study_coupling(fitted.setup, boundaries, fitted.regions, {}, read_at=10.0).realism
     assert len(table) == len(boundaries)
     for boundary, row in zip(boundaries, table.itertuples(), strict=True):
         assert boundary.coupled is not None
@@ -202,9 +200,8 @@ def test_realism_shares_are_those_of_membership(fitted: Study) -> None:
 
 
 def test_probability_of_stable_and_realistic(fitted: Study) -> None:
-    assert fitted.apparatus is not None
-    found = [(e, coupled, one) for (e, coupled), one in fitted.realism.items()]
-    table = study_coupling(fitted.apparatus, (), (), found, read_at=10.0).probability
+    assert fitted.setup is not None
+    table = study_coupling(fitted.setup, (), (), fitted.realism, read_at=10.0).probability
     assert table is not None
     through = table[table["coupled"].astype(bool)].set_index("environment")
     assert (through["stable_and_realistic"] == 0).all()  # the scene's device is too little damped
@@ -215,29 +212,27 @@ def test_probability_of_stable_and_realistic(fitted: Study) -> None:
 
 def test_designed_couplings_keep_the_next_user_inside(fitted: Study) -> None:
     design = fitted.coupling_design["bayesian"]
-    assert fitted.apparatus is not None
+    assert fitted.setup is not None
     coupling = design.each[1].largest
     assert coupling is not None
-    apparatus = dataclasses.replace(fitted.apparatus, coupling=coupling)
+    setup = dataclasses.replace(fitted.setup, coupling=coupling)
     region = next(
         r
         for r in fitted.regions
         if (r.environment, r.method, r.kind, r.joint) == ("VE2", "bayesian", "user", "marginal")
     )
     omega = np.geomspace(0.1, 100.0, 81)
-    lower, upper = region_curves(
-        region, "envelope", omega, apparatus.device, apparatus.period, hold=apparatus.hold
-    )
-    shown = apparatus.curve("VE2", omega, coupled=True)
+    lower, upper = setup.outline(region, "envelope", omega)
+    shown = setup.curve("VE2", omega, coupled=True)
     assert (shown >= lower * (1 - 1e-9)).all()
     assert (shown <= upper * (1 + 1e-9)).all()
-    assert study_coupling(apparatus, (), (), read_at=10.0).verdict in ("stable", "marginal")
+    assert study_coupling(setup, (), (), {}, read_at=10.0).verdict in ("stable", "marginal")
 
 
 def test_no_coupling_to_judge(fitted: Study) -> None:
-    assert fitted.apparatus is not None
+    assert fitted.setup is not None
     with pytest.raises(UsageError, match="no coupling to judge"):
-        study_coupling(dataclasses.replace(fitted.apparatus, coupling=None), (), (), read_at=10.0)
+        study_coupling(dataclasses.replace(fitted.setup, coupling=None), (), (), {}, read_at=10.0)
 
 
 def test_own_frequencies_are_taken_as_they_come(fitted):

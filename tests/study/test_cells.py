@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from percept.study.cells import paired_limits
+from percept.study.intervals import paired_limits
 
 
 def test_pairs_stand_in_order_and_lone_rows_are_left_out() -> None:

@@ -14,11 +14,11 @@ from percept.inference.hierarchy.wider_priors import reweighted, wider, with_pri
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from percept.sessions import Sessions
-from percept.study.bayesian import Fit
-from percept.study.comparison import compare_curves, compare_intervals, sample_sds
-from percept.study.pairs import compare_studies, split_by
-from percept.study.posterior import thinned_points
-from percept.study.prior_pull import prior_pull
+from percept.study.boundaries import compare_methods
+from percept.study.compare import compare_studies, split_by
+from percept.study.fit import Fit
+from percept.study.intervals import cell_moments
+from percept.study.methods import compare_intervals, prior_pull
 from tests.study.checked import study_of, table_of
 
 
@@ -61,8 +61,9 @@ def test_intervals_apart_do_not_overlap(fitted: Study) -> None:
     assert fitted.fit is not None
     table = fitted.intervals
     table.loc[table["method"] == "bayesian", ["lower", "upper", "estimate"]] *= 1e9
-    sds = sample_sds(fitted.sessions, ("k", "b"), "lognormal")
-    assert (compare_intervals(table, fitted.fit, fitted.scene, sds)["overlap"] == 0.0).all()
+    cells = cell_moments(fitted.sessions, ("k", "b"), "lognormal")
+    found = compare_intervals(table, fitted.fit, fitted.scene.inference, cells)
+    assert (found["overlap"] == 0.0).all()
 
 
 def test_spreads_of_the_normal_family_are_compared_in_native_units() -> None:
@@ -71,8 +72,8 @@ def test_spreads_of_the_normal_family_are_compared_in_native_units() -> None:
     assert study.comparison is not None
     assert study.fit is not None
     sd = study.sessions.table.groupby("environment")["k_adj"].std()
-    model = study.fit.prepared.model
-    spread = model.laws(thinned_points(study.fit)[0]).population_sd
+    model = study.fit.model
+    spread = model.laws(study.fit.points).population_sd
     for row in study.comparison.itertuples():
         at = np.log(spread[:, model.cells.index(("k", row.environment))])
         typical = np.exp(at.mean()) * study.reference["k", row.environment]
@@ -96,9 +97,9 @@ def test_priors_against_the_data_pull_towards_themselves() -> None:
 
 def test_prior_pull_by_reweighting_agrees_with_a_refit(fitted: Study) -> None:
     assert fitted.fit is not None
-    found = prior_pull(fitted.fit, fitted.scene)
+    found = prior_pull(fitted.fit, fitted.scene.inference)
     assert found is not None
-    model = fitted.fit.prepared.model
+    model = fitted.fit.model
     assert isinstance(model, Pooled)
     wide = Pooled(with_priors(model.density, wider(model.density.priors)))
     run = sample(wide, IntervalEstimands(wide), Settings(tolerance=0.05, seed=9))
@@ -122,12 +123,12 @@ def test_prior_pull_where_the_priors_matter() -> None:
     scene = Scene.from_tables({"inference": {"method": "bayesian", "tolerance": 0.01}})
     study = Study(Sessions.from_frame(pd.DataFrame(rows)), scene)
     assert study.fit is not None
-    model = study.fit.prepared.model
+    model = study.fit.model
     assert isinstance(model, Pooled)
-    log_weight, _ = reweighted(model.density, thinned_points(study.fit)[0])
+    log_weight, _ = reweighted(model.density, study.fit.points)
     # Taken as log likelihoods, of which leaving one out takes the inverse. A fitted index errs by some .1.
     assert array_stats.psislw(-log_weight)[1] < 0.36 + 0.15
-    found = prior_pull(study.fit, scene)
+    found = prior_pull(study.fit, scene.inference)
     assert found is not None
     wide = Pooled(with_priors(model.density, wider(model.density.priors)))
     run = sample(wide, IntervalEstimands(wide), Settings(tolerance=0.01, seed=9))
@@ -143,7 +144,7 @@ def test_prior_pull_where_the_priors_matter() -> None:
 
 def test_curves_are_compared_in_pairs(fitted: Study) -> None:
     boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3",))
-    table = compare_curves(boundaries)
+    table = compare_methods(boundaries)
     assert len(table) == 6 * 2 + 2 + 2
     assert (table["area_lower"] <= table["largest_lower"].abs() + 1e-12).all()
 
@@ -200,7 +201,7 @@ def test_what_only_one_study_has_is_named(fitted: Study) -> None:
 def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:
     """Logs of a cell's SD between users over all kept draws, in order."""
     laws = ConditionalMoments.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
-    return np.sort(np.log(laws.population_sd[:, fit.prepared.model.cells.index(cell)]))
+    return np.sort(np.log(laws.population_sd[:, fit.model.cells.index(cell)]))
 
 
 def test_groups_are_split_by_a_column(fitted: Study) -> None:

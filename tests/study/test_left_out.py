@@ -10,8 +10,7 @@ from scipy import stats
 from percept import RefusalError, Scene, Study, read_sessions
 from percept.report.left_out import left_out_document, left_out_markdown
 from percept.sessions import Sessions
-from percept.study.left_out import LeftOut, leave_one_environment_out
-from percept.study.prediction import expected_users, predict
+from percept.study.prediction import LeftOut, expected_users, leave_one_environment_out, predict
 from tests import DATASETS
 from tests.unmixed import UNMIXED, unmixed_sessions
 
@@ -77,7 +76,7 @@ def test_place_is_that_of_a_mean_of_as_many_users(found: LeftOut, others: Study)
     """Simulated means of ten predicted users, instead of the mixture's distribution function."""
     assert others.fit is not None
     x = np.log10(1e4 / np.sqrt(1e3 * 25e3)), np.log10(10.0 / np.sqrt(1.0 * 25.0))
-    laws = expected_users(others.fit, np.array(x), others.scene).laws
+    laws = expected_users(others.fit, np.array(x), others.scene.inference).laws
     rng = np.random.default_rng(1)
     rows = found.rows.set_index(["environment", "parameter"])
     for p, (parameter, reference) in enumerate((("k", 1e4), ("b", 10.0))):
@@ -97,7 +96,7 @@ def test_place_under_the_normal_family_is_relative_to_the_reference() -> None:
     others = published("VE2", "VE4", **asked)
     assert others.fit is not None
     x = np.array([np.log10(1e4 / np.sqrt(1e3 * 25e3))])
-    laws = expected_users(others.fit, x, others.scene).laws
+    laws = expected_users(others.fit, x, others.scene.inference).laws
     rng = np.random.default_rng(1)
     average = laws.mean[:, 0] + laws.sd[:, 0] * rng.standard_normal(len(laws.mean))
     noise = rng.standard_normal((len(average), 10)).mean(axis=1)

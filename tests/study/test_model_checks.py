@@ -12,13 +12,10 @@ from scipy import stats
 import percept
 from percept import Scene, Study, UsageError, read_sessions
 from percept.inference.checks.left_out import Loo, Predicted
-from percept.study import model_choice, subject_checks
-from percept.study.model_checks import correlation_table
-from percept.study.model_choice import compare_models
-from percept.study.posterior import data_tree, full_groups, posterior_groups, subject_density
-from percept.study.posterior_file import write_posterior
-from percept.study.sensitivity import power_scaling
-from percept.study.subject_checks import SubjectChecks
+from percept.study.basics import Skipped
+from percept.study.checks import SubjectChecks, correlation_table, power_scaling, subject_tables
+from percept.study.model_choice import compare_models, ranked, sentence_of
+from percept.study.posterior import posterior_tree
 from tests import DATASETS
 from tests.study.checked import study_of, table_of
 
@@ -76,8 +73,9 @@ def test_false_alarms_are_shared_among_the_subjects(clean):
     farther = np.array([0.0049, 0.0051, *[0.5] * 8])
     loo = Loo(np.zeros(10), np.zeros(10), 0.7, np.zeros((1, 1)), np.ones((1, 10)))
     predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
-    subjects = subject_density(clean.fit)
-    found = subject_checks._tables(clean.fit, subjects, loo, predicted, np.zeros(10, dtype=bool), refit=False)
+    found = subject_tables(
+        clean.fit, clean.fit.subjects, loo, predicted, np.zeros(10, dtype=bool), refit=False
+    )
     assert found.subjects["outlier"].tolist() == [True] + [False] * 9
 
 
@@ -110,9 +108,9 @@ def test_tree_is_the_posterior_with_groups_that_arviz_understands(clean, tmp_pat
         "posterior", "posterior_predictive", "sample_stats", "log_likelihood", "log_prior", "prior",
         "prior_predictive",
     }  # fmt: skip
-    plain = data_tree(posterior_groups(clean.fit, seed=7))
+    plain = posterior_tree(clean.fit, seed=7, full=False)
     np.testing.assert_array_equal(plain["posterior/population_mean"], tree["posterior/population_mean"])
-    write_posterior(clean.posterior_groups, tmp_path / "posterior.nc")
+    tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     with xarray.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as opened:
         assert opened.equals(tree)
         assert opened["log_likelihood/trials"].dims == ("chain", "draw", "subject")
@@ -130,7 +128,8 @@ def test_tree_is_the_posterior_with_groups_that_arviz_understands(clean, tmp_pat
 
 
 def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
-    arrays = full_groups(clean.fit, seed=7).arrays
+    tree = posterior_tree(clean.fit, seed=7, full=True)
+    arrays = {of: {name: found.to_numpy() for name, found in tree[of].data_vars.items()} for of in tree}
     for of, users in (("posterior", "posterior_predictive"), ("prior", "prior_predictive")):
         named = arrays[of]
         # Far tails of the priors are beyond what a double holds in N/m: quartiles, and no moments.
@@ -142,9 +141,9 @@ def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
 
 
 def test_log_likelihood_is_that_of_the_stored_draws(clean):
-    tree = data_tree(full_groups(clean.fit, seed=7))
+    tree = posterior_tree(clean.fit, seed=7, full=True)
     posterior = tree["posterior"].to_dataset().isel(chain=1, draw=[0, 5])
-    data = clean.fit.prepared.trials
+    data = clean.fit.trials
     for d in range(2):
         at = posterior.isel(draw=d)
         beta = np.log(at["population_mean"].to_numpy() / data.reference)
@@ -167,7 +166,7 @@ def test_a_prior_against_the_data_is_seen():
     study = study_of(
         table, model={"priors": {"alpha_sd": 0.05, "gamma_sd": 0.01, "tau_scale": 0.05}}, tolerance=0.1
     )
-    found = power_scaling(data_tree(full_groups(study.fit, seed=7)))
+    found = power_scaling(posterior_tree(study.fit, seed=7, full=True))
     means = found[found["quantity"] == "mean"]
     assert (means["prior"] > 0.05).all()
     assert means["diagnosis"].str.contains("priors \\(of bias most\\)").all()
@@ -193,7 +192,7 @@ def test_sensitivities_go_by_the_quantities_they_are_of(clean):
 
 def test_correlation_that_was_simulated_is_found():
     study = study_of(table_of(("k", "b"), subjects=40, seed=8, rho_u=0.8, rho_w=0.8), tolerance=0.2)
-    table = correlation_table(study.fit, subject_density(study.fit), level=0.99)
+    table = correlation_table(study.fit, study.fit.subjects, level=0.99)
     found = table.set_index(["of", "environment"])
     for at in [("within", ""), ("population", "VE1"), ("population", "VE3")]:
         assert found.loc[at, "lower"] < 0.8 < found.loc[at, "upper"]
@@ -250,7 +249,7 @@ def checks_of(elpd, influential, refitted):
 
 def test_models_are_apart_by_their_sums_over_subjects():
     none = [False] * 3
-    found = model_choice._table(
+    found = ranked(
         {
             "a": checks_of([1.0, 2.0, 3.0], none, none),
             "b": checks_of([0.5, 0.5, 2.75], [True, True, False], [True, False, False]),
@@ -275,7 +274,7 @@ def test_models_are_apart_by_their_sums_over_subjects():
 def test_a_model_is_clearly_worse_from_a_difference_of_four(difference, said):
     """However small its standard error: below that it cannot be trusted."""
     table = pd.DataFrame({"model": ["a", "b"], "difference": [0.0, difference], "difference_se": [0.0, 0.1]})
-    assert model_choice._sentence(table.assign(rough=0)) == said
+    assert sentence_of(table.assign(rough=0)) == said
 
 
 def test_models_must_exist_and_need_several_environments(clean):
@@ -298,7 +297,7 @@ def test_published_limits_have_no_subjects_to_leave_out():
         {"inference": {"tolerance": 0.3, "method": "bayesian", "parameters": ["k"]}, "checks": {}}
     )
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
-    assert subject_density(study.fit) is None
+    assert isinstance(study.fit.subjects, Skipped)
     assert study.checks is None
     assert "log_likelihood" not in study.posterior.children
     with pytest.raises(ValueError, match="compared on the sessions of subjects"):

@@ -12,7 +12,7 @@ from scipy import stats
 from percept import Scene, Study, read_sessions
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions
-from percept.study.pairs import compare_studies, split_by
+from percept.study.compare import compare_studies, split_by
 from tests import DATASETS
 
 

@@ -11,16 +11,15 @@ from percept.inference.hierarchy.models import Pooled, Product
 from percept.inference.hierarchy.new_environment import new_environment
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
-from percept.study.posterior import thinned_points
 from percept.study.prediction import expected_users, predict
 from tests import DATASETS
 
 
 def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of alpha + gamma x + delta by conditioning one large Gaussian of all responses."""
-    model = study.fit.prepared.model  # type: ignore[union-attr]
+    model = study.fit.model  # type: ignore[union-attr]
     assert isinstance(model, Pooled)
-    data = study.fit.prepared.trials  # type: ignore[union-attr]
+    data = study.fit.trials  # type: ignore[union-attr]
     assert data is not None
     named = {name: values[0] for name, (_, values) in model.scales(point[None]).items()}
     priors = model.density.priors
@@ -53,8 +52,8 @@ def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndar
 
 
 def test_location_equals_dense_conditioning(fitted: Study) -> None:
-    points = thinned_points(fitted.fit)[0][::700]  # type: ignore[arg-type]
-    model = fitted.fit.prepared.model  # type: ignore[union-attr]
+    points = fitted.fit.points[::700]  # type: ignore[arg-type]
+    model = fitted.fit.model  # type: ignore[union-attr]
     assert isinstance(model, Pooled)
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
@@ -65,9 +64,9 @@ def test_location_equals_dense_conditioning(fitted: Study) -> None:
 
 
 def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> None:
-    model = fitted.fit.prepared.model  # type: ignore[union-attr]
+    model = fitted.fit.model  # type: ignore[union-attr]
     assert isinstance(model, Pooled)
-    points = thinned_points(fitted.fit)[0][:3]  # type: ignore[arg-type]
+    points = fitted.fit.points[:3]  # type: ignore[arg-type]
     x, repeats = np.array([0.5, 0.5]), 400
     found = new_environment(model, points, x, repeats=repeats, rng=np.random.default_rng(1))
     named = {name: values for name, (_, values) in model.scales(points).items()}
@@ -141,9 +140,9 @@ def published() -> Study:
 
 def test_published_limits_are_predicted_parameter_by_parameter(published: Study) -> None:
     assert published.fit is not None
-    model = published.fit.prepared.model
+    model = published.fit.model
     assert isinstance(model, Product)
-    points = thinned_points(published.fit)[0][:40]
+    points = published.fit.points[:40]
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)
@@ -184,7 +183,7 @@ def test_intervals_from_published_limits_say_how_they_come_to_logarithms(publish
 def test_monte_carlo_error_is_a_share_of_the_half_width(fitted: Study) -> None:
     found = predict(fitted, stiffness=2e3, damping=2.0, kinds=("mean",), curves=False)
     assert fitted.fit is not None
-    laws = expected_users(fitted.fit, np.array(list(found.decades.values())), fitted.scene).laws
+    laws = expected_users(fitted.fit, np.array(list(found.decades.values())), fitted.scene.inference).laws
     batches = 40
     for p, row in enumerate(found.intervals.itertuples()):
         # Batches of draws, each with its own limits: their scatter is the error of the whole's.

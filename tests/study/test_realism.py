@@ -8,15 +8,14 @@ from scipy import stats
 
 from percept import Study
 from percept.haptics import magnitude_envelope
-from percept.study.posterior import thinned_points
-from percept.study.realism import populations
+from percept.study.coupling import populations
 
 
 def test_the_level_of_all_users_lies_between_the_limits_of_every_draw(fitted: Study) -> None:
     assert fitted.fit is not None
-    model = fitted.fit.prepared.model
-    laws = model.laws(thinned_points(fitted.fit)[0])
-    for environment, users in populations(fitted.fit, fitted.scene).items():
+    model = fitted.fit.model
+    laws = model.laws(fitted.fit.points)
+    for environment, users in populations(fitted.fit, fitted.scene.inference).items():
         for parameter, (low, high) in (("k", users.stiffness), ("b", users.damping)):
             spread = laws.population_sd[:, model.cells.index((parameter, environment))]
             standard = 0.5 * np.log(high / low) / spread
@@ -27,15 +26,15 @@ def test_the_level_of_all_users_lies_between_the_limits_of_every_draw(fitted: St
 def test_realism_throughout_is_that_of_a_fine_grid(fitted: Study) -> None:
     """VE2 leaves its boundary in a dip of abs(Z_h) near 31.6 rad/s, a few per cent wide."""
     assert fitted.fit is not None
-    assert fitted.apparatus is not None
-    apparatus = fitted.apparatus
+    assert fitted.setup is not None
+    setup = fitted.setup
     omega = np.geomspace(0.1, 100.0, 4000)
-    for environment, users in populations(fitted.fit, fitted.scene).items():
+    for environment, users in populations(fitted.fit, fitted.scene.inference).items():
         limits = magnitude_envelope(
-            omega[:, None], apparatus.device, users.stiffness, users.damping, apparatus.period
+            omega[:, None], setup.device, users.stiffness, users.damping, setup.period
         )
         for coupled in (False, True):
-            shown = apparatus.curve(environment, omega, coupled=coupled)[:, None]
+            shown = setup.curve(environment, omega, coupled=coupled)[:, None]
             true = float(((limits[0] <= shown) & (shown <= limits[1])).all(axis=0).mean())
             error = max(np.sqrt(true * (1.0 - true) / users.stiffness[0].size), 1.0 / users.stiffness[0].size)
             found = fitted.realism[environment, coupled]

@@ -9,7 +9,7 @@ from percept import Study, read_sessions
 from percept.errors import RefusalError, UsageError
 from percept.scene import Scene
 from percept.sessions import reduce_sessions
-from percept.study.bayesian import prepare
+from percept.study.fit import prepare
 from percept.study.reduced import prepare_reduced, reduced_intervals
 from tests.unmixed import UNMIXED, unmixed_sessions
 

@@ -5,8 +5,7 @@ import pytest
 
 from percept import Scene
 from percept.errors import UsageError
-from percept.study.apparatus import device_of
-from percept.study.response_table import read_response
+from percept.study.device import device_of, read_response
 
 
 def write(tmp_path, *rows):

@@ -10,7 +10,7 @@ import percept
 from percept.errors import RefusalError
 from percept.inference.hierarchy.statistics import from_trials
 from percept.sessions import Sessions
-from percept.study.scatter import lacking_scatter
+from percept.study.fit import lacking_scatter
 
 ENVIRONMENTS = ("A", "B", "C")
 
@@ -46,13 +46,13 @@ def test_proportion_is_refused(level, sign, rest):
     what = "a subject's trials" if level == "trials" else "the subjects' means"
     with pytest.raises(RefusalError, match=rf"stiffness and damping of {what} move in proportion"):
         lacking_scatter(statistics(response, subject, environment), ())
-    lacking = lacking_scatter(statistics(response, subject, environment), ("k", "b"))
-    assert lacking.trial.all() == (level == "trials")
-    assert lacking.between.all() == (level == "means")
+    between, trial = lacking_scatter(statistics(response, subject, environment), ("k", "b"))
+    assert trial.all() == (level == "trials")
+    assert between.all() == (level == "means")
     # One step is enough to end a proportion.
-    lacking = lacking_scatter(statistics(response, subject, environment), ("b",))
-    assert not lacking.trial[0].any()
-    assert not lacking.between[0].any()
+    between, trial = lacking_scatter(statistics(response, subject, environment), ("b",))
+    assert not trial[0].any()
+    assert not between[0].any()
 
 
 def refused(response, subject, environment):
@@ -106,13 +106,14 @@ def test_no_scatter_is_refused_with_the_step_to_give():
 
 def test_a_step_makes_up_for_scatter_only_where_there_is_none():
     cell, trial, subject, environment = study(np.random.default_rng(7))
-    assert not lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b")).between.any()
+    between, _ = lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b"))
+    assert not between.any()
     # Between subjects: their means alike in one cell. Between trials: every subject's alike in another.
     cell[environment == 2, 0] = trial[environment == 2, 0] = 0.0
     trial[environment == 1, 1] = 0.0
-    lacking = lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b"))
-    np.testing.assert_array_equal(lacking.between, [[False, False, True], [False, False, False]])
-    np.testing.assert_array_equal(lacking.trial, [[False, False, True], [False, True, False]])
+    between, of_trials = lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b"))
+    np.testing.assert_array_equal(between, [[False, False, True], [False, False, False]])
+    np.testing.assert_array_equal(of_trials, [[False, False, True], [False, True, False]])
 
 
 def test_classical_alone_refuses_one_subject_too(tmp_path):

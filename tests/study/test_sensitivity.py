@@ -5,7 +5,7 @@ import pytest
 
 from percept import Scene, Study, haptics, read_sessions
 from percept.sessions import Sessions
-from percept.study.device_sensitivity import DeviceSensitivity
+from percept.study.device import DeviceSensitivity
 from tests import DATASETS
 
 PERIOD = 0.001

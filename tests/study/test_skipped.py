@@ -9,7 +9,7 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.errors import RefusalError
 from percept.sessions import Sessions
-from percept.study.left_out import leave_one_environment_out
+from percept.study.prediction import leave_one_environment_out
 from tests import DATASETS
 
 PLACES = {"VE1": (15.0, 0.7), "VE2": (1000.0, 1.5), "VE3": (20000.0, 20.0), "VE4": (50000.0, 100.0)}
@@ -75,10 +75,10 @@ def test_an_environment_without_one_reference():
         data, device=DEVICE, frequency={"points": 11}, coupling={"stiffness": 5e4, "damping": 100.0}
     )
     assert dict(found.skipped)["boundaries and band of VE2"] == "it has no reference damping"
-    assert found.placed == ("VE1", "VE3", "VE4")
-    assert {boundary.environment for boundary in found.boundaries} == set(found.placed)
+    assert found.with_reference == ("VE1", "VE3", "VE4")
+    assert {boundary.environment for boundary in found.boundaries} == set(found.with_reference)
     assert found.coupling is not None
-    assert set(found.passivity["environment"]) == set(found.placed)
+    assert set(found.passivity["environment"]) == set(found.with_reference)
 
 
 def test_a_cell_without_an_interval_costs_the_law_no_other_environment():

@@ -77,7 +77,7 @@ def percept_model(source: str) -> tuple[Model, IntervalEstimands]:
     from percept.inference.hierarchy.models import IntervalEstimands
     from percept.scene import Scene
     from percept.sessions import read_sessions
-    from percept.study.bayesian import prepare
+    from percept.study.fit import prepare
 
     model = prepare(read_sessions(source), Scene(), ("k", "b")).model
     return model, IntervalEstimands(model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE)

@@ -27,9 +27,9 @@ def test_reference_prior_gives_the_classical_intervals_of_the_published_study():
     assert fit.run.gate.passed, fit.run.gate.reasons
     errors = dict(zip(fit.run.estimates.names, fit.run.errors, strict=True))
     table = study.sessions.table
-    for c, (parameter, environment) in enumerate(fit.prepared.model.cells):
+    for c, (parameter, environment) in enumerate(fit.model.cells):
         values = table.loc[table["environment"] == environment, f"{parameter}_adj"].to_numpy()
-        unit = fit.prepared.scale.unit[c]
+        unit = fit.scale.unit[c]
         exact = {
             "mean": t_interval(values, level=0.99),
             "user": prediction_interval(values, level=0.99),

@@ -216,7 +216,7 @@ def test_a_correlation_of_nearly_one_is_refused_with_what_to_do(environments):
         _ = study_of(table_of(response)).fit
     assert "Analyse one of them" in str(caught.value)
     fit = answered(study_of(table_of(response), parameters=("k",)))
-    assert {parameter for parameter, _ in fit.prepared.model.cells} == {"k"}
+    assert {parameter for parameter, _ in fit.model.cells} == {"k"}
 
 
 def test_twenty_environments():
@@ -234,7 +234,7 @@ def test_a_correlation_of_999_in_a_thousand_has_an_answer():
     response = responses(10, 3, seed=8, shared=0.0)
     response[..., 1] = response[..., 0] + np.sqrt(2e-3) * response[..., 1]
     fit = answered(study_of(table_of(response)))
-    correlation = fit.prepared.model.scales(fit.run.points[0, -1])["rho_w"][1]
+    correlation = fit.model.scales(fit.run.points[0, -1])["rho_w"][1]
     # Fisher's z has a standard error of 1/sqrt(f - 1) with f = 27 degrees of freedom; the prior adds little.
     residual = (response - response.mean(axis=0)).reshape(-1, 2)
     sample = np.corrcoef(residual.T)[0, 1]

@@ -25,7 +25,7 @@ def test_a_subject_wild_everywhere_is_an_effect_of_the_subject():
     wild = response.copy()
     wild[3] += np.log(1000.0)
     fit = answered(study_of(table_of(wild)))
-    scales = fit.prepared.model.scales(fit.run.points[:, -1].reshape(-1, fit.run.points.shape[-1]))
+    scales = fit.model.scales(fit.run.points[:, -1].reshape(-1, fit.run.points.shape[-1]))
     within = np.log(scales["sigma"][1]).mean(axis=0)
     residual = wild - wild.mean(axis=0) - wild.mean(axis=1, keepdims=True) + wild.mean(axis=(0, 1))
     found = np.log(np.sqrt((residual**2).sum(axis=0).T / (9 * 4 / 5)))

@@ -9,23 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.curves import curve_gap
 from percept.errors import RefusalError, UsageError, counted
-from percept.inference.hierarchy.density import ConditionalMoments
-from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
 from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS
-from percept.study.classical import cell_moments
-from percept.study.comparison import sample_sds
-from percept.study.streams import Stream, generator
+from percept.study.basics import Array, Stream, generator
+from percept.study.boundaries import compare_curves
+from percept.study.intervals import cell_moments, known_moments
 
 if TYPE_CHECKING:
+    from percept.study.fit import Fit
     from percept.study.study import Study
 
-Array = NDArray[np.float64]
 #: Draws of either posterior, and turns in which each draw of one meets another draw of the other.
 _DRAWS, _TURNS = 8192, 16
 _MOST_NAMED = 5
@@ -33,16 +29,31 @@ _SAME = (
     "A and B are the same sessions: the table of their users, whose intervals are those of two samples of "
     "different people, is left out."
 )
+_CURVE_LABELS = ("environment", "kind", "method", "family", "joint", "shape")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PairComparison:
-    """Study B against study A."""
+    """Study B against study A.
 
-    intervals: pd.DataFrame  # environment, parameter, kind, method, family, joint
-    differences: pd.DataFrame  # environment, parameter, method, family
-    curves: pd.DataFrame  # As `compare_curves`, for boundaries of the two that are alike
-    notes: tuple[str, ...] = ()  # Why there are no differences, and what they take for granted
+    Parameters
+    ----------
+    intervals : DataFrame
+        Both studies' limits per environment, parameter, kind, method, family and joint; and their widths'
+        ratio.
+    differences : DataFrame
+        Average users of B against A (ratio under the lognormal family, difference in N/m and N·s/m under
+        the normal), and the ratio of the spreads, with limits.
+    curves : DataFrame
+        Gaps between the boundaries of the two that are alike.
+    notes : tuple of str
+        Why there are no differences, and what they take for granted.
+    """
+
+    intervals: pd.DataFrame
+    differences: pd.DataFrame
+    curves: pd.DataFrame
+    notes: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
         shown = self.differences.to_html(index=False, escape=True)
@@ -51,23 +62,44 @@ class PairComparison:
 
 
 def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
-    """Split a study by a column of the sessions, such as a group of subjects."""
+    """Split a study by a column of the sessions, such as a group of subjects.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Of trials.
+    column : str
+        A column of their table.
+
+    Returns
+    -------
+    dict
+        Sessions by value of the column, in order of first appearance.
+
+    Raises
+    ------
+    UsageError
+        Published limits, no such column, rows without a value, or one value only.
+    RefusalError
+        Subjects in more than one group.
+    """
     if sessions.form == "summary":
         raise UsageError(
             "published limits hold no subjects to divide.",
             column=column,
             hint="Give sessions, or two studies.",
         )
-    if column not in sessions.table:
-        known = ", ".join(str(name) for name in sessions.table.columns)
+    table = sessions.table
+    if column not in table:
+        known = ", ".join(str(name) for name in table.columns)
         raise UsageError(
             f"there is no such column; the columns are {known}.",
             column=column,
             hint=f'A column that is no part of the format is kept by [sessions] groups = ["{column}"].',
         )
-    blank = sessions.table[column].astype(str).str.strip() == ""
+    blank = table[column].astype(str).str.strip() == ""
     if blank.any():
-        file, row = sessions.locate(int(sessions.table.index[blank][0]))
+        file, row = sessions.locate(int(table.index[blank][0]))
         raise UsageError(
             f"{counted(int(blank.sum()), 'row')} without a value, of no group.",
             file=file,
@@ -77,11 +109,11 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
         )
     parts = {
         str(value): dataclasses.replace(sessions, table=rows)
-        for value, rows in sessions.table.groupby(column, sort=False)
+        for value, rows in table.groupby(column, sort=False)
     }
     if len(parts) < 2:
         raise UsageError("all rows have one value: there is nothing to compare.", column=column)
-    groups = sessions.table.groupby("subject", sort=False)[column].nunique()
+    groups = table.groupby("subject", sort=False)[column].nunique()
     if shared := [str(subject) for subject in groups.index[groups > 1]]:
         raise RefusalError(
             f"{_counted(shared)} in more than one group, and intervals of two samples need different people.",
@@ -93,7 +125,24 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
 
 
 def compare_studies(first: Study, second: Study) -> PairComparison:
-    """Compare two studies over the environments and parameters that both have."""
+    """Compare two studies over the environments and parameters that both have.
+
+    Parameters
+    ----------
+    first, second : Study
+        A and B, of one family and level, and of different people or under different scenes.
+
+    Returns
+    -------
+    PairComparison
+
+    Raises
+    ------
+    UsageError
+        Another family or level.
+    RefusalError
+        No environment in common, the same people in both, or nothing that differs.
+    """
     for name in ("family", "level"):
         a, b = (getattr(study.scene.inference, name) for study in (first, second))
         if a != b:
@@ -108,38 +157,30 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             "A and B are the same sessions under the same scene: there is nothing to compare.",
             hint="Give the sessions of other people, or another scene.",
         )
-    notes = (_SAME,) if same else _in_common(first.sessions, second.sessions)
-    notes += tuple(_left_out(first, second)) + tuple(_other_claims(first, second))
-    notes += () if same else tuple(_other_trials(first.sessions, second.sessions))
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
+    notes = [_SAME] if same else list(_in_common(first.sessions, second.sessions))
+    notes += _unlike(first, second)
+    if not same:
+        notes += _other_trials(first.sessions, second.sessions)
     pair = [study.intervals[[*keys, "lower", "upper"]] for study in (first, second)]
     intervals = pair[0].merge(pair[1], on=keys, suffixes=("_a", "_b"))
     widths = [intervals[f"upper_{side}"] - intervals[f"lower_{side}"] for side in ("a", "b")]
     intervals["width_ratio"] = widths[1] / widths[0]
-    differences = []
-    if not same:
-        differences = _classical(first, second) + _bayesian(
-            first, second, generator(first.scene.inference.seed, Stream.PAIRS)
-        )
-    return PairComparison(intervals, pd.DataFrame(differences), _curves(first, second), notes)
+    differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
+    curves = compare_curves(first.boundaries, second.boundaries, _CURVE_LABELS)
+    return PairComparison(intervals, pd.DataFrame(differences), curves, tuple(notes))
 
 
-def _left_out(first: Study, second: Study) -> Iterator[str]:
-    """Say what only one of the two has."""
+def _unlike(first: Study, second: Study) -> Iterator[str]:
+    """Say what only one of the two has, and where intervals of kind share claim different things."""
     for what in ("environments", "parameters"):
         names = [[str(name) for name in getattr(study, what)] for study in (first, second)]
         for label, own, other in (("A", *names), ("B", *reversed(names))):
             if alone := [name for name in own if name not in other]:
                 yield f"Only {label} has {', '.join(alone)}: left out."
-
-
-def _other_claims(first: Study, second: Study) -> Iterator[str]:
-    """Say where intervals of kind share claim different things."""
     asked = [study.scene.inference for study in (first, second)]
-    if any("share" not in one.kinds for one in asked):
-        return
     claims = [(one.held_share, one.confidence) for one in asked]
-    if claims[0] != claims[1]:
+    if all("share" in one.kinds for one in asked) and claims[0] != claims[1]:
         said = " and ".join(
             f"{share:g} of users with confidence {confidence:g}" for share, confidence in claims
         )
@@ -169,24 +210,23 @@ def _same_sessions(first: Sessions, second: Sessions) -> bool:
     return first.table[columns].equals(second.table[columns])
 
 
-def _in_common(first: Sessions, second: Sessions) -> tuple[str, ...]:
+def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
     """Note subjects named alike; refuse them where the studies share a file and they are the same people."""
     known = set(second.subjects)
     shared = [subject for subject in first.subjects if subject in known]
-    if not shared:
-        return ()
     contents = {source.sha256 for source in second.sources}
     files = [source.name for source in first.sources if source.sha256 in contents]
-    if files:
+    if shared and files:
         raise RefusalError(
             f"{_counted(shared)} in both studies, and intervals of two samples need different people.",
             file=files[0],
             hint="Keep each subject in one of the two: [sessions] only, in a scene, chooses rows.",
         )
-    return (
-        f"{_counted(shared)} in both studies by name, and taken for different people: if they are the same, "
-        "the intervals of the differences do not hold.",
-    )
+    if shared:
+        yield (
+            f"{_counted(shared)} in both studies by name, and taken for different people: if they are the "
+            "same, the intervals of the differences do not hold."
+        )
 
 
 def _counted(subjects: Sequence[str]) -> str:
@@ -195,114 +235,95 @@ def _counted(subjects: Sequence[str]) -> str:
     return f"{counted(len(subjects), 'subject')} ({named}{more}) {'is' if len(subjects) == 1 else 'are'}"
 
 
-def _classical(first: Study, second: Study) -> list[dict[str, object]]:
+def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """Welch's interval of the difference of means, and the F interval of the ratio of SDs."""
-    family = first.scene.inference.family
-    if "bayesian" in (first.scene.inference.method, second.scene.inference.method):
-        return []
-    tail = 0.5 * (1.0 - first.scene.inference.level)
-    log = family == "lognormal"
-    counts = [
-        {(c.parameter, c.environment): c.moments for c in cell_moments(s.sessions, s.parameters, family)}
-        for s in (first, second)
-    ]
-    sds = [sample_sds(s.sessions, s.parameters, family) for s in (first, second)]
-    rows: list[dict[str, object]] = []
-    for cell in sds[0]:
-        moments = [part.get(cell) for part in counts]
-        if cell not in sds[1] or moments[0] is None or moments[1] is None:
+    asked = first.scene.inference
+    if "bayesian" in (asked.method, second.scene.inference.method):
+        return
+    tail = 0.5 * (1.0 - asked.level)
+    of_a, of_b = (
+        known_moments(cell_moments(one.sessions, one.parameters, asked.family), asked.family)
+        for one in (first, second)
+    )
+    for cell in of_a:
+        if cell not in of_b:
             continue
-        on_scale = [m.on_scale("lognormal" if log else "normal") for m in moments if m is not None]
         mean, sd, n = (
-            np.array([float(np.asarray(getattr(m, f))) for m in on_scale]) for f in ("mean", "sd", "n")
+            np.array([float(getattr(moments[cell], name)) for moments in (of_a, of_b)])
+            for name in ("mean", "sd", "n")
         )
-        share = sd**2 / n
-        freedom = share.sum() ** 2 / (share**2 / (n - 1)).sum()
-        centre = mean[1] - mean[0]
-        reach = -float(special.stdtrit(freedom, tail)) * np.sqrt(share.sum())
-        ends = np.array([centre - reach, centre, centre + reach])
-        spread = sd[1] / sd[0]
+        squared = sd**2 / n
+        freedom = squared.sum() ** 2 / (squared**2 / (n - 1)).sum()
+        centre, half = mean[1] - mean[0], -float(special.stdtrit(freedom, tail)) * np.sqrt(squared.sum())
         # The upper one as the reciprocal of a lower one, which keeps the digits of a small tail.
-        quantiles = [1.0 / special.fdtri(n[0] - 1, n[1] - 1, tail), special.fdtri(n[1] - 1, n[0] - 1, tail)]
-        rows.append(
-            _row(cell, "classical", family, np.exp(ends) if log else ends)
-            | {
-                "probability_above": None,
-                "spread_lower": spread / np.sqrt(quantiles[0]),
-                "spread_value": spread,
-                "spread_upper": spread / np.sqrt(quantiles[1]),
-            }
-        )
-    return rows
+        high, low = 1.0 / special.fdtri(n[0] - 1, n[1] - 1, tail), special.fdtri(n[1] - 1, n[0] - 1, tail)
+        ratio = sd[1] / sd[0]
+        spread = [ratio / np.sqrt(high), ratio, ratio / np.sqrt(low)]
+        yield _row(cell, "classical", asked.family, [centre - half, centre, centre + half], None, spread)
 
 
-def _bayesian(first: Study, second: Study, rng: np.random.Generator) -> list[dict[str, object]]:
+def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """Root of the mixture of differences of conditional normals.
 
     The two posteriors are independent, so every pair of their draws is a draw of both: pairing each draw with
     several others takes a third to two thirds of the error from quantiles of ratios.
     """
-    fits = [study.fit for study in (first, second)]
-    if any(fit is None or not fit.run.gate.passed for fit in fits):
-        return []
-    family, level = first.scene.inference.family, first.scene.inference.level
-    log, tail = family == "lognormal", 0.5 * (1.0 - level)
-    parts = []
-    for fit in fits:
-        assert fit is not None
-        components = fit.run.components.reshape(-1, fit.run.components.shape[-1])
-        laws = ConditionalMoments.unpack(components[rng.permutation(len(components))[:_DRAWS]])
-        scale = fit.prepared.scale
-        origin = np.log(scale.origin) if log else scale.origin
-        unit = scale.unit
-        column = {cell: c for c, cell in enumerate(fit.prepared.model.cells)}
-        parts.append((origin + unit * laws.mean, unit * laws.sd, unit * laws.population_sd, column))
-    (*of_a, column_a), (*of_b, column_b) = parts
+    fits = [study.fit for study in (first, second) if study.fit is not None and study.fit.passed]
+    if len(fits) < 2:
+        return
+    from percept.inference.sampling.endpoints import mixture_quantile
+
+    asked = first.scene.inference
+    rng, tail = generator(asked.seed, Stream.PAIRS), 0.5 * (1.0 - asked.level)
+    of_a, of_b = (_draws(fit, rng) for fit in fits)
     count = min(len(of_a[0]), len(of_b[0]))
     turns = rng.integers(count, size=_TURNS)
-    rows: list[dict[str, object]] = []
-    for cell in column_a:
-        if cell not in column_b:
+    for cell, a in fits[0].column.items():
+        if cell not in fits[1].column:
             continue
-        mean_a, sd_a, spread_a = (np.tile(law[:count, column_a[cell]], _TURNS) for law in of_a)
+        b = fits[1].column[cell]
+        mean_a, sd_a, spread_a = (np.tile(part[:count, a], _TURNS) for part in of_a)
         mean_b, sd_b, spread_b = (
-            np.concatenate([np.roll(law[:count, column_b[cell]], turn) for turn in turns]) for law in of_b
+            np.concatenate([np.roll(part[:count, b], turn) for turn in turns]) for part in of_b
         )
         mean, sd = (mean_b - mean_a)[:, None], np.hypot(sd_a, sd_b)[:, None]
         lower, upper = (float(mixture_quantile(mean, sd, tail, upper=side)[0][0]) for side in (False, True))
-        ends = np.array([lower, float(mean.mean()), upper])
-        ratio = np.quantile(spread_b / spread_a, [tail, 0.5, 1.0 - tail])
-        rows.append(
-            _row(cell, "bayesian", family, np.exp(ends) if log else ends)
-            | {
-                "probability_above": float(special.ndtr(mean / sd).mean()),
-                "spread_lower": float(ratio[0]),
-                "spread_value": float(ratio[1]),
-                "spread_upper": float(ratio[2]),
-            }
-        )
-    return rows
+        spread = np.quantile(spread_b / spread_a, [tail, 0.5, 1.0 - tail]).tolist()
+        above = float(special.ndtr(mean / sd).mean())
+        yield _row(cell, "bayesian", asked.family, [lower, float(mean.mean()), upper], above, spread)
 
 
-def _row(cell: tuple[str, str], method: str, family: str, ends: Array) -> dict[str, object]:
-    lower, value, upper = ends.tolist()
-    what = {"environment": cell[1], "parameter": cell[0], "method": method, "family": family}
-    return {**what, "lower": lower, "value": value, "upper": upper}
+def _draws(fit: Fit, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Mean, SD and spread per draw and cell, on the family's scale in N/m and N·s/m or their logarithms."""
+    from percept.inference.hierarchy.density import ConditionalMoments
+
+    components = fit.run.components.reshape(-1, fit.run.components.shape[-1])
+    laws = ConditionalMoments.unpack(components[rng.permutation(len(components))[:_DRAWS]])
+    scale = fit.scale
+    origin = np.log(scale.origin) if scale.log else scale.origin
+    return origin + scale.unit * laws.mean, scale.unit * laws.sd, scale.unit * laws.population_sd
 
 
-def _curves(first: Study, second: Study) -> pd.DataFrame:
-    labels = ("environment", "kind", "method", "family", "joint", "shape")
-    if first.apparatus is None or second.apparatus is None:
-        return pd.DataFrame()
-    known = {tuple(getattr(b, name) for name in labels): b for b in second.boundaries}
-    rows = []
-    for boundary in first.boundaries:
-        key = tuple(getattr(boundary, name) for name in labels)
-        other = known.get(key)
-        if other is None:
-            continue
-        row: dict[str, object] = dict(zip(labels, key, strict=True))
-        for side, gap in curve_gap(boundary, other).items():
-            row |= {f"area_{side}": gap.area, f"largest_{side}": gap.largest, f"omega_{side}": gap.omega}
-        rows.append(row)
-    return pd.DataFrame(rows)
+def _row(
+    cell: tuple[str, str],
+    method: str,
+    family: str,
+    ends: Sequence[float],
+    above: float | None,
+    spread: Sequence[float],
+) -> dict[str, object]:
+    lower, value, upper = np.exp(ends).tolist() if family == "lognormal" else map(float, ends)
+    return {
+        "environment": cell[1],
+        "parameter": cell[0],
+        "method": method,
+        "family": family,
+        "lower": lower,
+        "value": value,
+        "upper": upper,
+        "probability_above": above,
+        **{
+            f"spread_{name}": float(end)
+            for name, end in zip(("lower", "value", "upper"), spread, strict=True)
+        },
+    }

@@ -1,0 +1,124 @@
+"""What all parts of a study share: what is left out, names, choices, and streams of random numbers."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple, TypedDict, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.record import Family
+from percept.scene import InferenceTable
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+#: By parameter and environment, N/m or N·s/m; NaN where there is none.
+References = Mapping[tuple[str, str], float]
+
+NAMES = {"k": "stiffness", "b": "damping"}
+#: Classical intervals are always given in both families, the paper's first.
+FAMILIES: tuple[Family, ...] = ("normal", "lognormal")
+
+
+class Skipped(NamedTuple):
+    """Something that a study did not compute.
+
+    Parameters
+    ----------
+    what : str
+        Name of the result, as `percept.Study.skipped` and the report list it.
+    why : str
+        The reason, in words.
+    """
+
+    what: str
+    why: str
+
+
+def results(items: Iterable[T | Skipped]) -> list[T]:
+    """Return what was computed, without what was skipped."""
+    return [item for item in items if not isinstance(item, Skipped)]
+
+
+class Claim(TypedDict):
+    """What the intervals of all kinds claim."""
+
+    level: float
+    share: float
+    confidence: float
+
+
+def claim_of(asked: InferenceTable) -> Claim:
+    """Return the claims that the scene asks for."""
+    return {"level": asked.level, "share": asked.held_share, "confidence": asked.confidence}
+
+
+def analysed_parameters(present: tuple[str, ...], asked: tuple[str, ...] | None) -> tuple[str, ...]:
+    """Return the parameters asked for, or all that were adjusted."""
+    if not present:
+        raise RefusalError("no adjusted value is left in the data.")
+    if missing := sorted(set(asked or ()) - set(present)):
+        raise RefusalError(
+            f"the scene asks for {NAMES[missing[0]]}, which no session has.", column=f"{missing[0]}_adj"
+        )
+    return asked or present
+
+
+def select(what: str, asked: str | Collection[str] | None, there: Sequence[str]) -> tuple[str, ...]:
+    """Return the names asked for, if all are there."""
+    if asked is None:
+        return tuple(there)
+    names = (asked,) if isinstance(asked, str) else tuple(asked)
+    for name in names:
+        if name not in there:
+            raise UsageError(f"the study has no such {what}; there are {', '.join(there)}.", value=name)
+    return names
+
+
+def referenced(
+    reference: References, parameters: Sequence[str], environments: Sequence[str]
+) -> Iterator[str | Skipped]:
+    """Yield the environments with a reference of both parameters, which curves and bands need."""
+    if len(parameters) < 2:
+        yield Skipped("boundaries and band", f"only {NAMES[parameters[0]]} was adjusted")
+        return
+    for environment in environments:
+        names = [NAMES[p] for p in parameters if not np.isfinite(reference[p, environment])]
+        yield (
+            Skipped(f"boundaries and band of {environment}", f"it has no reference {' and '.join(names)}")
+            if names
+            else environment
+        )
+
+
+def thin(omega: Array, most: int) -> Array:
+    """Return at most `most` of the frequencies (M,), both ends among them."""
+    kept = np.unique(np.linspace(0, omega.size - 1, min(most, omega.size)).round().astype(int))
+    return omega[kept]
+
+
+@enum.unique
+class Stream(enum.IntEnum):
+    """What draws are for; two purposes with one number would share their draws."""
+
+    LOCATIONS = 101
+    POSTERIOR_CURVES = 102
+    CLASSICAL_CURVES = 103
+    REALISM = 104
+    NEW_ENVIRONMENT = 105
+    NEW_BOUNDARIES = 106
+    CLASSICAL_BANDS = 107
+    POSTERIOR_BANDS = 108
+    PRIOR_PULL = 109
+    PAIRS = 110
+    PREDICTIVE = 113
+    CHECKED_STATISTICS = 127
+    PRIOR = 131
+
+
+def generator(seed: int, stream: Stream) -> np.random.Generator:
+    """Return a new generator of a stream, independent of the sampler's."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))

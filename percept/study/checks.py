@@ -1,0 +1,346 @@
+"""Checks of the hierarchical fit for the analyst, in N/m and N·s/m and with names."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from percept.html import NotebookRecord
+from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, predict_left_out
+from percept.inference.checks.predictive import (
+    GROUPS,
+    STATISTICS,
+    correlation_draws,
+    draw_prior,
+    replicate,
+    shrinkage,
+    statistics_of,
+)
+from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.sampling.gate import Settings
+from percept.inference.sampling.run import Progress
+from percept.scene import Scene
+from percept.sessions.values import UNITS
+from percept.study.band import weber_trend
+from percept.study.basics import NAMES, Array, Skipped, Stream, generator
+from percept.study.fit import Fit
+from percept.study.posterior import posterior_tree
+
+#: Chance of naming any outlier at all in a study the model holds for; shared over all that is looked at.
+FALSE_ALARM = 0.05
+#: Sensitivity (a distance of distributions per doubling of the power) from which it is worth a look.
+THRESHOLD = 0.05
+#: Accuracy of sampling without a subject, in SDs of the log density; and the error, in nats, above which the
+#: log of its mean stays rough.
+_ACCURACY, _ROUGH = 0.05, 0.2
+_REPLICATES = 4000
+_PRIOR_DRAWS = 40_000
+_PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
+_QUANTITIES = {"mean": "population_mean", "user": "new_user", "spread": "population_sd"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SubjectChecks(NotebookRecord):
+    """Each subject against what the others predict.
+
+    Parameters
+    ----------
+    elpd, se : float
+        Expected log predictive density of a new subject, summed over the subjects, and its standard error.
+    good_k : float
+        Pareto index up to which reweighting is trusted, with this many draws.
+    subjects : DataFrame
+        Per subject: elpd, pareto_k, influential, refitted, farther (probability of lying as far off) and
+        outlier.
+    cells : DataFrame
+        Per subject, environment and parameter: value (mean adjustment, N/m or N·s/m), below (predictive
+        probability of less) and outlier.
+    messages : tuple of str
+        Influential subjects and outliers by name, with what to do.
+    """
+
+    elpd: float
+    se: float
+    good_k: float
+    subjects: pd.DataFrame
+    cells: pd.DataFrame
+    messages: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ModelChecks(NotebookRecord):
+    """Checks of a hierarchical fit.
+
+    Parameters
+    ----------
+    loo : SubjectChecks
+        Each subject against the others.
+    statistics : DataFrame
+        Posterior predictive check of each cell's mean, SD and farthest subject.
+    prior : DataFrame
+        Quantiles of the average and the next user before any data, N/m or N·s/m.
+    sensitivity : DataFrame
+        How far each cell's mean, user and spread move when priors or data count slightly more.
+    shrinkage : DataFrame or None
+        How far each environment moved to the trend; None with one environment.
+    correlation : DataFrame or None
+        Correlations of stiffness and damping between users; None with one parameter.
+    weber : DataFrame or None
+        Trend of the log spread per decade of the reference; None where the model has none.
+    """
+
+    loo: SubjectChecks
+    statistics: pd.DataFrame
+    prior: pd.DataFrame
+    sensitivity: pd.DataFrame
+    shrinkage: pd.DataFrame | None
+    correlation: pd.DataFrame | None
+    weber: pd.DataFrame | None
+
+
+def model_checks(
+    fit: Fit, scene: Scene, *, progress: Callable[[Progress], None] | None = None
+) -> ModelChecks | Skipped:
+    """Check a fit against its data, its priors and its own assumptions."""
+    if isinstance(fit.subjects, Skipped):
+        return fit.subjects
+    level, seed = scene.inference.level, scene.inference.seed
+    weber = weber_trend(fit, level=level)
+    if weber is not None:
+        weber = weber.drop(columns="below_zero").assign(positive=1.0 - weber["below_zero"])
+    return ModelChecks(
+        loo=check_subjects(fit, fit.subjects, scene, progress=progress),
+        statistics=_statistics(fit.subjects, fit.points, level=level, seed=seed),
+        prior=_prior_quantiles(fit, fit.subjects, seed=seed),
+        sensitivity=power_scaling(posterior_tree(fit, seed=seed, full=True)),
+        shrinkage=_shrinkage(fit, fit.subjects),
+        correlation=correlation_table(fit, fit.subjects, level=level),
+        weber=weber,
+    )
+
+
+def check_subjects(
+    fit: Fit, subjects: SubjectDensity, scene: Scene, *, progress: Callable[[Progress], None] | None = None
+) -> SubjectChecks:
+    """Leave every subject out: by reweighting, and where that fails and the scene says so by sampling."""
+    loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
+    predicted = predict_left_out(subjects, loo.points, loo.weights)
+    refitted = np.zeros(subjects.subjects, dtype=bool)
+    refit = scene.checks is not None and scene.checks.refit
+    if refit:
+        loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress)
+    return subject_tables(fit, subjects, loo, predicted, refitted, refit=refit)
+
+
+def _refit(
+    subjects: SubjectDensity,
+    loo: Loo,
+    predicted: Predicted,
+    scene: Scene,
+    progress: Callable[[Progress], None] | None,
+) -> tuple[Loo, Predicted, NDArray[np.bool_]]:
+    """Replace what reweighting cannot tell; a run that fails its gate changes nothing."""
+    from percept.inference.checks.left_out import sample_without
+
+    asked = scene.inference
+    settings = Settings(
+        tolerance=_ACCURACY, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
+    )
+    pointwise, below, farther = loo.pointwise.copy(), predicted.below.copy(), predicted.farther.copy()
+    done = np.zeros(subjects.subjects, dtype=bool)
+    names = subjects.density.statistics.subjects
+    for i in np.flatnonzero(loo.influential):
+        without = sample_without(subjects, int(i), names[i], settings, progress=progress)
+        if without is None:
+            continue
+        done[i] = without.error <= _ROUGH
+        pointwise[i] = without.log_density
+        even = np.full((len(without.points), 1), 1.0 / len(without.points))
+        own = predict_left_out(subjects, without.points, even, np.array([i]))
+        below[i], farther[i] = own.below[0], own.farther[0]
+    return dataclasses.replace(loo, pointwise=pointwise), Predicted(below, farther), done
+
+
+def subject_tables(
+    fit: Fit,
+    subjects: SubjectDensity,
+    loo: Loo,
+    predicted: Predicted,
+    refitted: NDArray[np.bool_],
+    *,
+    refit: bool,
+) -> SubjectChecks:
+    """Name the subjects and cells that lie far from what the others predict."""
+    statistics = subjects.density.statistics
+    table = pd.DataFrame(
+        {
+            "subject": list(statistics.subjects),
+            "elpd": loo.pointwise,
+            "pareto_k": loo.pareto_k,
+            "influential": loo.influential,
+            "refitted": refitted,
+            "farther": predicted.farther,
+            "outlier": predicted.farther < FALSE_ALARM / subjects.subjects,
+        }
+    )
+    means = statistics.cell_means
+    value = fit.scale.native(means.reshape(len(means), -1)).reshape(means.shape)
+    cells = pd.DataFrame(
+        {
+            "subject": statistics.subjects[i],
+            "environment": statistics.environments[j],
+            "parameter": statistics.parameters[p],
+            "value": value[i, p, j],
+            "below": predicted.below[i, p, j],
+        }
+        for i, p, j in np.argwhere(np.isfinite(means)).tolist()
+    )
+    tail = 2.0 * np.minimum(cells["below"], 1.0 - cells["below"])
+    cells["outlier"] = tail < FALSE_ALARM / len(cells)
+    messages = tuple(_messages(table, cells, loo.good_k, refit=refit))
+    return SubjectChecks(loo.elpd, loo.se, loo.good_k, table, cells, messages)
+
+
+def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float, *, refit: bool) -> Iterator[str]:
+    influential = table[table["influential"]]
+    if len(influential):
+        named = ", ".join(f"{row.subject} ({row.pareto_k:.2f})" for row in influential.itertuples())
+        yield (
+            f"Influential, with a Pareto index above {good_k:.2f}: {named}. The intervals rest on them more "
+            "than on others: look at their sessions, and report the intervals with and without them."
+        )
+    if rough := ", ".join(influential.loc[~influential["refitted"], "subject"]):
+        yield (
+            f"The predictive density of {rough} stays rough, though sampled anew: hardly any spread that "
+            "the others allow explains them."
+            if refit
+            else f"What is said of leaving out {rough} is rough: have the posterior sampled without them "
+            "(--refit)."
+        )
+    for row in table[table["outlier"]].itertuples():
+        yield (
+            f"{row.subject} lies far from what the others predict, all cells together: as far or farther "
+            f"with probability {row.farther:.1e}. See whether the session went wrong before believing the "
+            "spread."
+        )
+    for cell in cells[cells["outlier"]].to_dict("records"):
+        side = "below" if cell["below"] < 0.5 else "above"
+        yield (
+            f"{cell['subject']} set {NAMES[cell['parameter']]} in {cell['environment']} to "
+            f"{cell['value']:.4g} {UNITS[cell['parameter']]}, far {side} what the others predict."
+        )
+
+
+def _statistics(subjects: SubjectDensity, points: Array, *, level: float, seed: int) -> pd.DataFrame:
+    """Compare each cell's mean, SD and farthest subject with those of new studies from the posterior."""
+    some = points[:: max(1, len(points) // _REPLICATES)]
+    drawn = replicate(subjects, some, generator(seed, Stream.CHECKED_STATISTICS))
+    statistics = subjects.density.statistics
+    observed = statistics_of(statistics.cell_means)
+    lower, upper = np.quantile(drawn, [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
+    above = (drawn > observed).mean(axis=0)
+    at = [tuple(index) for index in np.argwhere(np.isfinite(observed).transpose(2, 1, 0)).tolist()]
+    return pd.DataFrame(
+        {
+            "environment": statistics.environments[j],
+            "parameter": statistics.parameters[p],
+            "statistic": STATISTICS[s],
+            "observed": observed[s, p, j],
+            "lower": lower[s, p, j],
+            "upper": upper[s, p, j],
+            "above": above[s, p, j],
+            "unusual": bool(not lower[s, p, j] <= observed[s, p, j] <= upper[s, p, j]),
+        }
+        for j, p, s in at
+    )
+
+
+def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.DataFrame:
+    """Quantiles of the average and the next user before any data."""
+    _, means, users = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))
+    rows: list[dict[str, Any]] = []
+    for kind, drawn in (("mean", means), ("user", users)):
+        # The map to N/m is increasing, so quantiles pass through it; far tails may be infinite there.
+        with np.errstate(over="ignore"):
+            found = fit.scale.native(np.quantile(drawn, _PRIOR_QUANTILES, axis=0))
+        for (parameter, environment), c in fit.column.items():
+            quantiles = {f"q{100 * q:g}": found[i, c] for i, q in enumerate(_PRIOR_QUANTILES)}
+            at = {"environment": environment, "parameter": parameter, "kind": kind}
+            rows.append({**at, **quantiles, "unit": UNITS[parameter]})
+    return pd.DataFrame(rows)
+
+
+def _shrinkage(fit: Fit, subjects: SubjectDensity) -> pd.DataFrame | None:
+    """How far the centre of each environment moved from its raw mean to the trend over environments."""
+    found = shrinkage(subjects.density, fit.points)
+    if found is None:
+        return None
+    raw, centre, trend = (fit.scale.native(part.ravel()) for part in (found.raw, found.centre, found.trend))
+    return pd.DataFrame(
+        {
+            "environment": environment,
+            "parameter": parameter,
+            "raw": raw[c],
+            "centre": centre[c],
+            "trend": trend[c],
+            "moved": found.moved.ravel()[c],
+            "unit": UNITS[parameter],
+        }
+        for (parameter, environment), c in fit.column.items()
+    )
+
+
+def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd.DataFrame | None:
+    """Correlations of stiffness and damping between users, with intervals."""
+    rows = []
+    for name, values in correlation_draws(subjects.density, fit.points).items():
+        labels = fit.environments if values.ndim == 2 else [""]
+        for label, draws in zip(labels, values.reshape(len(values), -1).T, strict=True):
+            lower, upper = np.quantile(draws, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+            limits = {"lower": lower, "value": float(draws.mean()), "upper": upper}
+            positive = float((draws > 0.0).mean())
+            rows.append({"of": name, "environment": label, **limits, "positive": positive})
+    return pd.DataFrame(rows) if rows else None
+
+
+def power_scaling(tree: Any) -> pd.DataFrame:
+    """Sensitivity of every environment's mean, new user and spread to the priors and to the data.
+
+    Priors (all together, and by what they speak of) and likelihood are raised to powers just off one by
+    Pareto-smoothed reweighting (Kallioinen et al. 2024, doi:10.1007/s11222-023-10366-5).
+    """
+    import arviz_stats
+    import xarray
+
+    posterior = tree["posterior"].to_dataset().merge(tree["posterior_predictive"].to_dataset())
+    quantities = posterior[list(_QUANTITIES.values())].rename({old: new for new, old in _QUANTITIES.items()})
+    groups = {name: tree[name].to_dataset() for name in ("log_prior", "log_likelihood")}
+    wanted = xarray.DataTree.from_dict({"posterior": quantities, **groups})
+    powers: dict[str, dict[str, Any]] = {"prior": {"group": "prior"}, "likelihood": {"group": "likelihood"}}
+    for name, variables in GROUPS.items():
+        if known := [variable for variable in variables if variable in groups["log_prior"]]:
+            powers[f"prior_{name}"] = {"group": "prior", "group_var_names": known}
+    found = {name: arviz_stats.psense(wanted, **how) for name, how in powers.items()}  # type: ignore[attr-defined, no-untyped-call]
+    rows = []
+    for environment in posterior["environment"].to_numpy().tolist():
+        for parameter in posterior["parameter"].to_numpy().tolist():
+            at = {"environment": environment, "parameter": parameter}
+            for quantity in _QUANTITIES:
+                values = {name: float(table[quantity].sel(at)) for name, table in found.items()}
+                rows.append({**at, "quantity": quantity, **values, "diagnosis": _diagnosis(values)})
+    return pd.DataFrame(rows)
+
+
+def _diagnosis(values: dict[str, float]) -> str:
+    if not np.isfinite(values["prior"]) or values["prior"] < THRESHOLD:
+        return ""
+    groups = {name: value for name, value in values.items() if name.startswith("prior_")}
+    most = max(groups, key=lambda name: groups[name]).removeprefix("prior_")
+    if values["likelihood"] < THRESHOLD:
+        return f"the priors (of {most} most) decide, the data hardly count"
+    return f"the priors (of {most} most) count beside the data"

@@ -1,0 +1,268 @@
+"""The device with its coupling and references: what it displays, and how verdicts move with the device."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from percept import haptics
+from percept.boundary.records import Shape
+from percept.errors import UsageError
+from percept.haptics import AnyDevice, Coupling, Device, Environment, TabulatedDevice
+from percept.html import NotebookRecord
+from percept.scene import InferenceTable, Scene
+from percept.study.basics import Array, Skipped, thin
+from percept.study.regions import Region
+
+BOXES = {"corner": haptics.corner_curves, "envelope": haptics.magnitude_envelope}
+_NO_DEVICE = "the scene has no [device]"
+_RESPONSE = ("omega", "real", "imaginary")
+# Rows of a measured device that a grid starts from, at most twice as many.
+_MOST_ROWS = 128
+# Of the scene's mass and damping, for the devices that verdicts are given for; and their frequencies.
+_TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+_POINTS = 61
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Setup:
+    """Device, coupling and the references that curves are drawn for."""
+
+    device: AnyDevice
+    period: float  # Sampling period, s
+    hold: str  # "average" (Eq. 8) or "true"
+    references: Mapping[str, Environment]  # By environment
+    coupling: Coupling | None = None
+
+    def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
+        """abs(Z_h) of a reference at frequencies (M,), rad/s, without or through the coupling, N·s/m."""
+        return np.abs(
+            haptics.perceived_impedance(
+                omega,
+                self.device,
+                self.references[environment],
+                self.period,
+                coupling=self.coupling if coupled else None,
+                hold=self.hold,
+            )
+        )
+
+    def outline(self, region: Region, shape: Shape, omega: Array) -> tuple[Array, Array]:
+        """Lower and upper curve of abs(Z_h) around a region at frequencies, rad/s, N·s/m."""
+        if region.ellipse is None:
+            assert region.limits is not None
+            return BOXES[shape](omega, self.device, *region.limits, self.period, hold=self.hold)
+        ellipse = region.ellipse
+        log = ellipse.family == "lognormal"
+        envelope = haptics.magnitude_envelope_log_ellipse if log else haptics.magnitude_envelope_ellipse
+        centre = (float(ellipse.centre[0]), float(ellipse.centre[1]))
+        return envelope(
+            omega, self.device, centre, ellipse.shape, ellipse.radius, self.period, hold=self.hold
+        )
+
+    def resonances(self, environment: str) -> Array:
+        """Frequencies, rad/s, near which curves bend most: the device's mass on the reference, its modes."""
+        device = self.device
+        if not isinstance(device, Device):
+            return device.omega[:: max(1, device.omega.size // _MOST_ROWS)]
+        pairs = [(mode.stiffness, mode.mass) for mode in device.modes]
+        pairs.append((self.references[environment].stiffness, device.mass))
+        return np.array([float(np.sqrt(k / m)) for k, m in pairs if m])
+
+    @property
+    def passivity(self) -> pd.DataFrame:
+        """One-port passivity of every reference, rendered without the coupling."""
+        rows = []
+        if isinstance(self.device, Device):
+            damping = self.device.damping
+            for name, reference in self.references.items():
+                colgate, tustin = (
+                    float(haptics.passivity_damping(reference, self.period, model=model))
+                    for model in ("colgate", "tustin")
+                )
+                rows.append((name, colgate, tustin, damping, bool(damping > colgate)))
+        columns = ["environment", "needed_colgate", "needed_paper", "device_damping", "passive"]
+        return pd.DataFrame(rows, columns=columns)
+
+
+def setup_of(
+    scene: Scene, device: AnyDevice | None, references: Mapping[str, Environment]
+) -> Iterator[Setup | Skipped]:
+    """Put the scene's device, coupling and references together, or say what there is none of."""
+    table = scene.coupling
+    coupling = None if table is None else Coupling(stiffness=table.stiffness, damping=table.damping)
+    if scene.device is not None and device is not None:
+        yield Setup(device, scene.device.period, scene.device.hold, references, coupling)
+    elif references:
+        yield Skipped("boundaries of Z_h", _NO_DEVICE)
+    if coupling is None:
+        yield Skipped("coupling: Z_h_vc, stability and admissible couplings", "the scene has no [coupling]")
+    elif device is None:
+        yield Skipped("coupling: Z_h_vc and stability", _NO_DEVICE)
+
+
+def device_of(scene: Scene) -> AnyDevice | None:
+    """Build the device that a scene describes; None without a `[device]`."""
+    table = scene.device
+    if table is None:
+        return None
+    if table.response is None:
+        assert table.mass is not None
+        assert table.damping is not None
+        modes = tuple(haptics.Mode(m.mass, m.stiffness, m.damping) for m in table.modes)
+        return Device(mass=table.mass, damping=table.damping, modes=modes)
+    # An absolute path stays what it is.
+    file = str(scene.folder / table.response)
+    measured = read_response(file)
+    first, last = (float(measured.omega[end]) for end in (0, -1))
+    for key, value in (("lower", scene.frequency.lower), ("upper", scene.frequency.upper)):
+        if not first <= value <= last:
+            raise UsageError(
+                f"the table covers {first:g} to {last:g} rad/s only, and nothing is extrapolated.",
+                file=file,
+                key=f"frequency.{key}",
+                value=value,
+                hint="Measure further, or narrow [frequency] of the scene.",
+            )
+    return measured
+
+
+def read_response(path: str) -> TabulatedDevice:
+    """Read a CSV of a measured device: omega (rad/s) and Z_d, real and imaginary (N·s/m)."""
+    try:
+        table = pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot be read: {error}.", file=path) from error
+    if missing := [name for name in _RESPONSE if name not in table.columns]:
+        raise UsageError(
+            f"the column is missing; there are {', '.join(table.columns)}.", file=path, column=missing[0]
+        )
+    impedance = np.empty(len(table), dtype=complex)
+    try:
+        # Part by part: 1j times an infinite number is not a number.
+        impedance.real, impedance.imag = table["real"].to_numpy(float), table["imaginary"].to_numpy(float)
+        return TabulatedDevice(omega=table["omega"].to_numpy(float), impedance=impedance)
+    except UsageError as error:
+        error.file = path
+        raise
+    except ValueError as error:
+        raise UsageError(f"holds what is not a number: {error}.", file=path) from error
+
+
+@dataclasses.dataclass(frozen=True)
+class DeviceSensitivity(NotebookRecord):
+    """Verdicts for lighter, heavier, less and better damped devices.
+
+    Parameters
+    ----------
+    mass, damping : tuple of float
+        Of the devices judged, kg and N·s/m.
+    own : tuple of int
+        Where the scene's device stands: index of its damping, index of its mass.
+    verdict : tuple of tuple
+        Stability by damping and mass: "stable", "marginal" or "unstable"; None without a coupling.
+    inside : mapping
+        By kind: for how many environments abs(Z_h) stays inside the boundary, by damping and mass.
+    frequencies : int
+        At how many omega that was checked.
+    environments : int
+        How many were judged.
+    required_damping : float or None
+        Damping that the coupling needs of a rigid device, N·s/m; None without a coupling.
+    method, family : str
+        Whose limits.
+    """
+
+    mass: tuple[float, ...]
+    damping: tuple[float, ...]
+    own: tuple[int, int]
+    verdict: tuple[tuple[str | None, ...], ...]
+    inside: Mapping[str, tuple[tuple[int, ...], ...]]
+    frequencies: int
+    environments: int
+    required_damping: float | None
+    method: str
+    family: str
+
+
+def fixed_device(setup: Setup, method: str) -> Skipped | None:
+    """Say why mass and damping are not varied; None where they are."""
+    what = "sensitivity to the device's mass and damping"
+    if not isinstance(setup.device, Device):
+        return Skipped(what, "a measured response has neither")
+    if method == "bayesian":
+        return Skipped(what, "it is worked out for classical intervals")
+    return None
+
+
+def device_sensitivity(
+    setup: Setup, regions: Sequence[Region], asked: InferenceTable, omega: Array
+) -> DeviceSensitivity | None:
+    """Judge stability and realism again for 49 devices about the scene's; None without a region."""
+    own, period, hold = setup.device, setup.period, setup.hold
+    assert isinstance(own, Device)
+    limits = {kind: found for kind in asked.kinds if (found := _limits(setup, regions, kind, asked.family))}
+    if not limits:
+        return None
+    masses, dampings = _about(float(own.mass)), _about(float(own.damping))
+    verdict: list[tuple[str | None, ...]] = [(None,) * len(masses)] * len(dampings)
+    needed = None
+    if setup.coupling is not None:
+        needed = float(haptics.required_damping(setup.coupling, period, hold=hold).damping)
+        verdict = [
+            tuple(
+                str(haptics.absolute_stability(moved, setup.coupling, period, hold=hold).verdict)
+                for mass in masses
+                for moved in [dataclasses.replace(own, mass=mass, damping=damping)]
+            )
+            for damping in dampings
+        ]
+    # All 49 at once: mass along the rows, damping down them.
+    every = dataclasses.replace(own, mass=np.array(masses), damping=np.array(dampings)[:, None])
+    together = dataclasses.replace(setup, device=every)
+    omega = thin(omega, _POINTS)[:, None, None]
+    coupled = setup.coupling is not None
+    felt = {e: together.curve(e, omega, coupled=coupled) for e in setup.references}
+
+    def stays_inside(region: Region) -> Array:
+        lower, upper = together.outline(region, "envelope", omega)
+        shown = felt[region.environment]
+        return ((lower <= shown) & (shown <= upper)).all(axis=0).astype(int)
+
+    some = next(iter(limits.values()))
+    return DeviceSensitivity(
+        mass=masses,
+        damping=dampings,
+        own=(dampings.index(float(own.damping)), masses.index(float(own.mass))),
+        verdict=tuple(verdict),
+        inside={
+            str(kind): tuple(map(tuple, np.sum([stays_inside(one) for one in found], axis=0).tolist()))
+            for kind, found in limits.items()
+        },
+        frequencies=omega.size,
+        environments=len(some),
+        required_damping=needed,
+        method="classical",
+        family=" or ".join(dict.fromkeys(region.family for region in some)),
+    )
+
+
+def _about(own: float) -> tuple[float, ...]:
+    return tuple(own * times for times in _TIMES) if own else (0.0, *_TIMES[1:])
+
+
+def _limits(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> list[Region]:
+    """Classical rectangles of a kind, one per environment: in the scene's family where it has one."""
+    known = {
+        (region.environment, region.family): region
+        for region in regions
+        if (region.method, region.kind, region.joint) == ("classical", kind, "marginal")
+    }
+    found = (
+        next((known[e, f] for f in (family, "lognormal", "normal") if (e, f) in known), None)
+        for e in setup.references
+    )
+    return [region for region in found if region is not None]

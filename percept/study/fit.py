@@ -1,0 +1,369 @@
+"""The hierarchical fit of a study: from sessions to a model, a sampled posterior and its intervals."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Collection, Iterator
+from functools import cached_property, partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError
+from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.classical.moments import Moments
+from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments, Resolution
+from percept.inference.hierarchy.models import IntervalEstimands, Model, Pooled, Product, Unpooled
+from percept.inference.hierarchy.priors import MEANINGS, Priors
+from percept.inference.hierarchy.scales import Options
+from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
+from percept.inference.record import Family
+from percept.inference.sampling.gate import Settings
+from percept.inference.sampling.run import Progress, Run, sample
+from percept.scene import InferenceTable, Scene
+from percept.sessions import Sessions
+from percept.sessions.values import UNITS
+from percept.study.basics import NAMES, Array, References, Skipped, claim_of
+from percept.study.intervals import Row, bayesian_interval, cell_moments, row_of
+from percept.study.responses import ResponseScale, Trials, decades, references, refuse_no_ratio, trials
+
+#: Beyond so many, proposals are hardly ever accepted and judging a run takes as long as making it.
+_MOST_COORDINATES = 128
+#: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
+#: six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
+_PROPORTION = 1e-3
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prepared:
+    """A model of a study, not yet sampled."""
+
+    model: Model  # The posterior
+    scale: ResponseScale  # The way from responses to N/m and N·s/m
+    counts: NDArray[np.int64]  # (C,) Subjects behind each cell
+    repeats: bool | None  # Whether any cell holds more than one trial; None where it is not known
+    trials: Trials | None  # None for published limits and without pooling
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fit(Prepared):
+    """A sampled posterior and its interval limits.
+
+    Parameters
+    ----------
+    model : Model
+        The posterior density, with `cells`: (parameter, environment) of each of its C cells.
+    scale : ResponseScale
+        The map from the model's responses to N/m and N·s/m.
+    counts : ndarray of int, shape (C,)
+        Subjects behind each cell.
+    repeats : bool or None
+        Whether any cell holds more than one trial; None where it is not known.
+    trials : Trials or None
+        The trials as arrays; None for published limits and without pooling.
+    run : Run
+        Draws, diagnostics and the verdict of the gate.
+    limits : dict
+        Lower and upper limits, each of shape (C,), by kind; N/m or N·s/m.
+    estimate : ndarray, shape (C,)
+        Posterior mean of the population's mean on the model's scale, in N/m or N·s/m.
+    """
+
+    run: Run
+    limits: dict[str, tuple[Array, Array]]
+    estimate: Array
+
+    @property
+    def passed(self) -> bool:
+        """Whether the numbers may be reported."""
+        return self.run.gate.passed
+
+    @cached_property
+    def points(self) -> Array:
+        """Coordinates thinned to the effective size, ensemble after ensemble, shape (S, d)."""
+        kept = self.run.independent()
+        return kept.reshape(-1, kept.shape[-1])
+
+    @cached_property
+    def column(self) -> dict[tuple[str, str], int]:
+        """Number of each cell, (parameter, environment)."""
+        return {cell: c for c, cell in enumerate(self.model.cells)}
+
+    @property
+    def parameters(self) -> list[str]:
+        """Parameters of the model."""
+        return list(dict.fromkeys(p for p, _ in self.model.cells))
+
+    @property
+    def environments(self) -> list[str]:
+        """Environments of the model; one where some parameter was never adjusted is not among them."""
+        return list(dict.fromkeys(e for _, e in self.model.cells))
+
+    @cached_property
+    def subjects(self) -> SubjectDensity | Skipped:
+        """Densities of the subjects' data under the pooled model of sessions."""
+        if not isinstance(self.model, Pooled) or self.trials is None:
+            needed = "they need the sessions of subjects, pooled over environments"
+            return Skipped("checks of the model", needed)
+        data = self.trials
+        return SubjectDensity(self.model.density, data.response, data.subject, data.environment)
+
+    @property
+    def diagnostics(self) -> dict[str, Any]:
+        """How the fit was sampled, the verdict of the gate, and the priors in force."""
+        run, priors = self.run, self.model.priors.items()
+        ensembles, _, walkers, dimension = run.points.shape
+        return {
+            "gate": run.gate,
+            "steps": run.steps,
+            "ensembles": ensembles,
+            "walkers": walkers,
+            "dimension": dimension,
+            "tolerance": run.settings.tolerance,
+            "priors": [{"prior": name, "value": value, "meaning": MEANINGS[name]} for name, value in priors],
+        }
+
+
+class RunStore(Protocol):
+    """Keeps finished runs, so that none is sampled twice."""
+
+    def run(self, asked: tuple[object, ...], compute: Callable[[], Run]) -> Run:
+        """Return the kept run of what is asked, or compute and keep it."""
+
+
+def estimands_of(model: Model, asked: InferenceTable) -> IntervalEstimands:
+    """Limits of the intervals that the scene asks for."""
+    return IntervalEstimands(model, kinds=asked.kinds, **claim_of(asked))
+
+
+def fit_model(
+    prepared: Prepared,
+    asked: InferenceTable,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    store: RunStore | None = None,
+) -> Fit:
+    """Sample a prepared model to the scene's tolerance, or find the run in the store."""
+    model = prepared.model
+    coordinates = len(model.names)
+    if coordinates > _MOST_COORDINATES:
+        raise RefusalError(
+            f"{len(model.cells)} cells (parameters times environments) make {coordinates} "
+            f"coordinates to sample; beyond {_MOST_COORDINATES} that takes hours.",
+            hint='Use method = "classical", one parameter at a time, or fewer environments.',
+        )
+    estimands = estimands_of(model, asked)
+    settings = Settings(
+        tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
+    )
+    compute = partial(sample, model, estimands, settings, progress=progress)
+    question = (model.identity(), estimands.identity(), dataclasses.astuple(settings))
+    run = store.run(question, compute) if store else compute()
+    # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
+    components = np.ascontiguousarray(run.components)
+    run = dataclasses.replace(run, points=np.ascontiguousarray(run.points), components=components)
+    laws = ConditionalMoments.unpack(components.reshape(-1, components.shape[-1]))
+    native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
+    return Fit(
+        **vars(prepared),
+        run=run,
+        limits={str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)},
+        estimate=prepared.scale.native(laws.mean.mean(axis=0)),
+    )
+
+
+def bayesian_rows(
+    fit: Fit | None, asked: InferenceTable, reference: References, *, approximate: bool = False
+) -> Iterator[Row | Skipped]:
+    """Yield a row of the interval table for every interval of a fit that passed."""
+    if fit is None:
+        yield Skipped("hierarchical model", "only the classical method was asked for")
+        return
+    if fit.trials:
+        yield from fit.trials.skipped
+    if not fit.passed:
+        yield Skipped("Bayesian intervals", " ".join(fit.run.gate.reasons))
+        return
+    if len(fit.parameters) == 2:
+        yield Skipped(
+            "Bayesian intervals of k and b widened to hold together (bonferroni)",
+            "only limits held to the tolerance are listed",
+        )
+    for kind in asked.kinds:
+        lower, upper = fit.limits[kind]
+        for c, (parameter, environment) in enumerate(fit.model.cells):
+            interval = bayesian_interval(
+                asked,
+                kind,
+                parameter,
+                (float(lower[c]), float(upper[c])),
+                float(fit.estimate[c]),
+                n=int(fit.counts[c]),
+                repeats=fit.repeats,
+                approximate=approximate,
+            )
+            yield row_of(interval, parameter, environment, reference)
+
+
+def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Build the model that the data and the scene ask for."""
+    if scene.model.pooling == "none":
+        return _unpooled(sessions, scene, parameters)
+    if sessions.form == "summary":
+        return _from_limits(sessions, scene, parameters)
+    data = trials(sessions, scene, parameters)
+    statistics = from_trials(
+        data.response,
+        data.subject,
+        data.environment,
+        data.x,
+        parameters=parameters,
+        environments=data.environments,
+        subjects=data.subjects,
+    )
+    return pooled(statistics, scene, data.reference, data.scale, data)
+
+
+def pooled(
+    statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale, data: Trials | None = None
+) -> Prepared:
+    """Build the hierarchical model of subjects' trials from their statistics."""
+    resolution = _resolution(statistics, scene, reference, scale)
+    counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
+    return Prepared(_model(statistics, scene, resolution), scale, counts, statistics.repeats, data)
+
+
+def _model(statistics: Statistics, scene: Scene, resolution: Resolution | None = None) -> Pooled:
+    table = scene.model
+    options = Options(
+        subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
+    )
+    return Pooled(CollapsedDensity(statistics, Priors(**table.priors), options, resolution))
+
+
+def _resolution(statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale) -> Resolution:
+    """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those.
+
+    Rounding is part of the scatter that is seen: there the variance would count twice.
+    """
+    steps = {str(name): step for name, step in scene.model.resolution.items()}
+    between, trial = lacking_scatter(statistics, steps)
+    if not (between.any() or trial.any()):
+        return Resolution()
+    if scene.inference.family == "lognormal":
+        unit = reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
+    else:
+        unit = scale.unit.reshape(reference.shape)
+    size = np.array([steps.get(p, 0.0) for p in statistics.parameters])
+    variance = (size[:, None] / unit) ** 2 / 12.0
+    return Resolution(between=np.where(between, variance, 0.0), trial=np.where(trial, variance, 0.0))
+
+
+def lacking_scatter(
+    statistics: Statistics, steps: Collection[str]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Find cells (P, J) whose scatter between subjects, or trials, a step of the adjustment makes up for.
+
+    They have none, or their pairs move in proportion; those without a step are refused. Near a correlation of
+    one the density of pairs in proportion grows as (1 - rho²)^(-(f - 1)/2) for every environment's f degrees
+    of freedom; from four such half powers on no prior of rho holds it. A remainder ends that growth, too near
+    one for walkers to follow where it is small.
+    """
+    between = (statistics.sd == 0) & (statistics.df > 0)
+    trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
+    known = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
+    for what, still in (("all subjects adjusted alike", between), ("no subject's trials differ", trial)):
+        _refuse_still(statistics, still & ~known, what)
+    if len(statistics.parameters) == 2:
+        means = statistics.cell_means
+        off = (means - np.nanmean(means, axis=0)).transpose(2, 1, 0)
+        of_means = [pair[:, np.isfinite(pair).all(axis=0)] for pair in off]
+        of_trials = list(statistics.trial_rows.transpose(2, 0, 1))
+        for what, scatter, df, lacking in (
+            ("the subjects' means", of_means, statistics.df.min(axis=0), between),
+            ("a subject's trials", of_trials, statistics.trial_df, trial),
+        ):
+            if _in_proportion(scatter, df):
+                if not known.any():
+                    raise RefusalError(
+                        f"stiffness and damping of {what} move in proportion, to within {_PROPORTION:.1%}, "
+                        "in every environment: a correlation of one has no proper posterior.",
+                        column="b_adj",
+                        hint="Analyse one of them, [inference] parameters, or give the steps: "
+                        "[model] resolution.",
+                    )
+                lacking |= df > 0
+    return between & known, trial & known
+
+
+def _refuse_still(statistics: Statistics, still: NDArray[np.bool_], what: str) -> None:
+    for parameter, cells in zip(statistics.parameters, still, strict=True):
+        if cells.any():
+            names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
+            raise RefusalError(
+                f"{what} in {NAMES[parameter]} of {names}: zero scatter has no proper posterior.",
+                column=f"{parameter}_adj",
+                hint=f"Give the adjustment's step in {UNITS[parameter]}: [model] resolution.{parameter}.",
+            )
+
+
+def _in_proportion(scatter: list[Array], df: Array) -> bool:
+    """Say whether in every environment the two rows of the scatter (2, n) are multiples of one another."""
+    signs, powers = set(), 0.0
+    for (first, second), freedom in zip(scatter, df, strict=True):
+        if freedom < 1:
+            continue
+        cross, square, size = first @ second, first @ first, np.linalg.norm(second)
+        if square == 0 or size == 0 or np.linalg.norm(second - cross / square * first) > _PROPORTION * size:
+            return False
+        signs.add(np.sign(cross))
+        powers += freedom - 1.0
+    return len(signs) == 1 and powers >= 4.0
+
+
+def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Model each parameter of published limits by itself: limits hold no correlation."""
+    environments, family = sessions.environments, scene.inference.family
+    reference = references(sessions, parameters, environments)
+    named = [(p, e) for p in parameters for e in environments]
+    refuse_no_ratio(dict(zip(named, reference.ravel().tolist(), strict=True)))
+    _, moments = _all_moments(sessions, parameters, family)
+    mean, sd, n = (
+        np.array([getattr(m, name) for m in moments]).reshape(reference.shape) for name in ("mean", "sd", "n")
+    )
+    if family == "lognormal":
+        mean = mean - np.log(reference)
+    else:
+        mean, sd = (mean - reference) / reference, sd / reference
+    rows = zip(parameters, mean, sd, n, decades(reference), strict=True)
+    models = [
+        _model(from_summary(*row, parameter=parameter, environments=environments), scene)
+        for parameter, *row in rows
+    ]
+    return Prepared(Product(models), ResponseScale.of(reference, family), n.ravel(), None, None)
+
+
+def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Each cell by itself, standardised by its own exact mean and SD."""
+    cells, moments = _all_moments(sessions, parameters, scene.inference.family)
+    origin, unit, counts = (np.array([getattr(m, name) for m in moments]) for name in ("mean", "sd", "n"))
+    log = scene.inference.family == "lognormal"
+    scale = ResponseScale(log, np.exp(origin) if log else origin, unit)
+    return Prepared(Unpooled(cells, counts), scale, counts, any(m.repeats for m in moments), None)
+
+
+def _all_moments(
+    sessions: Sessions, parameters: tuple[str, ...], family: Family
+) -> tuple[tuple[tuple[str, str], ...], list[Moments]]:
+    """Every cell and its moments on the family's scale; a cell without any is refused."""
+    cells = cell_moments(sessions, parameters, family)
+    moments = []
+    for cell in cells:
+        if cell.moments is None:
+            raise RefusalError(
+                f"there is no posterior of {NAMES[cell.parameter]} in {cell.environment}: {cell.why}.",
+                hint='Set family = "normal", or leave the parameter or environment out in the scene.',
+            )
+        moments.append(cell.moments.on_scale(family))
+    return tuple((cell.parameter, cell.environment) for cell in cells), moments

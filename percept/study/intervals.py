@@ -1,0 +1,206 @@
+"""The interval table's rows, the classical ones in every kind and family; and the cells they rest on."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+
+from percept.errors import RefusalError
+from percept.inference.classical.intervals import interval_of
+from percept.inference.classical.moments import Moments
+from percept.inference.classical.trials import subject_means
+from percept.inference.record import Family, Interval, Kind
+from percept.scene import InferenceTable
+from percept.sessions import Sessions
+from percept.sessions.values import UNITS
+from percept.study.basics import NAMES, References, Skipped, claim_of
+
+Row = dict[str, Any]
+Limits = tuple[float, float]
+
+COLUMNS = [
+    "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
+    "lower", "upper", "estimate", "n", "unit", "reference", "covers",
+]  # fmt: skip
+TOO_FEW = "it has fewer than two subjects"
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One parameter in one environment, one value per subject."""
+
+    parameter: str
+    environment: str
+    moments: Moments | None  # Of the subjects' values, the mean of their trials on the family's scale
+    why: str = ""  # Why there are none
+
+    @classmethod
+    def of(cls, parameter: str, environment: str, found: Moments | str) -> Self:
+        """Make a cell of its moments, or of why there are none; without scatter there is no interval."""
+        if isinstance(found, str):
+            return cls(parameter, environment, None, found)
+        if np.all(found.sd == 0):
+            return cls(parameter, environment, None, "all subjects adjusted alike")
+        return cls(parameter, environment, found)
+
+
+def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family) -> list[Cell]:
+    """Work out every cell of a study, parameter by parameter."""
+    tables = list(sessions.table.groupby("environment", sort=False))
+    moments = _published if sessions.form == "summary" else _adjusted
+    return [
+        Cell.of(parameter, str(environment), moments(table, parameter, family))
+        for parameter in parameters
+        for environment, table in tables
+    ]
+
+
+def _published(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
+    row = table[table["parameter"] == parameter]
+    if row.empty:
+        return "it was not published"
+    limits = row.iloc[0]
+    moments = Moments.from_limits(
+        limits["lower"], limits["upper"], int(limits["n"]), level=float(limits["level"])
+    )
+    if family == "lognormal" and np.any(moments.mean <= 0):
+        return "the published mean is zero or negative"
+    return moments
+
+
+def _adjusted(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
+    known = table[table[f"{parameter}_adj"].notna()]
+    adjusted = known[f"{parameter}_adj"].to_numpy(dtype=float)
+    if known["subject"].nunique() < 2:
+        return TOO_FEW
+    if family == "lognormal" and np.any(adjusted <= 0):
+        return "a value is zero or negative"
+    return subject_means(adjusted, known["subject"].to_numpy(), family=family).moments()
+
+
+def known_moments(cells: Sequence[Cell], family: Family) -> dict[tuple[str, str], Moments]:
+    """Moments on a family's scale, of the cells that have some, by parameter and environment."""
+    return {
+        (cell.parameter, cell.environment): cell.moments.on_scale(family)
+        for cell in cells
+        if cell.moments is not None
+    }
+
+
+def classical_rows(
+    cells: Mapping[Family, Sequence[Cell]], asked: InferenceTable, reference: References
+) -> Iterator[Row | Skipped]:
+    """Yield a row for every classical interval the scene asks for, of cells by family.
+
+    Where there is none, and no other method is asked for, the first cell is named in a refusal.
+    """
+    if asked.method == "classical" and not any(
+        cell.moments for of_family in cells.values() for cell in of_family
+    ):
+        cell = next(iter(cells.values()))[0]
+        where = f"{NAMES[cell.parameter]} in {cell.environment}"
+        raise RefusalError(f"there is no interval of anything: {where}, say, where {cell.why}.")
+    for family, found in cells.items():
+        joints = ("marginal", "bonferroni") if len({cell.parameter for cell in found}) == 2 else ("marginal",)
+        for cell in found:
+            if cell.moments is None:
+                where = f"{NAMES[cell.parameter]} in {cell.environment}"
+                yield Skipped(f"classical {family} intervals of {where}", cell.why)
+                continue
+            for kind in asked.kinds:
+                for joint in joints:
+                    interval = interval_of(
+                        kind,
+                        cell.moments,
+                        **claim_of(asked),
+                        family=family,
+                        joint=joint,  # type: ignore[arg-type]
+                        unit=UNITS[cell.parameter],
+                    )
+                    yield row_of(interval, cell.parameter, cell.environment, reference)
+
+
+def bayesian_interval(
+    asked: InferenceTable, kind: Kind, parameter: str, limits: Limits, estimate: float, **rest: Any
+) -> Interval:
+    """Make the record of a posterior interval, in N/m or N·s/m; `rest` are fields of `Interval`."""
+    share = kind == "share"
+    return Interval(
+        kind=kind,
+        method="bayesian",
+        family=asked.family,
+        level=asked.level,
+        lower=limits[0],
+        upper=limits[1],
+        estimate=estimate,
+        share=asked.held_share if share else None,
+        confidence=asked.confidence if share else None,
+        unit=UNITS[parameter],
+        **rest,
+    )
+
+
+def row_of(interval: Interval, parameter: str, environment: str, reference: References) -> Row:
+    """Put an interval into a row of the table."""
+    return {
+        "environment": environment,
+        "parameter": parameter,
+        "reference": reference[parameter, environment],
+        **interval.as_dict(),
+    }
+
+
+def paired_limits(
+    intervals: pd.DataFrame, labels: Sequence[str]
+) -> Iterator[tuple[dict[str, Row], tuple[Limits, Limits]]]:
+    """Pair the rows of stiffness and damping that agree in all labels."""
+    pairs: dict[tuple[Any, ...], dict[str, Row]] = {}
+    for row in intervals.to_dict("records"):
+        one = {str(name): value for name, value in row.items()}
+        pairs.setdefault(tuple(one[label] for label in labels), {})[one["parameter"]] = one
+    for rows in pairs.values():
+        if len(rows) == 2:
+            k, b = ((float(rows[p]["lower"]), float(rows[p]["upper"])) for p in ("k", "b"))
+            yield rows, (k, b)
+
+
+def adjustments(sessions: Sessions) -> Iterator[Row]:
+    """Describe what was adjusted as it is, on no scale and of no model: values, mean and SD of each cell."""
+    if sessions.form != "trials":
+        return
+    for environment, rows in sessions.table.groupby("environment", sort=False):
+        for parameter in sessions.parameters:
+            known = rows[rows[f"{parameter}_adj"].notna()]
+            adjusted, subjects = known[f"{parameter}_adj"].to_numpy(dtype=float), known["subject"].to_numpy()
+            values = subject_means(adjusted, subjects).values.tolist() if len(known) else []
+            moments = Moments.from_values(values) if len(values) > 1 else None
+            yield {
+                "environment": str(environment),
+                "parameter": parameter,
+                "reference": float(rows[f"{parameter}_ref"].iloc[0]),
+                "n": len(values),
+                "mean": float(moments.mean) if moments else next(iter(values), None),
+                "sd": float(moments.sd) if moments else None,
+                "values": values,
+                "unit": UNITS[parameter],
+            }
+
+
+def design_counts(sessions: Sessions) -> dict[str, Any] | None:
+    """Count trials, sessions and cells; None for published limits."""
+    if sessions.form != "trials":
+        return None
+    table = sessions.table
+    trials = table.groupby(["subject", "environment"], sort=False).size()
+    visits = table.groupby("subject", sort=False)["session"].nunique()
+    cells = len(sessions.subjects) * len(sessions.environments)
+    return {
+        "cells": cells,
+        "missing": cells - len(trials),
+        "trials": [int(trials.min()), int(trials.max())],
+        "sessions": [int(visits.min()), int(visits.max())],
+    }
