@@ -8,7 +8,7 @@ import pytest
 
 from percept import Scene, Study, haptics, read_sessions
 from percept.report import build_document, dumps
-from percept.report.document import SCHEMA, design_of, zoom_windows
+from percept.report.document import SCHEMA, design_of
 from percept.report.findings import findings
 
 from .conftest import DATASETS, scene_of
@@ -61,19 +61,6 @@ def test_simulated_input_is_known_by_its_source_column():
     assert build_document(Study(sessions, scene))["data"]["simulated"]
     unmarked = dataclasses.replace(sessions, table=sessions.table.drop(columns="source"))
     assert not build_document(Study(unmarked, scene))["data"]["simulated"]
-
-
-def test_zoom_follows_the_scene_and_else_surrounds_10():
-    scene = Scene.from_tables({"report": {"zoom": {"VE1": [9.89, 10.11]}}})
-    windows = zoom_windows(scene, ["VE1", "VE2"])
-    assert windows == {"VE1": [9.89, 10.11], "VE2": pytest.approx([9.8, 10.2])}
-
-
-def test_a_window_outside_the_range_is_cut_or_left_out():
-    scene = Scene.from_tables(
-        {"frequency": {"lower": 10, "upper": 100}, "report": {"zoom": {"A": [1, 5], "B": [90, 120]}}}
-    )
-    assert zoom_windows(scene, ["A", "B", "C"]) == {"B": [90, 100], "C": pytest.approx([10, 10.2])}
 
 
 def test_close_views_and_readings_are_evaluated_anew(classical):

@@ -11,7 +11,8 @@ from percept.boundary.curves import FLOOR, magnitude_membership
 from percept.boundary.records import Boundary
 from percept.haptics import perceived_magnitude
 from percept.inference.regions import ellipse_region
-from percept.study.boundaries import Range, boundaries_of
+from percept.study.basics import results
+from percept.study.boundaries import Range, boundaries_of, zoom_windows
 from percept.study.coupling import study_coupling
 from percept.study.study import DEFAULT_POINTS
 from tests import DATASETS
@@ -270,3 +271,19 @@ def test_own_frequencies_are_taken_as_they_come(fitted):
 def test_own_frequencies_and_choices_are_checked(fitted, omega, chosen, message):
     with pytest.raises(UsageError, match=message):
         fitted.boundaries_at(omega, **chosen)
+
+
+def test_zoom_follows_the_scene_and_else_surrounds_10():
+    scene = Scene.from_tables({"report": {"zoom": {"VE1": [9.89, 10.11]}}})
+    windows = dict(zoom_windows(scene, ["VE1", "VE2"]))
+    assert windows == {"VE1": [9.89, 10.11], "VE2": pytest.approx([9.8, 10.2])}
+
+
+def test_a_window_outside_the_range_is_cut_or_left_out():
+    scene = Scene.from_tables(
+        {"frequency": {"lower": 10, "upper": 100}, "report": {"zoom": {"A": [1, 5], "B": [90, 120]}}}
+    )
+    assert dict(results(zoom_windows(scene, ["A", "B", "C"]))) == {
+        "B": [90, 100],
+        "C": pytest.approx([10, 10.2]),
+    }
