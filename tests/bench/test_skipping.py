@@ -12,8 +12,8 @@ from percept.reproduce.published import dataset
 from percept.sessions import Sessions
 from percept.study.fit import prepare
 
-SAMPLER = {"emcee", "h5netcdf"}
-ARVIZ = {"arviz_base", "arviz_stats", "xarray"}
+SAMPLER = {"emcee", "h5netcdf", "xarray"}
+ARVIZ = {"arviz_base", "arviz_stats"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
 CURVES = {"curve_draws", "boundaries", "sensitivity", "coupling_design"}
