@@ -28,8 +28,6 @@ from percept.study.basics import NAMES, Array, References, Skipped, claim_of
 from percept.study.intervals import Row, bayesian_interval, cell_moments, row_of
 from percept.study.responses import ResponseScale, Trials, decades, references, refuse_no_ratio, trials
 
-#: Beyond so many, proposals are hardly ever accepted and judging a run takes as long as making it.
-_MOST_COORDINATES = 128
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
 #: six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
 _PROPORTION = 1e-3
@@ -146,13 +144,6 @@ def fit_model(
 ) -> Fit:
     """Sample a prepared model to the scene's tolerance, or find the run in the store."""
     model = prepared.model
-    coordinates = len(model.names)
-    if coordinates > _MOST_COORDINATES:
-        raise RefusalError(
-            f"{len(model.cells)} cells (parameters times environments) make {coordinates} "
-            f"coordinates to sample; beyond {_MOST_COORDINATES} that takes hours.",
-            hint='Use method = "classical", one parameter at a time, or fewer environments.',
-        )
     estimands = estimands_of(model, asked)
     settings = Settings(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps

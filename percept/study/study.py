@@ -343,10 +343,7 @@ class Study:
 
     @cached_property
     def coupling_design(self) -> dict[str, haptics.CouplingDesign]:
-        """Couplings, by method, that are stable and realistic to the next user: for each environment and all.
-
-        Judged by the envelope of kind user in the scene's family; empty without a device or both parameters.
-        """
+        """Couplings, by method, that are stable and realistic to the next user; empty without a device."""
         if self.setup is None or no_design(self.setup, self.scene.inference.kinds):
             return {}
         return design_by_method(self.setup, self.regions, self.scene.inference.family, self.omega)

@@ -131,7 +131,10 @@ def sample(
 ) -> Run:
     """Sample a target with emcee to a stated accuracy."""
     target = Checked(target)
-    run = _Running(target, estimands, _begin(target, estimands, settings))
+    warm_seed, run_seed, *_ = _seeds(settings)
+    here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), warm_seed)
+    begun = _burnt_in(here, points, run_seed, estimands, _STRIDE, _FIRST_ROUND, refined=0)
+    run = _Running(target, estimands, begun)
     while True:
         while run.steps < run.goal:
             run.extend(min(_SEGMENT, run.goal - run.steps))
@@ -157,13 +160,6 @@ def sample(
 def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
     """Seeds of the warm-up and of the run, and the same for every refinement."""
     return np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
-
-
-def _begin(target: Target, estimands: Estimands, settings: Settings) -> Begun:
-    """Warm up, burn in, and keep nothing yet."""
-    warm_seed, run_seed, *_ = _seeds(settings)
-    here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), warm_seed)
-    return _burnt_in(here, points, run_seed, estimands, _STRIDE, _FIRST_ROUND, refined=0)
 
 
 def _refined(

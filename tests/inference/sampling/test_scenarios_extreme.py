@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from percept.errors import RefusalError
 from percept.inference import prediction_interval
 from tests.inference.sampling.test_scenarios import (
     KINDS,
@@ -67,11 +66,3 @@ def test_variances_of_a_million_million(unit):
     spread = half_widths(fit)[KINDS.index("user")] * unit
     around_zero = np.sqrt((values**2).mean(axis=0)).T.ravel()
     assert np.all(np.abs(np.log(spread / (2.576 * around_zero))) < 1.0)
-
-
-def test_two_hundred_environments_are_refused_at_once_with_what_to_do():
-    study = study_of(table_of(responses(5, 200, seed=3)))
-    with pytest.raises(
-        RefusalError, match=r"400 cells .* 412 coordinates .* takes hours\. Use method = \"classical\""
-    ):
-        _ = study.fit
