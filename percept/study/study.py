@@ -288,10 +288,7 @@ class Study:
 
     @cached_property
     def curve_draws(self) -> tuple[Draws, ...]:
-        """Draws of (k, b) of the average and the next user, by method and family.
-
-        Empty for published limits and models without a correlation of k and b: none is invented.
-        """
+        """Draws of (k, b) of the average and the next user; empty where no correlation is known."""
         return draws_of(self._sources, self._passed, self.scene.inference) if self._sources.kinds else ()
 
     @cached_property
