@@ -266,13 +266,13 @@ def test_one_environment_is_spoken_of_as_one():
     one = said_of(Sessions.from_frame(whole[whole["environment"] == "VE1"]))
     assert "until it felt like a reference, once each. The one reference is VE1." in one
     assert "until it felt like the one reference environment, once each." in one
-    assert re.search(r"for stiffness is [\d.]+ % \(VE1\) of the reference wide", one)
+    assert re.search(r"For stiffness, the next-user interval spans [\d.]+ \(VE1\) times the reference", one)
     assert "1 reference" not in one
     assert re.search(r"Intervals\W+1\W+were derived with percept", one)
     assert "boundaries were derived" not in one
     two = said_of(Sessions.from_frame(whole[whole["environment"].isin(["VE1", "VE2"])]))
     assert "until it felt like a reference, once each. References: VE1, VE2." in two
-    assert re.search(r"for stiffness is between [\d.]+ % \(VE\d\) and [\d.]+ % \(VE\d\) of", two)
+    assert re.search(r"For stiffness, the next-user interval spans [\d.]+ \(VE\d\) to [\d.]+ \(VE\d\) times", two)
 
 
 def test_trials_sessions_and_cells_not_tried_are_told():
