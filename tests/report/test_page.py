@@ -272,7 +272,9 @@ def test_one_environment_is_spoken_of_as_one():
     assert "boundaries were derived" not in one
     two = said_of(Sessions.from_frame(whole[whole["environment"].isin(["VE1", "VE2"])]))
     assert "until it felt like a reference, once each. References: VE1, VE2." in two
-    assert re.search(r"For stiffness, the next-user interval spans [\d.]+ \(VE\d\) to [\d.]+ \(VE\d\) times", two)
+    assert re.search(
+        r"For stiffness, the next-user interval spans [\d.]+ \(VE\d\) to [\d.]+ \(VE\d\) times", two
+    )
 
 
 def test_trials_sessions_and_cells_not_tried_are_told():
