@@ -343,7 +343,7 @@ def cited(document: Mapping[str, Any]) -> list[Reference]:
     if "classical" in methods:
         needed.add("meeker2017")
     if "bayesian" in methods:
-        needed |= {"emcee", "terbraak2006", "vehtari2021"}
+        needed |= {"emcee", "cotter2013", "vehtari2021"}
     if document["provenance"]["scene"].get("coupling"):
         needed.add("adams1999")
     return [reference for reference in _references() if reference.key in needed]
