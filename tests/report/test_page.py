@@ -397,12 +397,16 @@ def test_the_hold_and_the_share_are_in_words_of_the_methods(classical, hold, sai
 
 
 def test_widths_in_the_summary_are_of_the_kind_they_name(classical):
-    whose = {"mean": "the average user", "user": "the next user", "share": "the stated share of users"}
+    whose = {
+        "mean": "interval of the average user",
+        "user": "next-user interval",
+        "share": "interval of the stated share of users",
+    }
     said = [line for line in page_of(classical).splitlines() if 'data-at="/summary/widths/' in line]
     assert len(said) > 1
     for line in said:
         place = int(re.search(r"/summary/widths/(\d+)/", line)[1])
-        assert f"The interval of {whose[classical['summary']['widths'][place]['kind']]} for" in line
+        assert f", the {whose[classical['summary']['widths'][place]['kind']]} spans" in line
 
 
 def test_inside_is_said_of_the_reference_first_and_of_the_coupling_then(classical):
