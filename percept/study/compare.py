@@ -62,27 +62,7 @@ class PairComparison:
 
 
 def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
-    """Split a study by a column of the sessions, such as a group of subjects.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        Of trials.
-    column : str
-        A column of their table.
-
-    Returns
-    -------
-    dict
-        Sessions by value of the column, in order of first appearance.
-
-    Raises
-    ------
-    UsageError
-        Published limits, no such column, rows without a value, or one value only.
-    RefusalError
-        Subjects in more than one group.
-    """
+    """Split a study by a column of the sessions, such as a group of subjects."""
     if sessions.form == "summary":
         raise UsageError(
             "published limits hold no subjects to divide.",

@@ -154,37 +154,17 @@ def read_response(path: str) -> TabulatedDevice:
 
 @dataclasses.dataclass(frozen=True)
 class DeviceSensitivity(NotebookRecord):
-    """Verdicts for lighter, heavier, less and better damped devices.
+    """Verdicts for lighter, heavier, less and better damped devices."""
 
-    Parameters
-    ----------
-    mass, damping : tuple of float
-        Of the devices judged, kg and N·s/m.
-    own : tuple of int
-        Where the scene's device stands: index of its damping, index of its mass.
-    verdict : tuple of tuple
-        Stability by damping and mass: "stable", "marginal" or "unstable"; None without a coupling.
-    inside : mapping
-        By kind: for how many environments abs(Z_h) stays inside the boundary, by damping and mass.
-    frequencies : int
-        At how many omega that was checked.
-    environments : int
-        How many were judged.
-    required_damping : float or None
-        Damping that the coupling needs of a rigid device, N·s/m; None without a coupling.
-    method, family : str
-        Whose limits.
-    """
-
-    mass: tuple[float, ...]
-    damping: tuple[float, ...]
-    own: tuple[int, int]
-    verdict: tuple[tuple[str | None, ...], ...]
-    inside: Mapping[str, tuple[tuple[int, ...], ...]]
-    frequencies: int
-    environments: int
-    required_damping: float | None
-    method: str
+    mass: tuple[float, ...]  # Of the devices judged, kg
+    damping: tuple[float, ...]  # Of the devices judged, N·s/m
+    own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
+    verdict: tuple[tuple[str | None, ...], ...]  # By damping and mass: "stable", "marginal" or "unstable"
+    inside: Mapping[str, tuple[tuple[int, ...], ...]]  # By kind: for how many environments abs(Z_h) stays in
+    frequencies: int  # At how many omega that was checked
+    environments: int  # How many were judged
+    required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
+    method: str  # Whose limits
     family: str
 
 

@@ -25,7 +25,7 @@ from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.values import UNITS
 from percept.study.basics import NAMES, Array, References, Skipped, claim_of
-from percept.study.intervals import Row, bayesian_interval, cell_moments, row_of
+from percept.study.intervals import Row, bayesian_row, cell_moments
 from percept.study.responses import ResponseScale, Trials, decades, references, refuse_no_ratio, trials
 
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
@@ -183,18 +183,10 @@ def bayesian_rows(
         )
     for kind in asked.kinds:
         lower, upper = fit.limits[kind]
-        for c, (parameter, environment) in enumerate(fit.model.cells):
-            interval = bayesian_interval(
-                asked,
-                kind,
-                parameter,
-                (float(lower[c]), float(upper[c])),
-                float(fit.estimate[c]),
-                n=int(fit.counts[c]),
-                repeats=fit.repeats,
-                approximate=approximate,
-            )
-            yield row_of(interval, parameter, environment, reference)
+        for cell, c in fit.column.items():
+            limits = lower[c], upper[c], fit.estimate[c]
+            rest = {"n": int(fit.counts[c]), "repeats": fit.repeats, "approximate": approximate}
+            yield bayesian_row(asked, kind, cell, limits, reference[cell], **rest)
 
 
 def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:

@@ -19,10 +19,10 @@ from percept.inference.hierarchy.new_environment import NewEnvironment, new_envi
 from percept.inference.record import Kind, percent
 from percept.scene import InferenceTable
 from percept.sessions.values import UNITS
-from percept.study.basics import NAMES, Array, Stream, generator
+from percept.study.basics import NAMES, Array, Skipped, Stream, generator
 from percept.study.boundaries import boundaries_of
 from percept.study.fit import Fit, estimands_of
-from percept.study.intervals import bayesian_interval, cell_moments, known_moments, row_of
+from percept.study.intervals import bayesian_row, cell_moments, known_moments
 from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
@@ -214,23 +214,15 @@ def _rows(
     """Yield a row of the interval table for every kind and parameter, with its Monte Carlo error."""
     estimands, laws = estimands_of(fit.model, asked), expected.laws
     estimate = _native(scale, laws.mean.mean(axis=0))
-    reference = {(p, name): float(value) for p, value in zip(fit.parameters, scale.origin, strict=True)}
+    rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": approximate}
     for kind in kinds:
         lower, upper, influence = estimands.limits(kind, laws)
         error = _monte_carlo(influence).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
         low, high = _native(scale, lower), _native(scale, upper)
         for p, parameter in enumerate(fit.parameters):
-            interval = bayesian_interval(
-                asked,
-                kind,
-                parameter,
-                (float(low[p]), float(high[p])),
-                float(estimate[p]),
-                n=int(fit.counts.max()),
-                repeats=fit.repeats,
-                approximate=approximate,
-            )
-            yield row_of(interval, parameter, name, reference) | {"monte_carlo": float(error[p])}
+            limits, reference = (low[p], high[p], estimate[p]), float(scale.origin[p])
+            row = bayesian_row(asked, kind, (parameter, name), limits, reference, **rest)
+            yield row | {"monte_carlo": float(error[p])}
 
 
 def _monte_carlo(influence: Array) -> Array:
@@ -260,25 +252,12 @@ def _native(scale: ResponseScale, response: Array) -> Array:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Predictions of environments that the model had not seen, against what was found there.
+    """Predictions of environments that the model had not seen, against what was found there."""
 
-    Parameters
-    ----------
-    family : str
-        Of the model.
-    level : float
-        Of the intervals.
-    rows : DataFrame
-        Per environment and parameter: the predicted interval of the average user, the observed mean and
-        whether it lies inside, and how many of its users the interval of the next user holds.
-    skipped : tuple of tuple
-        Environments without a prediction, and why.
-    """
-
-    family: str
-    level: float
-    rows: pd.DataFrame
-    skipped: tuple[tuple[str, str], ...] = ()
+    family: str  # Of the model
+    level: float  # Of the intervals
+    rows: pd.DataFrame  # A row per environment and parameter
+    skipped: tuple[Skipped, ...] = ()  # Environments without a prediction, and why
 
     @property
     def sentence(self) -> str:
@@ -298,22 +277,7 @@ class LeftOut:
 
 
 def leave_one_environment_out(study: Study) -> LeftOut:
-    """Predict each environment from a fit to all others, and compare with its users.
-
-    Parameters
-    ----------
-    study : Study
-        Of three environments or more, with a Bayesian method.
-
-    Returns
-    -------
-    LeftOut
-
-    Raises
-    ------
-    RefusalError
-        Fewer environments, the classical method alone, or a reference of zero.
-    """
+    """Predict each environment from a fit to all others, and compare with its users."""
     if len(study.environments) < _FEWEST:
         raise RefusalError(
             f"leaving one of {len(study.environments)} environments out leaves no trend to predict from; "
@@ -341,7 +305,7 @@ def leave_one_environment_out(study: Study) -> LeftOut:
                 curves=False,
             )
         except RefusalError as refused:
-            skipped.append((environment, str(refused)))
+            skipped.append(Skipped(environment, str(refused)))
             continue
         assert others.fit is not None
         expected = expected_users(others.fit, np.array(list(found.decades.values())), asked)
