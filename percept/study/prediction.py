@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ from scipy import special
 from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
 from percept.inference.record import Kind, percent
@@ -38,7 +38,7 @@ _NO_PLACE = "and has no place on the scale that environments are compared on"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Prediction:
+class Prediction(NotebookRecord):
     """What the hierarchical model expects of an untested environment.
 
     Parameters
@@ -84,10 +84,6 @@ class Prediction:
         if outside:
             return f"Extrapolation: {' and '.join(outside)}; {nearest}."
         return f"Inside the tested range of each parameter; {nearest}."
-
-    def _repr_html_(self) -> str:
-        shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True)
-        return f"<p>{html.escape(self.sentence)}</p>{shown}"
 
 
 def predict(
@@ -142,16 +138,14 @@ def predict(
     x = at - tested.mean(axis=1)
     beyond = np.maximum(at - tested.max(axis=1), 0.0) + np.minimum(at - tested.min(axis=1), 0.0)
     far = np.hypot.reduce(tested - at[:, None], axis=0)
-    asked, summary = study.scene.inference, study.sessions.form == "summary"
+    asked = study.scene.inference
     expected = expected_users(fit, x, asked)
     scale = ResponseScale.of(reference, asked.family)
-    approximate = summary and asked.family == "lognormal"
-    rows = _rows(fit, expected, scale, asked, kinds or asked.kinds, name, approximate=approximate)
-    intervals = pd.DataFrame(rows)
+    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds or asked.kinds, name))
     boundaries: tuple[Boundary, ...] = ()
     if curves and study.setup is not None and len(study.parameters) == 2:
         regions: list[Region] = list(rectangles(intervals))
-        draws = [] if summary else list(_draws(expected, scale, asked, name))
+        draws = [] if study.sessions.form == "summary" else list(_draws(expected, scale, asked, name))
         for drawn in draws:
             regions += draw_ellipses(drawn, {name: int(fit.counts.max())})
         environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
@@ -208,13 +202,11 @@ def _rows(
     asked: InferenceTable,
     kinds: tuple[Kind, ...],
     name: str,
-    *,
-    approximate: bool,
 ) -> Iterator[dict[str, Any]]:
     """Yield a row of the interval table for every kind and parameter, with its Monte Carlo error."""
     estimands, laws = estimands_of(fit.model, asked), expected.laws
     estimate = _native(scale, laws.mean.mean(axis=0))
-    rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": approximate}
+    rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": fit.approximate}
     for kind in kinds:
         lower, upper, influence = estimands.limits(kind, laws)
         error = _monte_carlo(influence).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
@@ -251,7 +243,7 @@ def _native(scale: ResponseScale, response: Array) -> Array:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LeftOut:
+class LeftOut(NotebookRecord):
     """Predictions of environments that the model had not seen, against what was found there."""
 
     family: str  # Of the model
@@ -271,9 +263,6 @@ class LeftOut:
             f"{row.parameter} of {row.environment}" for row in self.rows.itertuples() if not row.inside
         ]
         return f"{said} Outside: {', '.join(outside)}." if outside else said
-
-    def _repr_html_(self) -> str:
-        return f"<p>{html.escape(self.sentence)}</p>{self.rows.to_html(index=False, escape=True)}"
 
 
 def leave_one_environment_out(study: Study) -> LeftOut:

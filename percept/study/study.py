@@ -124,18 +124,17 @@ class Study:
     @cached_property
     def _intervals(self) -> list[Row | Skipped]:
         """Rows of the interval table, and the intervals there are none of."""
-        asked, summary = self.scene.inference, self.sessions.form == "summary"
+        asked = self.scene.inference
         rows: list[Row | Skipped] = []
         if asked.method != "bayesian":
-            if not summary:
+            if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
             rows += classical_rows(self._cells, asked, self.reference)
-        if asked.method == "classical":
+        if self.fit is None:
             return [*rows, Skipped("hierarchical model", "only the classical method was asked for")]
         from percept.study.fit import bayesian_rows
 
-        approximate = summary and asked.family == "lognormal"
-        return [*rows, *bayesian_rows(self.fit, asked, self.reference, approximate=approximate)]
+        return [*rows, *bayesian_rows(self.fit, asked, self.reference)]
 
     @cached_property
     def _cells(self) -> dict[Family, list[Cell]]:
