@@ -236,13 +236,10 @@ def _about(own: float) -> tuple[float, ...]:
 
 def _limits(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> list[Region]:
     """Classical rectangles of a kind, one per environment: in the scene's family where it has one."""
-    known = {
-        (region.environment, region.family): region
-        for region in regions
-        if (region.method, region.kind, region.joint) == ("classical", kind, "marginal")
-    }
-    found = (
-        next((known[e, f] for f in (family, "lognormal", "normal") if (e, f) in known), None)
-        for e in setup.references
-    )
-    return [region for region in found if region is not None]
+    found: dict[str, Region] = {}
+    for preferred in (family, "lognormal", "normal"):
+        for region in regions:
+            labels = region.method, region.kind, region.joint, region.family
+            if labels == ("classical", kind, "marginal", preferred):
+                found.setdefault(region.environment, region)
+    return [found[environment] for environment in setup.references if environment in found]

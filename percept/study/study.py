@@ -224,7 +224,7 @@ class Study:
 
     @property
     def setup(self) -> Setup | None:
-        """Device, coupling and the references that curves are drawn for; None without any of the two."""
+        """Device, coupling and the references that curves are drawn for; None without device or reference."""
         return next((one for one in results(self._setup) if one.references), None)
 
     @cached_property
@@ -246,10 +246,8 @@ class Study:
         ----------
         omega : array_like, shape (M,)
             rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all curves.
-        environments : collection of str, optional
-            Which environments; all by default.
-        kinds, joints : collection of str, optional
-            Of which kinds, and with which treatment of k and b together ("joint" for curves through draws);
+        environments, kinds, joints : collection of str, optional
+            Which environments, kinds, and treatments of k and b together ("joint" for curves through draws);
             all by default.
 
         Returns
@@ -259,8 +257,7 @@ class Study:
         Raises
         ------
         UsageError
-            Frequencies that are none, not positive or do not increase; an environment, kind or treatment that
-            the study does not have.
+            Frequencies that do not increase from above zero; a name that the study does not have.
         """
         frequencies = Range.of(omega)
         environments = select("environment", environments, self.with_reference)
@@ -299,8 +296,6 @@ class Study:
     @cached_property
     def _banded(self) -> list[str | Skipped]:
         """Environments with a band to set against their impedance."""
-        if len(self.environments) < 2:
-            return [Skipped("trend over environments and band law", "there is one environment")]
         read_at = self.scene.frequency.read_at
         return list(with_band(self.reference, self.with_reference, self.scene.inference, read_at))
 
