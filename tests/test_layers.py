@@ -40,7 +40,7 @@ OUTSIDE = {
     "haptics": {"numpy"},
     "inference": {"numpy", "scipy", "emcee", "arviz_base", "arviz_stats", "xarray"},
     "boundary": {"numpy", "scipy", "pandas"},
-    "study": {"numpy", "scipy", "pandas", "xarray", "h5netcdf", "h5py", "arviz_base", "arviz_stats"},
+    "study": {"numpy", "scipy", "pandas", "xarray", "arviz_stats"},
     "planning": {"numpy", "scipy"},
 }
 

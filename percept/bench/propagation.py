@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.bench.measure import timed
-from percept.boundary.curves import Grid, adaptive_grids
+from percept.boundary.curves import Grid, adaptive_grid
 from percept.boundary.draws import DrawCurves
 from percept.haptics import AnyDevice, perceived_magnitude
 
@@ -75,14 +75,13 @@ def propagation_costs(
     def adaptive(draws: int, bound: float) -> Grid:
         ensemble = DrawCurves(device, stiffness[:draws], damping[:draws], period, level=level)
 
-        def curves(_: NDArray[np.intp], omega: Array) -> Array:
+        def curves(omega: Array) -> Array:
             bands = ensemble.at(omega)
             out = 3.0 * bands.sd
             return np.stack([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
 
         smooth = np.array([False, False, True, True])
-        (grid,) = adaptive_grids(curves, 1, lower, upper, tolerance=bound, followed=smooth)
-        return grid
+        return adaptive_grid(curves, lower, upper, tolerance=bound, followed=smooth)
 
     ways: list[tuple[str, int, float | None, Callable[[], Grid]]] = [
         ("percept", draws, bound, partial(adaptive, draws, bound))

@@ -13,7 +13,6 @@ from percept.errors import UsageError
 from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # Largest relative distance of the lines from the curves.
 TOLERANCE = 1e-3
@@ -44,17 +43,16 @@ class Grid:
     departure: float  # bound of the relative distance of the lines from the curves
 
 
-def adaptive_grids(
-    curves: Callable[[Indices, Array], Array],
-    count: int,
+def adaptive_grid(
+    curves: Callable[[Array], Array],
     lower: float,
     upper: float,
     *,
     tolerance: float = TOLERANCE,
     including: Array | None = None,
     followed: NDArray[np.bool_] | None = None,
-) -> list[Grid]:
-    """Choose frequencies for sets of curves, so that lines between them in log-log follow every curve.
+) -> Grid:
+    """Choose frequencies so that lines between them in log-log follow every curve, or those `followed`.
 
     Intervals of log omega are halved until the curves at their middle lie within half the tolerance of the
     line between their ends. Those middles are kept: a smooth curve then lies within an eighth of the
@@ -64,36 +62,27 @@ def adaptive_grids(
         raise UsageError("frequencies must satisfy 0 < lower < upper, in rad/s.", value=(lower, upper))
     if not 0.0 < tolerance < 1.0:
         raise UsageError("tolerance must lie in (0, 1).", value=tolerance)
-    start = _start(lower, upper, including)
-    # The points of all sets stand in one row, set after set.
-    owner, omega = np.repeat(np.arange(count), start.size), np.tile(start, count)
-    values = curves(owner, omega)
+    omega = _start(lower, upper, including)
+    values = curves(omega)
     rows = np.ones(len(values), dtype=bool) if followed is None else followed
     finite = np.isfinite(values).all(axis=0)
-    owner, omega, values = owner[finite], omega[finite], values[:, finite]
+    omega, values = omega[finite], values[:, finite]
     logs = _followed(omega, values[rows])
-    left = np.flatnonzero(owner[:-1] == owner[1:])
-    size, farthest = np.bincount(owner, minlength=count), np.zeros(count)
+    left, farthest = np.arange(omega.size - 1), 0.0
     while left.size:
-        middle, whose = np.sqrt(omega[left] * omega[left + 1]), owner[left]
-        found = curves(whose, middle)
+        middle = np.sqrt(omega[left] * omega[left + 1])
+        found = curves(middle)
         true = _followed(middle, found[rows])
         off = _CORNER * _departure(logs[:, left], logs[:, left + 1], true)
         wide = logs[0, left + 1] - logs[0, left] > _NARROWEST
-        split = (off > tolerance) & (size[whose] < _MOST) & wide
-        seen = ~split & wide
-        np.maximum.at(farthest, whose[seen], off[seen])
-        size += np.bincount(whose, minlength=count)
-        at = left + 1
-        owner, omega = np.insert(owner, at, whose), np.insert(omega, at, middle)
-        values, logs = np.insert(values, at, found, axis=1), np.insert(logs, at, true, axis=1)
+        split = (off > tolerance) & wide & (omega.size < _MOST)
+        farthest = float(np.max(off[wide & ~split], initial=farthest))
+        omega = np.insert(omega, left + 1, middle)
+        values, logs = (np.insert(old, left + 1, new, axis=1) for old, new in ((values, found), (logs, true)))
         new = left + np.arange(left.size)
         left = np.sort(np.concatenate([new[split], new[split] + 1]))
     finite = np.isfinite(values).all(axis=0)
-    owner, omega, values = owner[finite], omega[finite], values[:, finite]
-    ends = np.cumsum(np.bincount(owner, minlength=count))[:-1]
-    sets = zip(np.split(omega, ends), np.split(values, ends, axis=1), farthest.tolist(), strict=True)
-    return [Grid(*curves_of_one) for curves_of_one in sets]
+    return Grid(omega[finite], values[:, finite], farthest)
 
 
 def _start(lower: float, upper: float, including: Array | None) -> Array:

@@ -7,39 +7,25 @@ from typing import Any
 
 from percept.study.basics import Skipped
 from percept.study.coupling import CouplingStudy
-from percept.study.device import DeviceSensitivity
 from percept.study.study import Study
 
 __all__ = [
     "CouplingStudy",
-    "DeviceSensitivity",
     "Fit",
-    "LeftOut",
-    "ModelChecks",
-    "ModelChoice",
     "PairComparison",
     "Prediction",
     "Skipped",
     "Study",
-    "SubjectChecks",
     "compare_studies",
-    "leave_one_environment_out",
     "predict",
-    "split_by",
 ]
 # Resolved on first use: they import the hierarchical model, which the classical method does without.
 _HOME = {
     "Fit": "fit",
-    "LeftOut": "prediction",
-    "ModelChecks": "checks",
-    "ModelChoice": "model_choice",
     "PairComparison": "compare",
     "Prediction": "prediction",
-    "SubjectChecks": "checks",
     "compare_studies": "compare",
-    "leave_one_environment_out": "prediction",
     "predict": "prediction",
-    "split_by": "compare",
 }
 
 

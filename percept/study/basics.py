@@ -82,6 +82,8 @@ def referenced(
     reference: References, parameters: Sequence[str], environments: Sequence[str]
 ) -> Iterator[str | Skipped]:
     """Yield the environments with a reference of both parameters, which curves and bands need."""
+    if len(environments) == 1:
+        yield Skipped("trend over environments and band law", "there is one environment")
     if len(parameters) < 2:
         yield Skipped("boundaries and band", f"only {NAMES[parameters[0]]} was adjusted")
         return

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from percept.boundary.curves import Grid, adaptive_grids, curve_gap
+from percept.boundary.curves import Grid, adaptive_grid, curve_gap
 from percept.boundary.draws import DrawCurves, relative_error
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
 from percept.scene import Scene
 from percept.study.basics import Array, Skipped
-from percept.study.device import BOXES, Setup
+from percept.study.device import Setup
 from percept.study.regions import Draws, Region
 
-Indices = NDArray[np.intp]
 #: How k and b can be taken together: each by itself, both widened, one region, curves through draws.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
 # The proxies that a band through draws is followed by lie this many SDs out: about its usual half-width.
 _PROXY = 3.0
-# Stands where an ellipse has no limits of k and b; nothing is drawn from it.
-_NO_LIMITS = ((np.nan, np.nan), (np.nan, np.nan))
 # A close view shows this part of the frequency on either side: how closely the paper looks.
 _LOOK_BY = 0.02
 
@@ -91,67 +89,40 @@ def boundaries_of(
 def _around(
     setup: Setup, environment: str, regions: Sequence[Region], frequencies: Range
 ) -> Iterator[Boundary]:
-    outlines: list[tuple[Region, Shape]] = []
+    shapes: tuple[Shape, ...] = ("corner", "envelope")
     for region in regions:
-        if region.ellipse is None:
-            outlines.append((region, "corner"))
-        outlines.append((region, "envelope"))
-    boxes = {
-        shape: np.array([one is shape and region.ellipse is None for region, one in outlines])
-        for shape in BOXES
-    }
-    limits = np.array([region.limits or _NO_LIMITS for region, _ in outlines], dtype=float)
-
-    def curves(which: Indices, omega: Array) -> Array:
-        """Lower and upper curve (2, M) of the outlines `which` (M,): all rectangles of a shape at once."""
-        values = np.empty((2, omega.size))
-        for shape, box in BOXES.items():
-            here = np.flatnonzero(boxes[shape][which])
-            if here.size:
-                stiffness, damping = (tuple(pair) for pair in np.moveaxis(limits[which[here]], 0, -1))
-                values[:, here] = box(
-                    omega[here], setup.device, stiffness, damping, setup.period, hold=setup.hold
-                )
-        for one, part in _runs(which):
-            region, shape = outlines[one]
-            if region.ellipse is not None:
-                values[:, part] = setup.outline(region, shape, omega[part])
-        return values
-
-    drawn = _sampled(setup, environment, frequencies, curves, len(outlines), (True, True))
-    for (region, shape), (shared, (lower, upper)) in zip(outlines, drawn, strict=True):
-        yield Boundary(lower=lower, upper=upper, shape=shape, joint=region.joint, **_labels(region), **shared)
+        for shape in shapes if region.ellipse is None else shapes[1:]:
+            outline = partial(setup.outline, region, shape)
+            shared, (lower, upper) = _sampled(setup, environment, frequencies, outline, (True, True))
+            yield Boundary(
+                lower=lower, upper=upper, shape=shape, joint=region.joint, **_labels(region), **shared
+            )
 
 
 def _through(
     setup: Setup, environment: str, draws: Sequence[Draws], frequencies: Range
 ) -> Iterator[Boundary]:
-    ensembles = [
-        DrawCurves(setup.device, *one.pairs[environment], setup.period, level=one.level, hold=setup.hold)
-        for one in draws
-    ]
+    for drawn in draws:
+        k, b = drawn.pairs[environment]
+        ensemble = DrawCurves(setup.device, k, b, setup.period, level=drawn.level, hold=setup.hold)
 
-    def curves(which: Indices, omega: Array) -> Array:
-        parts = []
-        for one, part in _runs(which):
-            bands = ensembles[one].at(omega[part])
+        def curves(omega: Array, ensemble: DrawCurves = ensemble) -> list[Array]:
+            bands = ensemble.at(omega)
             out = _PROXY * bands.sd
             proxies = np.exp(bands.mean - out), np.exp(bands.mean + out)
-            parts.append([bands.lower, bands.upper, *bands.error, *proxies])
-        return np.concatenate(parts, axis=1)
+            return [bands.lower, bands.upper, *bands.error, *proxies]
 
-    # Quantiles of draws are rough on a small scale: the points follow the band's smooth proxies.
-    smooth = (False, False, False, False, True, True)
-    sampled = _sampled(setup, environment, frequencies, curves, len(draws), smooth)
-    for drawn, (shared, (lower, upper, *errors)) in zip(draws, sampled, strict=True):
-        error = relative_error(shared["omega"], (lower, upper), np.array(errors[:2]))
+        # Quantiles of draws are rough on a small scale: the points follow the band's smooth proxies.
+        smooth = (False, False, False, False, True, True)
+        shared, (lower, upper, *errors) = _sampled(setup, environment, frequencies, curves, smooth)
+        error, largest = relative_error(shared["omega"], (lower, upper), np.array(errors[:2])) or (None, None)
         yield Boundary(
             lower=lower,
             upper=upper,
             shape="pointwise",
             joint="joint",
-            error=error[0] if error else None,
-            largest_error=error[1] if error else None,
+            error=error,
+            largest_error=largest,
             **_labels(drawn),
             **shared,
         )
@@ -161,56 +132,42 @@ def _sampled(
     setup: Setup,
     environment: str,
     frequencies: Range,
-    curves: Callable[[Indices, Array], Array],
-    count: int,
+    curves: Callable[[Array], Sequence[Array]],
     smooth: tuple[bool, ...],
-) -> Iterator[tuple[dict[str, Any], Array]]:
-    """Evaluate `count` sets of curves (rows `smooth` or not) where asked, or where they need it.
+) -> tuple[dict[str, Any], Array]:
+    """Evaluate curves (rows `smooth` or not) where asked, or where they need it.
 
-    The environment's own curves are followed beside every set. Yields of each set what its boundary shares
-    with all others, and its curves.
+    The environment's own curves are followed beside them. Returns what the boundary shares with all others,
+    and the curves.
     """
 
-    def stacked(which: Indices, omega: Array) -> Array:
+    def beside(omega: Array) -> Array:
         own = [setup.curve(environment, omega, coupled=coupled) for coupled in (False, True)]
-        return np.concatenate([own, curves(which, omega)])
+        return np.stack([*own, *curves(omega)])
 
-    if not count:
-        return
     if frequencies.omega is not None:
-        omega = frequencies.omega
-        values = stacked(np.repeat(np.arange(count), omega.size), np.tile(omega, count))
-        grids = [Grid(omega, part, np.nan) for part in np.split(values, count, axis=1)]
+        grid = Grid(frequencies.omega, beside(frequencies.omega), np.nan)
     else:
-        grids = adaptive_grids(
-            stacked,
-            count,
+        grid = adaptive_grid(
+            beside,
             frequencies.lower,
             frequencies.upper,
             including=setup.resonances(environment),
             followed=np.array((True, True, *smooth)),
         )
-    for grid in grids:
-        reference, coupled = grid.values[:2]
-        shared = {
-            "environment": environment,
-            "omega": grid.omega,
-            "reference": reference,
-            "coupled": coupled if setup.coupling is not None else None,
-            "departure": grid.departure if frequencies.omega is None else None,
-        }
-        yield shared, grid.values[2:]
+    reference, coupled = grid.values[:2]
+    shared = {
+        "environment": environment,
+        "omega": grid.omega,
+        "reference": reference,
+        "coupled": coupled if setup.coupling is not None else None,
+        "departure": grid.departure if frequencies.omega is None else None,
+    }
+    return shared, grid.values[2:]
 
 
 def _labels(source: Region | Draws) -> dict[str, Any]:
     return {name: getattr(source, name) for name in ("kind", "method", "family", "level")}
-
-
-def _runs(which: Indices) -> Iterator[tuple[int, slice]]:
-    """Yield every value of an increasing sequence, and where it stands."""
-    ends = [*np.flatnonzero(np.diff(which)) + 1, which.size]
-    for start, end in zip([0, *ends], ends, strict=False):
-        yield int(which[start]), slice(start, end)
 
 
 def compare_methods(boundaries: Collection[Boundary]) -> pd.DataFrame:

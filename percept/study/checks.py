@@ -46,61 +46,27 @@ _QUANTITIES = {"mean": "population_mean", "user": "new_user", "spread": "populat
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SubjectChecks(NotebookRecord):
-    """Each subject against what the others predict.
+    """Each subject against what the others predict."""
 
-    Parameters
-    ----------
-    elpd, se : float
-        Expected log predictive density of a new subject, summed over the subjects, and its standard error.
-    good_k : float
-        Pareto index up to which reweighting is trusted, with this many draws.
-    subjects : DataFrame
-        Per subject: elpd, pareto_k, influential, refitted, farther (probability of lying as far off) and
-        outlier.
-    cells : DataFrame
-        Per subject, environment and parameter: value (mean adjustment, N/m or N·s/m), below (predictive
-        probability of less) and outlier.
-    messages : tuple of str
-        Influential subjects and outliers by name, with what to do.
-    """
-
-    elpd: float
-    se: float
-    good_k: float
-    subjects: pd.DataFrame
-    cells: pd.DataFrame
-    messages: tuple[str, ...]
+    elpd: float  # Expected log predictive density of a new subject, summed over the subjects
+    se: float  # Its standard error
+    good_k: float  # Pareto index up to which reweighting is trusted, with this many draws
+    subjects: pd.DataFrame  # A row per subject; farther: probability of lying as far off
+    cells: pd.DataFrame  # A row per subject and cell; below: predictive probability of a smaller value
+    messages: tuple[str, ...]  # Influential subjects and outliers by name, with what to do
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ModelChecks(NotebookRecord):
-    """Checks of a hierarchical fit.
+    """Checks of a hierarchical fit."""
 
-    Parameters
-    ----------
-    loo : SubjectChecks
-        Each subject against the others.
-    statistics : DataFrame
-        Posterior predictive check of each cell's mean, SD and farthest subject.
-    prior : DataFrame
-        Quantiles of the average and the next user before any data, N/m or N·s/m.
-    sensitivity : DataFrame
-        How far each cell's mean, user and spread move when priors or data count slightly more.
-    shrinkage : DataFrame or None
-        How far each environment moved to the trend; None with one environment.
-    correlation : DataFrame or None
-        Correlations of stiffness and damping between users; None with one parameter.
-    weber : DataFrame or None
-        Trend of the log spread per decade of the reference; None where the model has none.
-    """
-
-    loo: SubjectChecks
-    statistics: pd.DataFrame
-    prior: pd.DataFrame
-    sensitivity: pd.DataFrame
-    shrinkage: pd.DataFrame | None
-    correlation: pd.DataFrame | None
-    weber: pd.DataFrame | None
+    loo: SubjectChecks  # Each subject against the others
+    statistics: pd.DataFrame  # Posterior predictive check of each cell's mean, SD and farthest subject
+    prior: pd.DataFrame  # Quantiles of the average and the next user before any data, N/m or N·s/m
+    sensitivity: pd.DataFrame  # How far results move when priors or data count slightly more
+    shrinkage: pd.DataFrame | None  # How far each environment moved to the trend
+    correlation: pd.DataFrame | None  # Of stiffness and damping between users
+    weber: pd.DataFrame | None  # Trend of the log spread per decade of the reference
 
 
 def model_checks(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ import pandas as pd
 from scipy import special
 
 from percept.errors import RefusalError, UsageError, counted
+from percept.html import NotebookRecord
 from percept.sessions import Sessions
 from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS
 from percept.study.basics import Array, Stream, generator
@@ -33,7 +33,7 @@ _CURVE_LABELS = ("environment", "kind", "method", "family", "joint", "shape")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PairComparison:
+class PairComparison(NotebookRecord):
     """Study B against study A.
 
     Parameters
@@ -55,34 +55,9 @@ class PairComparison:
     curves: pd.DataFrame
     notes: tuple[str, ...] = ()
 
-    def _repr_html_(self) -> str:
-        shown = self.differences.to_html(index=False, escape=True)
-        about = ["Average users of B against A, and the spread between users.", *self.notes]
-        return "".join(f"<p>{html.escape(text)}</p>" for text in about) + shown
-
 
 def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
-    """Split a study by a column of the sessions, such as a group of subjects.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        Of trials.
-    column : str
-        A column of their table.
-
-    Returns
-    -------
-    dict
-        Sessions by value of the column, in order of first appearance.
-
-    Raises
-    ------
-    UsageError
-        Published limits, no such column, rows without a value, or one value only.
-    RefusalError
-        Subjects in more than one group.
-    """
+    """Split a study by a column of the sessions, such as a group of subjects."""
     if sessions.form == "summary":
         raise UsageError(
             "published limits hold no subjects to divide.",
@@ -295,13 +270,11 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
 
 def _draws(fit: Fit, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Mean, SD and spread per draw and cell, on the family's scale in N/m and N·s/m or their logarithms."""
-    from percept.inference.hierarchy.density import ConditionalMoments
-
-    components = fit.run.components.reshape(-1, fit.run.components.shape[-1])
-    laws = ConditionalMoments.unpack(components[rng.permutation(len(components))[:_DRAWS]])
-    scale = fit.scale
-    origin = np.log(scale.origin) if scale.log else scale.origin
-    return origin + scale.unit * laws.mean, scale.unit * laws.sd, scale.unit * laws.population_sd
+    some, scale = rng.permutation(len(fit.moments.mean))[:_DRAWS], fit.scale
+    mean, sd, spread = (
+        scale.unit * part[some] for part in (fit.moments.mean, fit.moments.sd, fit.moments.population_sd)
+    )
+    return mean + (np.log(scale.origin) if scale.log else scale.origin), sd, spread
 
 
 def _row(

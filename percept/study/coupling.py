@@ -211,12 +211,8 @@ def populations(fit: Fit, asked: InferenceTable) -> dict[str, Populations]:
     means, _ = fit.model.draw(fit.points, generator(asked.seed, Stream.REALISM))
     reach = -special.ndtri(0.5 * (1.0 - asked.level)) * fit.model.laws(fit.points).population_sd
     lower, upper = fit.scale.native(means - reach), fit.scale.native(means + reach)
-
-    def limits(parameter: str, environment: str) -> tuple[Array, Array]:
-        c = fit.column[parameter, environment]
-        return lower[:, c], upper[:, c]
-
-    return {e: Populations(limits("k", e), limits("b", e)) for e in fit.environments}
+    pairs = zip(fit.environments, fit.pairs(lower).values(), fit.pairs(upper).values(), strict=True)
+    return {e: Populations(*zip(low, high, strict=True)) for e, low, high in pairs}
 
 
 def study_realism(setup: Setup, fit: Fit, asked: InferenceTable, omega: Array) -> Realisms:

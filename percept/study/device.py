@@ -154,37 +154,17 @@ def read_response(path: str) -> TabulatedDevice:
 
 @dataclasses.dataclass(frozen=True)
 class DeviceSensitivity(NotebookRecord):
-    """Verdicts for lighter, heavier, less and better damped devices.
+    """Verdicts for lighter, heavier, less and better damped devices."""
 
-    Parameters
-    ----------
-    mass, damping : tuple of float
-        Of the devices judged, kg and N·s/m.
-    own : tuple of int
-        Where the scene's device stands: index of its damping, index of its mass.
-    verdict : tuple of tuple
-        Stability by damping and mass: "stable", "marginal" or "unstable"; None without a coupling.
-    inside : mapping
-        By kind: for how many environments abs(Z_h) stays inside the boundary, by damping and mass.
-    frequencies : int
-        At how many omega that was checked.
-    environments : int
-        How many were judged.
-    required_damping : float or None
-        Damping that the coupling needs of a rigid device, N·s/m; None without a coupling.
-    method, family : str
-        Whose limits.
-    """
-
-    mass: tuple[float, ...]
-    damping: tuple[float, ...]
-    own: tuple[int, int]
-    verdict: tuple[tuple[str | None, ...], ...]
-    inside: Mapping[str, tuple[tuple[int, ...], ...]]
-    frequencies: int
-    environments: int
-    required_damping: float | None
-    method: str
+    mass: tuple[float, ...]  # Of the devices judged, kg
+    damping: tuple[float, ...]  # Of the devices judged, N·s/m
+    own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
+    verdict: tuple[tuple[str | None, ...], ...]  # By damping and mass: "stable", "marginal" or "unstable"
+    inside: Mapping[str, tuple[tuple[int, ...], ...]]  # By kind: for how many environments abs(Z_h) stays in
+    frequencies: int  # At how many omega that was checked
+    environments: int  # How many were judged
+    required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
+    method: str  # Whose limits
     family: str
 
 
@@ -256,13 +236,10 @@ def _about(own: float) -> tuple[float, ...]:
 
 def _limits(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> list[Region]:
     """Classical rectangles of a kind, one per environment: in the scene's family where it has one."""
-    known = {
-        (region.environment, region.family): region
-        for region in regions
-        if (region.method, region.kind, region.joint) == ("classical", kind, "marginal")
-    }
-    found = (
-        next((known[e, f] for f in (family, "lognormal", "normal") if (e, f) in known), None)
-        for e in setup.references
-    )
-    return [region for region in found if region is not None]
+    found: dict[str, Region] = {}
+    for preferred in (family, "lognormal", "normal"):
+        for region in regions:
+            labels = region.method, region.kind, region.joint, region.family
+            if labels == ("classical", kind, "marginal", preferred):
+                found.setdefault(region.environment, region)
+    return [found[environment] for environment in setup.references if environment in found]

@@ -25,7 +25,7 @@ from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.values import UNITS
 from percept.study.basics import NAMES, Array, References, Skipped, claim_of
-from percept.study.intervals import Row, bayesian_interval, cell_moments, row_of
+from percept.study.intervals import Row, bayesian_row, cell_moments
 from percept.study.responses import ResponseScale, Trials, decades, references, refuse_no_ratio, trials
 
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
@@ -41,25 +41,18 @@ class Prepared:
     scale: ResponseScale  # The way from responses to N/m and N·s/m
     counts: NDArray[np.int64]  # (C,) Subjects behind each cell
     repeats: bool | None  # Whether any cell holds more than one trial; None where it is not known
-    trials: Trials | None  # None for published limits and without pooling
+    trials: Trials | None = None  # None for published limits and without pooling
+    approximate: bool = False  # Whether moments of logarithms were matched to published limits
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Fit(Prepared):
-    """A sampled posterior and its interval limits.
+    """A sampled posterior of C cells, a cell being a parameter in an environment, and its limits.
 
     Parameters
     ----------
-    model : Model
-        The posterior density, with `cells`: (parameter, environment) of each of its C cells.
-    scale : ResponseScale
-        The map from the model's responses to N/m and N·s/m.
-    counts : ndarray of int, shape (C,)
-        Subjects behind each cell.
-    repeats : bool or None
-        Whether any cell holds more than one trial; None where it is not known.
-    trials : Trials or None
-        The trials as arrays; None for published limits and without pooling.
+    model, scale, counts, repeats, trials, approximate
+        The model that was sampled; `scale` leads from its responses to N/m and N·s/m.
     run : Run
         Draws, diagnostics and the verdict of the gate.
     limits : dict
@@ -84,9 +77,19 @@ class Fit(Prepared):
         return kept.reshape(-1, kept.shape[-1])
 
     @cached_property
+    def moments(self) -> ConditionalMoments:
+        """Moments per kept draw and cell, on the response scale."""
+        return ConditionalMoments.unpack(self.run.components.reshape(-1, self.run.components.shape[-1]))
+
+    @cached_property
     def column(self) -> dict[tuple[str, str], int]:
         """Number of each cell, (parameter, environment)."""
         return {cell: c for c, cell in enumerate(self.model.cells)}
+
+    def pairs(self, values: Array) -> dict[str, tuple[Array, Array]]:
+        """Stiffness and damping of each environment, from values (..., C)."""
+        of = {cell: values[..., c] for cell, c in self.column.items()}
+        return {e: (of["k", e], of["b", e]) for e in self.environments}
 
     @property
     def parameters(self) -> list[str]:
@@ -164,13 +167,8 @@ def fit_model(
     )
 
 
-def bayesian_rows(
-    fit: Fit | None, asked: InferenceTable, reference: References, *, approximate: bool = False
-) -> Iterator[Row | Skipped]:
+def bayesian_rows(fit: Fit, asked: InferenceTable, reference: References) -> Iterator[Row | Skipped]:
     """Yield a row of the interval table for every interval of a fit that passed."""
-    if fit is None:
-        yield Skipped("hierarchical model", "only the classical method was asked for")
-        return
     if fit.trials:
         yield from fit.trials.skipped
     if not fit.passed:
@@ -183,18 +181,10 @@ def bayesian_rows(
         )
     for kind in asked.kinds:
         lower, upper = fit.limits[kind]
-        for c, (parameter, environment) in enumerate(fit.model.cells):
-            interval = bayesian_interval(
-                asked,
-                kind,
-                parameter,
-                (float(lower[c]), float(upper[c])),
-                float(fit.estimate[c]),
-                n=int(fit.counts[c]),
-                repeats=fit.repeats,
-                approximate=approximate,
-            )
-            yield row_of(interval, parameter, environment, reference)
+        for cell, c in fit.column.items():
+            limits, n = (lower[c], upper[c], fit.estimate[c]), int(fit.counts[c])
+            rest = {"n": n, "repeats": fit.repeats, "approximate": fit.approximate}
+            yield bayesian_row(asked, kind, cell, limits, reference[cell], **rest)
 
 
 def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
@@ -332,7 +322,8 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
         _model(from_summary(*row, parameter=parameter, environments=environments), scene)
         for parameter, *row in rows
     ]
-    return Prepared(Product(models), ResponseScale.of(reference, family), n.ravel(), None, None)
+    scale = ResponseScale.of(reference, family)
+    return Prepared(Product(models), scale, n.ravel(), None, approximate=family == "lognormal")
 
 
 def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
@@ -341,7 +332,7 @@ def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> 
     origin, unit, counts = (np.array([getattr(m, name) for m in moments]) for name in ("mean", "sd", "n"))
     log = scene.inference.family == "lognormal"
     scale = ResponseScale(log, np.exp(origin) if log else origin, unit)
-    return Prepared(Unpooled(cells, counts), scale, counts, any(m.repeats for m in moments), None)
+    return Prepared(Unpooled(cells, counts), scale, counts, any(m.repeats for m in moments))
 
 
 def _all_moments(

@@ -121,37 +121,39 @@ def classical_rows(
                         joint=joint,  # type: ignore[arg-type]
                         unit=UNITS[cell.parameter],
                     )
-                    yield row_of(interval, cell.parameter, cell.environment, reference)
+                    at = cell.parameter, cell.environment
+                    yield _row(interval, at, reference[at])
 
 
-def bayesian_interval(
-    asked: InferenceTable, kind: Kind, parameter: str, limits: Limits, estimate: float, **rest: Any
-) -> Interval:
-    """Make the record of a posterior interval, in N/m or N·s/m; `rest` are fields of `Interval`."""
+def bayesian_row(
+    asked: InferenceTable,
+    kind: Kind,
+    cell: tuple[str, str],
+    limits: tuple[float, float, float],
+    reference: float,
+    **rest: Any,
+) -> Row:
+    """Make the row of a posterior interval: lower, upper and estimate; `rest` are fields of `Interval`."""
+    lower, upper, estimate = map(float, limits)
     share = kind == "share"
-    return Interval(
+    interval = Interval(
         kind=kind,
         method="bayesian",
         family=asked.family,
         level=asked.level,
-        lower=limits[0],
-        upper=limits[1],
+        lower=lower,
+        upper=upper,
         estimate=estimate,
         share=asked.held_share if share else None,
         confidence=asked.confidence if share else None,
-        unit=UNITS[parameter],
+        unit=UNITS[cell[0]],
         **rest,
     )
+    return _row(interval, cell, reference)
 
 
-def row_of(interval: Interval, parameter: str, environment: str, reference: References) -> Row:
-    """Put an interval into a row of the table."""
-    return {
-        "environment": environment,
-        "parameter": parameter,
-        "reference": reference[parameter, environment],
-        **interval.as_dict(),
-    }
+def _row(interval: Interval, cell: tuple[str, str], reference: float) -> Row:
+    return {"environment": cell[1], "parameter": cell[0], "reference": reference, **interval.as_dict()}
 
 
 def paired_limits(

@@ -48,7 +48,8 @@ def compare_intervals(
     at = list(zip(both["parameter"], both["environment"], strict=True))
     column, moments = [fit.column[cell] for cell in at], known_moments(cells, asked.family)
     sd = np.array([float(moments[cell].sd) for cell in at])
-    both["spread_ratio"] = (_posterior_sd(fit) * fit.scale.unit)[column] / sd
+    typical = np.exp(np.log(fit.moments.population_sd).mean(axis=0))
+    both["spread_ratio"] = (typical * fit.scale.unit)[column] / sd
     both["certainty_ratio"] = width["bayesian"] / width["classical"] / both["spread_ratio"]
     both["shift_sds"] = (centre["bayesian"] - centre["classical"]) / sd
     pull = prior_pull(fit, asked)
@@ -77,13 +78,6 @@ def compare_intervals(
 
 def _scaled(values: Array, log: bool) -> Array:
     return np.log(values) if log else values
-
-
-def _posterior_sd(fit: Fit) -> Array:
-    """Typical SD between users per cell, on the response scale."""
-    components = fit.run.components
-    laws = ConditionalMoments.unpack(components.reshape(-1, components.shape[-1]))
-    return np.exp(np.log(laws.population_sd).mean(axis=0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -35,22 +35,11 @@ _SMALL = 4.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ModelChoice(NotebookRecord):
-    """Models in the order of their predictive density.
+    """Models in the order of their predictive density."""
 
-    Parameters
-    ----------
-    table : DataFrame
-        Per model: elpd with its standard error, difference to the best with its own, and the number of
-        subjects left out roughly.
-    failed : tuple of str
-        Models that failed the gate, with the reason.
-    sentence : str
-        What can be told.
-    """
-
-    table: pd.DataFrame
-    failed: tuple[str, ...]
-    sentence: str
+    table: pd.DataFrame  # A row per model, with its difference to the best
+    failed: tuple[str, ...]  # Models that failed the gate, with the reason
+    sentence: str  # What can be told
 
 
 def compare_models(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -14,15 +13,16 @@ from scipy import special
 from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
+from percept.html import NotebookRecord
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
 from percept.inference.record import Kind, percent
 from percept.scene import InferenceTable
 from percept.sessions.values import UNITS
-from percept.study.basics import NAMES, Array, Stream, generator
+from percept.study.basics import NAMES, Array, Skipped, Stream, generator
 from percept.study.boundaries import boundaries_of
 from percept.study.fit import Fit, estimands_of
-from percept.study.intervals import bayesian_interval, cell_moments, known_moments, row_of
+from percept.study.intervals import bayesian_row, cell_moments, known_moments
 from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
@@ -38,7 +38,7 @@ _NO_PLACE = "and has no place on the scale that environments are compared on"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Prediction:
+class Prediction(NotebookRecord):
     """What the hierarchical model expects of an untested environment.
 
     Parameters
@@ -84,10 +84,6 @@ class Prediction:
         if outside:
             return f"Extrapolation: {' and '.join(outside)}; {nearest}."
         return f"Inside the tested range of each parameter; {nearest}."
-
-    def _repr_html_(self) -> str:
-        shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True)
-        return f"<p>{html.escape(self.sentence)}</p>{shown}"
 
 
 def predict(
@@ -142,16 +138,14 @@ def predict(
     x = at - tested.mean(axis=1)
     beyond = np.maximum(at - tested.max(axis=1), 0.0) + np.minimum(at - tested.min(axis=1), 0.0)
     far = np.hypot.reduce(tested - at[:, None], axis=0)
-    asked, summary = study.scene.inference, study.sessions.form == "summary"
+    asked = study.scene.inference
     expected = expected_users(fit, x, asked)
     scale = ResponseScale.of(reference, asked.family)
-    approximate = summary and asked.family == "lognormal"
-    rows = _rows(fit, expected, scale, asked, kinds or asked.kinds, name, approximate=approximate)
-    intervals = pd.DataFrame(rows)
+    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds or asked.kinds, name))
     boundaries: tuple[Boundary, ...] = ()
     if curves and study.setup is not None and len(study.parameters) == 2:
         regions: list[Region] = list(rectangles(intervals))
-        draws = [] if summary else list(_draws(expected, scale, asked, name))
+        draws = [] if study.sessions.form == "summary" else list(_draws(expected, scale, asked, name))
         for drawn in draws:
             regions += draw_ellipses(drawn, {name: int(fit.counts.max())})
         environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
@@ -208,29 +202,19 @@ def _rows(
     asked: InferenceTable,
     kinds: tuple[Kind, ...],
     name: str,
-    *,
-    approximate: bool,
 ) -> Iterator[dict[str, Any]]:
     """Yield a row of the interval table for every kind and parameter, with its Monte Carlo error."""
     estimands, laws = estimands_of(fit.model, asked), expected.laws
     estimate = _native(scale, laws.mean.mean(axis=0))
-    reference = {(p, name): float(value) for p, value in zip(fit.parameters, scale.origin, strict=True)}
+    rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": fit.approximate}
     for kind in kinds:
         lower, upper, influence = estimands.limits(kind, laws)
         error = _monte_carlo(influence).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
         low, high = _native(scale, lower), _native(scale, upper)
         for p, parameter in enumerate(fit.parameters):
-            interval = bayesian_interval(
-                asked,
-                kind,
-                parameter,
-                (float(low[p]), float(high[p])),
-                float(estimate[p]),
-                n=int(fit.counts.max()),
-                repeats=fit.repeats,
-                approximate=approximate,
-            )
-            yield row_of(interval, parameter, name, reference) | {"monte_carlo": float(error[p])}
+            limits, reference = (low[p], high[p], estimate[p]), float(scale.origin[p])
+            row = bayesian_row(asked, kind, (parameter, name), limits, reference, **rest)
+            yield row | {"monte_carlo": float(error[p])}
 
 
 def _monte_carlo(influence: Array) -> Array:
@@ -259,26 +243,13 @@ def _native(scale: ResponseScale, response: Array) -> Array:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LeftOut:
-    """Predictions of environments that the model had not seen, against what was found there.
+class LeftOut(NotebookRecord):
+    """Predictions of environments that the model had not seen, against what was found there."""
 
-    Parameters
-    ----------
-    family : str
-        Of the model.
-    level : float
-        Of the intervals.
-    rows : DataFrame
-        Per environment and parameter: the predicted interval of the average user, the observed mean and
-        whether it lies inside, and how many of its users the interval of the next user holds.
-    skipped : tuple of tuple
-        Environments without a prediction, and why.
-    """
-
-    family: str
-    level: float
-    rows: pd.DataFrame
-    skipped: tuple[tuple[str, str], ...] = ()
+    family: str  # Of the model
+    level: float  # Of the intervals
+    rows: pd.DataFrame  # A row per environment and parameter
+    skipped: tuple[Skipped, ...] = ()  # Environments without a prediction, and why
 
     @property
     def sentence(self) -> str:
@@ -293,27 +264,9 @@ class LeftOut:
         ]
         return f"{said} Outside: {', '.join(outside)}." if outside else said
 
-    def _repr_html_(self) -> str:
-        return f"<p>{html.escape(self.sentence)}</p>{self.rows.to_html(index=False, escape=True)}"
-
 
 def leave_one_environment_out(study: Study) -> LeftOut:
-    """Predict each environment from a fit to all others, and compare with its users.
-
-    Parameters
-    ----------
-    study : Study
-        Of three environments or more, with a Bayesian method.
-
-    Returns
-    -------
-    LeftOut
-
-    Raises
-    ------
-    RefusalError
-        Fewer environments, the classical method alone, or a reference of zero.
-    """
+    """Predict each environment from a fit to all others, and compare with its users."""
     if len(study.environments) < _FEWEST:
         raise RefusalError(
             f"leaving one of {len(study.environments)} environments out leaves no trend to predict from; "
@@ -341,7 +294,7 @@ def leave_one_environment_out(study: Study) -> LeftOut:
                 curves=False,
             )
         except RefusalError as refused:
-            skipped.append((environment, str(refused)))
+            skipped.append(Skipped(environment, str(refused)))
             continue
         assert others.fit is not None
         expected = expected_users(others.fit, np.array(list(found.decades.values())), asked)

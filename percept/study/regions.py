@@ -12,7 +12,7 @@ import pandas as pd
 from percept.boundary.draws import confidence_draws, ellipse_of_draws
 from percept.errors import RefusalError
 from percept.inference.classical.trials import subject_means
-from percept.inference.record import Family
+from percept.inference.record import Family, Kind
 from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
@@ -76,9 +76,10 @@ class Draws:
 class Sources:
     """What ellipses and curves through draws of (k, b) come from."""
 
-    kinds: dict[str, tuple[str, ...]]  # Kinds drawn, by method
-    pairs: dict[Family, Pairs]  # Subjects' values, by family; empty without the classical method
-    skipped: list[Skipped]
+    kinds: tuple[Kind, ...] = ()  # Those that are drawn
+    pairs: Mapping[Family, Pairs] = dataclasses.field(default_factory=dict)  # Subjects' values
+    posterior: bool = False  # Whether a posterior is drawn from
+    skipped: Sequence[Skipped] = ()
 
 
 def displayable(values: Array) -> Array:
@@ -122,11 +123,9 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
     halved = IntervalEstimands(fit.model, level=level, share=share, confidence=confidence)
     laws = fit.model.laws(fit.points)
     for kind in asked.kinds:
-        lower, upper = (displayable(fit.scale.native(end)) for end in halved.limits(kind, laws)[:2])
-        for environment in fit.environments:
-            k, b = (
-                (float(lower[c]), float(upper[c])) for c in (fit.column[p, environment] for p in ("k", "b"))
-            )
+        ends = displayable(fit.scale.native(np.stack(halved.limits(kind, laws)[:2])))
+        for environment, pair in fit.pairs(ends).items():
+            (k_low, k_high), (b_low, b_high) = (limits.tolist() for limits in pair)
             yield Region(
                 environment=environment,
                 kind=kind,
@@ -134,7 +133,7 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
                 family=asked.family,
                 joint="bonferroni",
                 level=asked.level,
-                limits=(k, b),
+                limits=((k_low, k_high), (b_low, b_high)),
             )
 
 
@@ -142,7 +141,7 @@ def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, d
     """Find what ellipses and curves can be drawn through, and say what cannot; nothing with one parameter."""
     asked, skipped = scene.inference, list[Skipped]()
     if len(parameters) < 2:
-        return Sources({}, {}, skipped)
+        return Sources()
     if "share" in asked.kinds:
         skipped.append(Skipped("ellipse of kind share", "there is no exact ellipse of a share of users"))
         if device:
@@ -150,23 +149,21 @@ def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, d
             skipped.append(Skipped("curves through draws, kind share", why))
     if sessions.form == "summary":
         why = "published limits hold no correlation of k and b"
-        return Sources({}, {}, [*skipped, Skipped("ellipses and curves through draws", why)])
-    methods = ["classical", "bayesian"] if asked.method == "both" else [asked.method]
-    if "bayesian" in methods and scene.model.pooling == "none":
-        methods.remove("bayesian")
+        return Sources(skipped=[*skipped, Skipped("ellipses and curves through draws", why)])
+    classical, posterior = asked.method != "bayesian", asked.method != "classical"
+    if posterior and scene.model.pooling == "none":
+        posterior = False
         why = "cells without pooling hold no correlation of k and b"
         skipped.append(Skipped("Bayesian ellipses and curves through draws", why))
-    if device and methods:
+    if device and (classical or posterior):
         why = "a band symmetric in logs does not suit skewed draws: it can lie inside the pointwise band"
         skipped.append(Skipped("simultaneous bands through draws", why))
     pairs: dict[Family, Pairs] = {}
-    if "classical" in methods:
-        for family in FAMILIES:
-            found = list(_subject_pairs(sessions, family))
-            pairs[family] = dict(results(found))
-            skipped += [part for part in found if isinstance(part, Skipped)]
-    kinds = tuple(kind for kind in asked.kinds if kind != "share")
-    return Sources(dict.fromkeys(methods, kinds), pairs, skipped)
+    for family in FAMILIES if classical else ():
+        found = list(_subject_pairs(sessions, family))
+        pairs[family] = dict(results(found))
+        skipped += [part for part in found if isinstance(part, Skipped)]
+    return Sources(tuple(kind for kind in asked.kinds if kind != "share"), pairs, posterior, skipped)
 
 
 def _subject_pairs(sessions: Sessions, family: Family) -> Iterator[tuple[str, tuple[Array, Array]] | Skipped]:
@@ -191,7 +188,7 @@ def _classical_ellipses(sources: Sources, level: float) -> Iterator[Region]:
     """Hotelling's ellipses of the average and the next user, in both families."""
     for family, values in sources.pairs.items():
         for environment, (k, b) in values.items():
-            for kind in sources.kinds["classical"]:
+            for kind in sources.kinds:
                 try:
                     ellipse = ellipse_region(k, b, kind=kind, level=level, family=family)  # type: ignore[arg-type]
                 except RefusalError:
@@ -224,8 +221,8 @@ def _around(environment: str, ellipse: EllipseRegion) -> Iterator[Region]:
 def draws_of(sources: Sources, fit: Fit | None, asked: InferenceTable) -> tuple[Draws, ...]:
     """Put together the draws of every method."""
     found = list(_classical_draws(sources, asked))
-    if fit is not None and "bayesian" in sources.kinds:
-        found += _posterior_draws(fit, asked, sources.kinds["bayesian"])
+    if fit is not None and sources.posterior:
+        found += _posterior_draws(fit, asked, sources.kinds)
     return tuple(found)
 
 
@@ -236,10 +233,7 @@ def _posterior_draws(fit: Fit, asked: InferenceTable, kinds: Sequence[str]) -> I
     drawn = fit.model.draw(np.repeat(fit.points, repeats, axis=0), rng)
     for kind, responses in zip(("mean", "user"), drawn, strict=True):
         if kind in kinds:
-            native = displayable(fit.scale.native(responses))
-            pairs = {
-                e: (native[:, fit.column["k", e]], native[:, fit.column["b", e]]) for e in fit.environments
-            }
+            pairs = fit.pairs(displayable(fit.scale.native(responses)))
             yield Draws(kind=kind, method="bayesian", family=asked.family, level=asked.level, pairs=pairs)
 
 
@@ -247,7 +241,7 @@ def _classical_draws(sources: Sources, asked: InferenceTable) -> Iterator[Draws]
     """Draw from the distributions behind the classical intervals, in both families."""
     rng = generator(asked.seed, Stream.CLASSICAL_CURVES)
     for family, values in sources.pairs.items():
-        for kind in sources.kinds["classical"]:
+        for kind in sources.kinds:
             found: Pairs = {}
             for environment, (k, b) in values.items():
                 try:

@@ -124,18 +124,17 @@ class Study:
     @cached_property
     def _intervals(self) -> list[Row | Skipped]:
         """Rows of the interval table, and the intervals there are none of."""
-        asked, summary = self.scene.inference, self.sessions.form == "summary"
+        asked = self.scene.inference
         rows: list[Row | Skipped] = []
         if asked.method != "bayesian":
-            if not summary:
+            if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
             rows += classical_rows(self._cells, asked, self.reference)
-        if asked.method == "classical":
+        if self.fit is None:
             return [*rows, Skipped("hierarchical model", "only the classical method was asked for")]
         from percept.study.fit import bayesian_rows
 
-        approximate = summary and asked.family == "lognormal"
-        return [*rows, *bayesian_rows(self.fit, asked, self.reference, approximate=approximate)]
+        return [*rows, *bayesian_rows(self.fit, asked, self.reference)]
 
     @cached_property
     def _cells(self) -> dict[Family, list[Cell]]:
@@ -225,7 +224,7 @@ class Study:
 
     @property
     def setup(self) -> Setup | None:
-        """Device, coupling and the references that curves are drawn for; None without any of the two."""
+        """Device, coupling and the references that curves are drawn for; None without device or reference."""
         return next((one for one in results(self._setup) if one.references), None)
 
     @cached_property
@@ -247,10 +246,8 @@ class Study:
         ----------
         omega : array_like, shape (M,)
             rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all curves.
-        environments : collection of str, optional
-            Which environments; all by default.
-        kinds, joints : collection of str, optional
-            Of which kinds, and with which treatment of k and b together ("joint" for curves through draws);
+        environments, kinds, joints : collection of str, optional
+            Which environments, kinds, and treatments of k and b together ("joint" for curves through draws);
             all by default.
 
         Returns
@@ -260,8 +257,7 @@ class Study:
         Raises
         ------
         UsageError
-            Frequencies that are none, not positive or do not increase; an environment, kind or treatment that
-            the study does not have.
+            Frequencies that do not increase from above zero; a name that the study does not have.
         """
         frequencies = Range.of(omega)
         environments = select("environment", environments, self.with_reference)
@@ -300,8 +296,6 @@ class Study:
     @cached_property
     def _banded(self) -> list[str | Skipped]:
         """Environments with a band to set against their impedance."""
-        if len(self.environments) < 2:
-            return [Skipped("trend over environments and band law", "there is one environment")]
         read_at = self.scene.frequency.read_at
         return list(with_band(self.reference, self.with_reference, self.scene.inference, read_at))
 

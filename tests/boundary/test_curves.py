@@ -7,16 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from percept.boundary.curves import FLOOR, adaptive_grids, curve_gap, depth_membership, magnitude_membership
+from percept.boundary.curves import FLOOR, adaptive_grid, curve_gap, depth_membership, magnitude_membership
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.haptics import Device, magnitude_envelope
-
-
-def adaptive_grid(curves, lower, upper, **options):
-    """The grid of one set of curves."""
-    (grid,) = adaptive_grids(lambda _, omega: curves(omega), 1, lower, upper, **options)
-    return grid
 
 
 def envelope(omega: np.ndarray) -> np.ndarray:
@@ -99,36 +93,6 @@ def test_departure_is_twice_what_was_seen_in_the_middle() -> None:
     grid = adaptive_grid(bent, 0.1, 10.0)
     assert grid.omega.size == 2 * start.size - 1
     assert grid.departure == pytest.approx(bend)
-
-
-def test_sets_of_curves_are_chosen_for_as_if_alone() -> None:
-    corners = np.array([0.5, 2.3, 40.0])
-
-    def bent(which: np.ndarray, omega: np.ndarray) -> np.ndarray:
-        return np.stack([np.maximum(1.0, omega / corners[which]), np.sin(30.0 * omega) + 2.0])
-
-    options = {"including": np.array([0.7, 2.3]), "followed": np.array([True, False])}
-    together = adaptive_grids(bent, corners.size, 0.1, 100.0, **options)
-    sizes = set()
-    for one, grid in enumerate(together):
-        alone = adaptive_grid(
-            lambda omega, one=one: bent(np.full(omega.size, one), omega), 0.1, 100.0, **options
-        )
-        np.testing.assert_array_equal(grid.omega, alone.omega)
-        np.testing.assert_array_equal(grid.values, alone.values)
-        assert grid.departure == alone.departure
-        sizes.add(grid.omega.size)
-    assert len(sizes) > 1
-
-
-def test_sets_that_nothing_can_follow_take_no_points_from_each_other() -> None:
-    def rough(which: np.ndarray, omega: np.ndarray) -> np.ndarray:
-        return (1.0 + 0.1 * np.sin(1e6 * (1 + which) * omega))[None]
-
-    for one, grid in enumerate(adaptive_grids(rough, 2, 0.1, 100.0)):
-        alone = adaptive_grid(lambda omega, one=one: rough(np.full(omega.size, one), omega), 0.1, 100.0)
-        np.testing.assert_array_equal(grid.omega, alone.omega)
-        np.testing.assert_array_equal(grid.values, alone.values)
 
 
 @pytest.mark.parametrize(("lower", "upper"), [(0.0, 1.0), (2.0, 1.0)])

@@ -1,13 +1,16 @@
-"""What a coupling's verdicts stand for."""
+"""What a coupling's verdicts stand for, and the populations that displays are held against."""
 
 from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
+from scipy import stats
 
 from percept import Study, haptics
-from percept.study.coupling import study_coupling
+from percept.haptics import magnitude_envelope
+from percept.study.coupling import populations, study_coupling
 from percept.study.device import Setup
 
 
@@ -38,3 +41,38 @@ def test_a_device_is_passive_from_colgate_s_damping(part: float) -> None:
     assert table["needed_colgate"].tolist() == pytest.approx([needed])
     assert table["needed_paper"].item() < needed
     assert table["passive"].tolist() == [part > 1.0]
+
+
+def test_the_level_of_all_users_lies_between_the_limits_of_every_draw(fitted: Study) -> None:
+    assert fitted.fit is not None
+    model = fitted.fit.model
+    laws = model.laws(fitted.fit.points)
+    for environment, users in populations(fitted.fit, fitted.scene.inference).items():
+        for parameter, (low, high) in (("k", users.stiffness), ("b", users.damping)):
+            spread = laws.population_sd[:, model.cells.index((parameter, environment))]
+            standard = 0.5 * np.log(high / low) / spread
+            # Of normals 99 % lie within z of 0.995.
+            np.testing.assert_allclose(standard, stats.norm.ppf(0.995), rtol=1e-9)
+
+
+def test_realism_throughout_is_that_of_a_fine_grid(fitted: Study) -> None:
+    """VE2 leaves its boundary in a dip of abs(Z_h) near 31.6 rad/s, a few per cent wide."""
+    assert fitted.fit is not None
+    assert fitted.setup is not None
+    setup = fitted.setup
+    omega = np.geomspace(0.1, 100.0, 4000)
+    for environment, users in populations(fitted.fit, fitted.scene.inference).items():
+        limits = magnitude_envelope(
+            omega[:, None], setup.device, users.stiffness, users.damping, setup.period
+        )
+        for coupled in (False, True):
+            shown = setup.curve(environment, omega, coupled=coupled)[:, None]
+            true = float(((limits[0] <= shown) & (shown <= limits[1])).all(axis=0).mean())
+            error = max(np.sqrt(true * (1.0 - true) / users.stiffness[0].size), 1.0 / users.stiffness[0].size)
+            found = fitted.realism[environment, coupled]
+            assert abs(found.magnitude_throughout - true) < error
+            assert found.magnitude_throughout <= found.magnitude.min()
+            assert found.omega.shape == found.magnitude.shape == found.plane.shape
+            assert (np.diff(found.omega) > 0).all()
+            if environment == "VE2":
+                assert found.magnitude_throughout == pytest.approx(0.49, abs=0.03)

@@ -1,22 +1,19 @@
-from __future__ import annotations
+"""Classical against Bayesian intervals, with the reasons in numbers."""
 
-import dataclasses
+from __future__ import annotations
 
 import numpy as np
 import pandas as pd
 import pytest
 from arviz_stats.base import array_stats
 
-from percept import RefusalError, Scene, Study, UsageError
-from percept.inference.hierarchy.density import ConditionalMoments
+from percept import Scene, Study
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.wider_priors import reweighted, wider, with_priors
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from percept.sessions import Sessions
 from percept.study.boundaries import compare_methods
-from percept.study.compare import compare_studies, split_by
-from percept.study.fit import Fit
 from percept.study.intervals import cell_moments
 from percept.study.methods import compare_intervals, prior_pull
 from tests.study.checked import study_of, table_of
@@ -156,88 +153,3 @@ def test_tables_are_the_caller_s_own(fitted: Study) -> None:
         changed = getattr(fitted, name)
         changed.iloc[:, 0] = "changed"
         pd.testing.assert_frame_equal(getattr(fitted, name), before)
-
-
-def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
-    table = fitted.sessions.table.copy()
-    table["k_adj"] *= 1.25
-    table["subject"] = "other " + table["subject"].astype(str)
-    scene = fitted.scene.model_copy(update={"device": None}).with_inference(tolerance=0.2)
-    other = Study(dataclasses.replace(fitted.sessions, table=table), scene)
-    found = compare_studies(fitted, other).differences
-    k = found[(found["parameter"] == "k") & (found["method"] == "classical")]
-    np.testing.assert_allclose(k["value"], 1.25, rtol=1e-9)
-    np.testing.assert_allclose(k["spread_value"], 1.0, rtol=1e-6)
-    b = found[(found["parameter"] == "b") & (found["method"] == "bayesian")]
-    assert (b["lower"] < 1.0).all()
-    assert (b["upper"] > 1.0).all()
-    assert b["probability_above"].between(0.2, 0.8).all()
-    bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")].set_index("environment")
-    assert bayes.loc["VE4", "probability_above"] > 0.999
-    assert other.fit is not None
-    for (parameter, environment), row in found.set_index(["parameter", "environment"]).iterrows():
-        if row["method"] == "bayesian":
-            first, second = (log_spreads(study.fit, (parameter, environment)) for study in (fitted, other))
-            for side, tail in (("lower", 0.005), ("upper", 0.995)):
-                # Over all pairs of draws. Sixteen times 8192 pairs scatter by 0.0002, once 8192 by 0.0008,
-                # the farthest of twenty limits by some 0.002.
-                below = np.searchsorted(second, first + np.log(row[f"spread_{side}"])).mean() / len(second)
-                assert abs(below - tail) < 9e-4
-
-
-def test_what_only_one_study_has_is_named(fitted: Study) -> None:
-    table = fitted.sessions.table
-    some = table[table["environment"].isin(["VE3", "VE5"])].drop(columns=["b_ref", "b_adj"])
-    sessions = Sessions.from_frame(some.assign(subject="other " + some["subject"].astype(str)))
-    classical = fitted.scene.model_copy(update={"device": None}).with_inference(method="classical")
-    found = compare_studies(Study(fitted.sessions, classical), Study(sessions, classical))
-    assert found.notes == ("Only A has VE1, VE2, VE4: left out.", "Only A has b: left out.")
-    assert compare_studies(Study(sessions, classical), Study(fitted.sessions, classical)).notes == (
-        "Only B has VE1, VE2, VE4: left out.",
-        "Only B has b: left out.",
-    )
-
-
-def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:
-    """Logs of a cell's SD between users over all kept draws, in order."""
-    laws = ConditionalMoments.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
-    return np.sort(np.log(laws.population_sd[:, fit.model.cells.index(cell)]))
-
-
-def test_groups_are_split_by_a_column(fitted: Study) -> None:
-    table = fitted.sessions.table.copy()
-    table["group"] = np.where(table["subject"] < "S06", "first", "second")
-    parts = split_by(dataclasses.replace(fitted.sessions, table=table), "group")
-    assert [len(part.subjects) for part in parts.values()] == [5, 5]
-    with pytest.raises(UsageError, match="no such column"):
-        split_by(fitted.sessions, "team")
-    with pytest.raises(UsageError, match="nothing to compare"):
-        split_by(dataclasses.replace(fitted.sessions, table=table.assign(group="one")), "group")
-
-
-def test_studies_that_cannot_be_compared(fitted: Study) -> None:
-    other = Study(fitted.sessions, fitted.scene.with_inference(level=0.9))
-    with pytest.raises(UsageError, match=r"level of 0\.99 and 0\.9"):
-        compare_studies(fitted, other)
-    table = fitted.sessions.table.assign(environment="elsewhere")
-    apart = Study(dataclasses.replace(fitted.sessions, table=table), fitted.scene)
-    with pytest.raises(RefusalError, match="no environment in common"):
-        compare_studies(fitted, apart)
-
-
-def test_only_the_lowest_environment_speaks_for_the_offset(fitted: Study) -> None:
-    band = fitted.band
-    assert band is not None
-    offset = [
-        law for law in band.laws if (law.model, law.kind, law.family) == ("offset", "mean", "lognormal")
-    ]
-    assert {law.method: law.carried_by for law in offset} == {"classical": "VE1", "bayesian": "VE1"}
-    said = {(s.method, s.statement.split("(")[0]): s.probability for s in band.statements if s.kind == "mean"}
-    relative = [p for (_, text), p in said.items() if "relative to" in text]
-    absolute = [
-        p for (_, text), p in said.items() if text.startswith("The band is narrower") and "rel" not in text
-    ]
-    assert max(relative) < 0.01
-    assert min(absolute) > 0.99
-    assert band.kappa is not None
-    assert (band.kappa["below_zero"] > 0.7).all()

@@ -1,8 +1,9 @@
-"""Band laws recovered from whole simulated studies of many environments."""
+"""Bands beside the impedance of their environments, and laws recovered from simulated studies."""
 
 from __future__ import annotations
 
 import os
+import types
 
 import numpy as np
 import pandas as pd
@@ -11,10 +12,75 @@ from scipy import special, stats
 
 from percept import Scene, Study
 from percept.boundary.band import LAWS, fit_law
+from percept.inference.hierarchy.density import ConditionalMoments
 from percept.sessions import Sessions
-from percept.study.band import classical_replicates, posterior_replicates
+from percept.study.band import classical_replicates, posterior_replicates, weber_trend
 from percept.study.basics import FAMILIES
 from percept.study.intervals import Cell, cell_moments
+from percept.study.responses import ResponseScale
+
+
+def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> None:
+    band = fitted.band
+    assert band is not None
+    assert len(band.rows) > 0
+    for row in band.rows.itertuples():
+        k, b = (fitted.reference[p, row.environment] for p in ("k", "b"))
+        assert row.impedance == pytest.approx(abs(b + k / (1j * band.omega)), rel=1e-12)
+        assert row.relative == pytest.approx(row.band / row.impedance, rel=1e-12)
+
+
+def test_the_trend_of_the_spread_has_even_tails(fitted: Study) -> None:
+    assert fitted.fit is not None
+    found = weber_trend(fitted.fit, level=0.9)
+    assert found is not None
+    drawn = fitted.fit.model.scales(fitted.fit.points)["kappa"][1]
+    for p, row in enumerate(found.itertuples()):
+        # A quantile between two draws.
+        assert abs(np.mean(drawn[:, p] < row.lower) - 0.05) < 2 / len(drawn)
+        assert abs(np.mean(drawn[:, p] > row.upper) - 0.05) < 2 / len(drawn)
+        assert row.value == pytest.approx(drawn[:, p].mean())
+        assert row.below_zero == np.mean(drawn[:, p] < 0)
+
+
+def test_only_the_lowest_environment_speaks_for_the_offset(fitted: Study) -> None:
+    band = fitted.band
+    assert band is not None
+    offset = [
+        law for law in band.laws if (law.model, law.kind, law.family) == ("offset", "mean", "lognormal")
+    ]
+    assert {law.method: law.carried_by for law in offset} == {"classical": "VE1", "bayesian": "VE1"}
+    said = {(s.method, s.statement.split("(")[0]): s.probability for s in band.statements if s.kind == "mean"}
+    relative = [p for (_, text), p in said.items() if "relative to" in text]
+    absolute = [
+        p for (_, text), p in said.items() if text.startswith("The band is narrower") and "rel" not in text
+    ]
+    assert max(relative) < 0.01
+    assert min(absolute) > 0.99
+    assert band.kappa is not None
+    assert (band.kappa["below_zero"] > 0.7).all()
+
+
+def test_bands_of_the_next_user_lie_about_the_drawn_means() -> None:
+    """A spring with next to no damper: the band at omega is that of k/omega, by hand."""
+    drawn = np.array([[0.5, -9.0], [-0.5, -9.0]])
+    laws = ConditionalMoments(np.array([[0.0, -9.0]] * 2), np.ones((2, 2)), np.full((2, 2), 0.1))
+    model = types.SimpleNamespace(
+        cells=(("k", "E"), ("b", "E")), laws=lambda points: laws, draw=lambda points, rng: (drawn, drawn)
+    )
+    fit = types.SimpleNamespace(
+        model=model,
+        scale=ResponseScale.of(np.array([[100.0], [1e-9]]), "lognormal"),
+        points=np.zeros((2, 1)),
+        column={("k", "E"): 0, ("b", "E"): 1},
+    )
+    scene = Scene.from_tables({"inference": {"kinds": ["mean", "user"], "level": 0.9}})
+    found = posterior_replicates(fit, scene.inference, ("E",), 10.0)
+    half = stats.norm.isf(0.05)
+    for kind, centre, reach in (("mean", np.zeros(2), half), ("user", drawn[:, 0], 0.1 * half)):
+        wanted = 10.0 * (np.exp(centre + reach) - np.exp(centre - reach))
+        np.testing.assert_allclose(found["bayesian", kind, "lognormal"].bands[:, 0], wanted, rtol=1e-6)
+
 
 LEVEL, OMEGA, SUBJECTS = 0.9, 10.0, 16
 RATIO = np.geomspace(1.0, 1000.0, 16)

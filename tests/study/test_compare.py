@@ -1,0 +1,152 @@
+"""Two studies side by side: their difference, what is said beside it, and whom it refuses to divide."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept.inference.hierarchy.density import ConditionalMoments
+from percept.sessions import ReadOptions, Sessions
+from percept.study.compare import compare_studies, split_by
+from percept.study.fit import Fit
+from tests import DATASETS
+
+
+def sessions(prefix, *, trials=1, seed=0):
+    rng = np.random.default_rng(seed)
+    rows = [
+        [f"{prefix}{s}", "VE1", 15.0, t, 15.0 * np.exp(0.1 * rng.standard_normal())]
+        for s in range(5)
+        for t in range(trials)
+    ]
+    return Sessions.from_frame(
+        pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "trial", "k_adj"])
+    )
+
+
+def study(which, **inference):
+    return Study(which, Scene.from_tables({"inference": {"method": "classical", **inference}}))
+
+
+def test_intervals_that_claim_different_shares_are_said_to():
+    a = study(sessions("A"), share=0.99, confidence=0.95)
+    b = study(sessions("B", seed=1), share=0.5, confidence=0.6)
+    (note,) = compare_studies(a, b).notes
+    assert note == (
+        "Intervals of kind share hold 0.99 of users with confidence 0.95 and 0.5 of users with confidence "
+        "0.6: their widths differ for that reason too."
+    )
+    assert compare_studies(a, study(sessions("B", seed=1), share=0.99, confidence=0.95)).notes == ()
+    assert compare_studies(a, study(sessions("B", seed=1), share=0.5, kinds=["mean"])).notes == ()
+
+
+def test_different_numbers_of_trials_are_said():
+    (note,) = compare_studies(study(sessions("A", trials=3)), study(sessions("B", seed=1))).notes
+    assert note.startswith(
+        "Subjects typically made 3 trials of an environment in A and 1 in B: more of the trial noise"
+    )
+
+
+def scattered(prefix, centre, sd, count, seed):
+    k = centre * np.exp(sd * np.random.default_rng(seed).standard_normal(count))
+    subjects = [f"{prefix}{i}" for i in range(count)]
+    table = pd.DataFrame({"subject": subjects, "environment": "VE1", "k_ref": 100.0, "k_adj": k})
+    return study(Sessions.from_frame(table), level=0.9), np.log(k)
+
+
+def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fisher_s():
+    """Four subjects and nine, of four times the spread."""
+    first, a = scattered("A", 100.0, 0.1, 4, seed=2)
+    second, b = scattered("B", 120.0, 0.4, 9, seed=3)
+    (row,) = compare_studies(first, second).differences.query("parameter == 'k'").itertuples()
+    welch = stats.ttest_ind(b, a, equal_var=False).confidence_interval(0.9)
+    np.testing.assert_allclose(np.log([row.lower, row.upper]), [welch.low, welch.high], rtol=1e-9)
+    fisher = b.var(ddof=1) / a.var(ddof=1) / stats.f(8, 3).ppf([0.95, 0.05])
+    np.testing.assert_allclose([row.spread_lower, row.spread_upper], np.sqrt(fisher), rtol=1e-9)
+
+
+def test_published_limits_and_blank_groups_are_not_divided():
+    table = read_sessions(DATASETS / "hbfd_table1.csv")
+    with pytest.raises(UsageError, match="column 'environment': published limits hold no subjects to divide"):
+        split_by(table, "environment")
+    frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])
+    options = ReadOptions.from_mapping({"sessions": {"groups": ["hand"]}})
+    whole = Sessions.from_frame(frame, options=options)
+    with pytest.raises(UsageError, match=r"<frame>:5, column 'hand': 1 row without a value, of no group"):
+        split_by(whole, "hand")
+    # Of a part of the table the labels are those of the whole.
+    some = dataclasses.replace(whole, table=whole.table.iloc[2:])
+    with pytest.raises(UsageError, match=r"<frame>:5, column 'hand'"):
+        split_by(some, "hand")
+
+
+def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
+    table = fitted.sessions.table.copy()
+    table["k_adj"] *= 1.25
+    table["subject"] = "other " + table["subject"].astype(str)
+    scene = fitted.scene.model_copy(update={"device": None}).with_inference(tolerance=0.2)
+    other = Study(dataclasses.replace(fitted.sessions, table=table), scene)
+    found = compare_studies(fitted, other).differences
+    k = found[(found["parameter"] == "k") & (found["method"] == "classical")]
+    np.testing.assert_allclose(k["value"], 1.25, rtol=1e-9)
+    np.testing.assert_allclose(k["spread_value"], 1.0, rtol=1e-6)
+    b = found[(found["parameter"] == "b") & (found["method"] == "bayesian")]
+    assert (b["lower"] < 1.0).all()
+    assert (b["upper"] > 1.0).all()
+    assert b["probability_above"].between(0.2, 0.8).all()
+    bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")].set_index("environment")
+    assert bayes.loc["VE4", "probability_above"] > 0.999
+    assert other.fit is not None
+    for (parameter, environment), row in found.set_index(["parameter", "environment"]).iterrows():
+        if row["method"] == "bayesian":
+            first, second = (log_spreads(study.fit, (parameter, environment)) for study in (fitted, other))
+            for side, tail in (("lower", 0.005), ("upper", 0.995)):
+                # Over all pairs of draws. Sixteen times 8192 pairs scatter by 0.0002, once 8192 by 0.0008,
+                # the farthest of twenty limits by some 0.002.
+                below = np.searchsorted(second, first + np.log(row[f"spread_{side}"])).mean() / len(second)
+                assert abs(below - tail) < 9e-4
+
+
+def test_what_only_one_study_has_is_named(fitted: Study) -> None:
+    table = fitted.sessions.table
+    some = table[table["environment"].isin(["VE3", "VE5"])].drop(columns=["b_ref", "b_adj"])
+    sessions = Sessions.from_frame(some.assign(subject="other " + some["subject"].astype(str)))
+    classical = fitted.scene.model_copy(update={"device": None}).with_inference(method="classical")
+    found = compare_studies(Study(fitted.sessions, classical), Study(sessions, classical))
+    assert found.notes == ("Only A has VE1, VE2, VE4: left out.", "Only A has b: left out.")
+    assert compare_studies(Study(sessions, classical), Study(fitted.sessions, classical)).notes == (
+        "Only B has VE1, VE2, VE4: left out.",
+        "Only B has b: left out.",
+    )
+
+
+def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:
+    """Logs of a cell's SD between users over all kept draws, in order."""
+    laws = ConditionalMoments.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
+    return np.sort(np.log(laws.population_sd[:, fit.model.cells.index(cell)]))
+
+
+def test_groups_are_split_by_a_column(fitted: Study) -> None:
+    table = fitted.sessions.table.copy()
+    table["group"] = np.where(table["subject"] < "S06", "first", "second")
+    parts = split_by(dataclasses.replace(fitted.sessions, table=table), "group")
+    assert [len(part.subjects) for part in parts.values()] == [5, 5]
+    with pytest.raises(UsageError, match="no such column"):
+        split_by(fitted.sessions, "team")
+    with pytest.raises(UsageError, match="nothing to compare"):
+        split_by(dataclasses.replace(fitted.sessions, table=table.assign(group="one")), "group")
+
+
+def test_studies_that_cannot_be_compared(fitted: Study) -> None:
+    other = Study(fitted.sessions, fitted.scene.with_inference(level=0.9))
+    with pytest.raises(UsageError, match=r"level of 0\.99 and 0\.9"):
+        compare_studies(fitted, other)
+    table = fitted.sessions.table.assign(environment="elsewhere")
+    apart = Study(dataclasses.replace(fitted.sessions, table=table), fitted.scene)
+    with pytest.raises(RefusalError, match="no environment in common"):
+        compare_studies(fitted, apart)
