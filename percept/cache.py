@@ -23,8 +23,7 @@ import percept
 from percept.errors import UsageError
 from percept.files import exclusive, remove_abandoned, shared, write_whole
 from percept.inference.sampling.endpoints import Estimates
-from percept.inference.sampling.gate import Gate, Settings
-from percept.inference.sampling.run import Run
+from percept.inference.sampling.gate import Gate, Run, Settings
 
 _SUFFIX = ".npz"
 _ARRAYS = ("points", "components", "errors", "times")

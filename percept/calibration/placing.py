@@ -17,8 +17,8 @@ from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import from_trials
-from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import Run, sample
+from percept.inference.sampling.gate import Run, Settings
+from percept.inference.sampling.run import sample
 from percept.simulate.model import (
     Design,
     TrueValues,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 from percept.errors import RefusalError, printable
 
 if TYPE_CHECKING:
-    from percept.inference.sampling.run import Progress
+    from percept.inference.sampling.gate import Progress
     from percept.scene import Scene
     from percept.study import Study
     from percept.study.fit import RunStore

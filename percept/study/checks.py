@@ -22,8 +22,7 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import Progress
+from percept.inference.sampling.gate import Progress, Settings
 from percept.scene import Scene
 from percept.sessions.values import UNITS
 from percept.study.band import weber_trend

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Iterator
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,8 +19,7 @@ from percept.inference.hierarchy.priors import MEANINGS, Priors
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
 from percept.inference.record import Family
-from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import Progress, Run, sample
+from percept.inference.sampling.gate import Progress, Run, Settings
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.values import UNITS
@@ -151,7 +150,13 @@ def fit_model(
     settings = Settings(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )
-    compute = partial(sample, model, estimands, settings, progress=progress)
+
+    def compute() -> Run:
+        # A run found in the store needs no sampler.
+        from percept.inference.sampling.run import sample
+
+        return sample(model, estimands, settings, progress=progress)
+
     question = (model.identity(), estimands.identity(), dataclasses.astuple(settings))
     run = store.run(question, compute) if store else compute()
     # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.

@@ -11,7 +11,7 @@ import pandas as pd
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.hierarchy.scales import Options
-from percept.inference.sampling.run import Progress
+from percept.inference.sampling.gate import Progress
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import Skipped

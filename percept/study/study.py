@@ -43,7 +43,7 @@ from percept.study.responses import references, refuse_lone_subject
 
 # What imports the hierarchical model is imported where it is needed: the classical method does without.
 if TYPE_CHECKING:
-    from percept.inference.sampling.run import Progress
+    from percept.inference.sampling.gate import Progress
     from percept.study.checks import ModelChecks
     from percept.study.fit import Fit, RunStore
     from percept.study.model_choice import ModelChoice

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from percept.inference.sampling.endpoints import Estimates
-from percept.inference.sampling.gate import Gate, Settings
-from percept.inference.sampling.run import Run
+from percept.inference.sampling.gate import Gate, Run, Settings
 
 
 @pytest.fixture

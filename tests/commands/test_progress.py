@@ -15,7 +15,7 @@ SESSIONS = str(dataset("hbfd_sessions.csv"))
 SAMPLING = """
 import time
 from percept.commands.analysis import Working
-from percept.inference.sampling.run import Progress
+from percept.inference.sampling.gate import Progress
 Working.wait = 0.1
 with Working("fitting", shown=True) as working:
     time.sleep(0.4)

@@ -13,8 +13,7 @@ from scipy import special
 from percept.errors import RefusalError, UsageError
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.endpoints import Means
-from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import Progress
+from percept.inference.sampling.gate import Progress, Settings
 
 Array = NDArray[np.float64]
 #: Draws times subjects that are held at once; more subjects are judged by fewer draws.

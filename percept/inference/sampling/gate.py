@@ -65,6 +65,44 @@ class Gate:
 _RANKED = 1 << 14
 
 
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """State of a run, told after every round."""
+
+    steps: int  # Steps per ensemble so far
+    expected_steps: int  # Steps per ensemble the run is expected to need
+    worst_error: float
+    tolerance: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """A finished run."""
+
+    points: Array  # (E, T, W, d) Kept coordinates, one in `stride` steps
+    components: Array  # (E, T, W, C) What the estimands keep per draw
+    estimates: Estimates  # What was asked for
+    errors: Array  # (Q,) Monte Carlo standard errors
+    times: Array  # (Q,) Autocorrelation times of the influence functions, in steps
+    gate: Gate  # The verdict
+    steps: int
+    stride: int
+    settings: Settings  # As asked
+
+    def thinned(self) -> NDArray[np.intp]:
+        """Return indices (E, N) of positions thinned to the effective size, walkers flattened into steps."""
+        ensembles, length, walkers, _ = self.points.shape
+        gap = max(1, round(self.gate.autocorrelation_time / self.stride))
+        positions = np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
+        index = (positions[:, None] * walkers + np.arange(walkers)).ravel()
+        return np.broadcast_to(index, (ensembles, index.size))
+
+    def independent(self) -> Array:
+        """Return kept positions thinned to the effective size, (E, N, d)."""
+        flat = self.points.reshape(len(self.points), -1, self.points.shape[-1])
+        return flat[np.arange(len(flat))[:, None], self.thinned()]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Judged:
     """Estimates and how far they can be believed."""
