@@ -156,7 +156,7 @@ def test_a_failed_gate_is_told(tmp_path):
 
 def test_an_error_above_the_tolerance_is_told_beside_the_intervals(tmp_path):
     reduced = reduce_sessions(study(tmp_path / "s.csv"))
-    asked = scene(method="bayesian", tolerance=0.001, most_steps=900)
+    asked = scene(method="bayesian", tolerance=0.001, most_steps=900, walkers=64)
     found = reduced_intervals(reduced, asked)
     assert set(found["method"]) == {"bayesian"}
     assert "where 0.1 % was asked" in found.attrs["error_reached"]
