@@ -11,7 +11,6 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -143,14 +142,16 @@ class PosteriorCache:
         self.folder = folder
         self.limit = cache_limit() if limit is None else limit
 
-    def run(self, asked: tuple[object, ...], compute: Callable[[], Run]) -> Run:
-        """Return the stored run of what is asked, or compute and store it; equal in every digit."""
-        path = self._path(digest(numbers_version("inference"), *asked))
-        found = self._load(path)
-        if found is None:
-            found = compute()
-            self._store(path, found)
-        return found
+    def find(self, asked: tuple[object, ...]) -> Run | None:
+        """Return the stored run of what is asked, equal in every digit."""
+        return self._load(self._path_of(asked))
+
+    def keep(self, asked: tuple[object, ...], run: Run) -> None:
+        """Store the run of what is asked."""
+        self._store(self._path_of(asked), run)
+
+    def _path_of(self, asked: tuple[object, ...]) -> Path:
+        return self._path(digest(numbers_version("inference"), *asked))
 
     def entries(self) -> list[Entry]:
         """Return what is stored, the longest unused first."""

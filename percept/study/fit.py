@@ -128,8 +128,11 @@ class Fit(Prepared):
 class RunStore(Protocol):
     """Keeps finished runs, so that none is sampled twice."""
 
-    def run(self, asked: tuple[object, ...], compute: Callable[[], Run]) -> Run:
-        """Return the kept run of what is asked, or compute and keep it."""
+    def find(self, asked: tuple[object, ...]) -> Run | None:
+        """Return the kept run of what is asked."""
+
+    def keep(self, asked: tuple[object, ...], run: Run) -> None:
+        """Keep the run of what is asked."""
 
 
 def estimands_of(model: Model, asked: InferenceTable) -> IntervalEstimands:
@@ -150,15 +153,15 @@ def fit_model(
     settings = Settings(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )
-
-    def compute() -> Run:
+    question = (model.identity(), estimands.identity(), dataclasses.astuple(settings))
+    run = store.find(question) if store else None
+    if run is None:
         # A run found in the store needs no sampler.
         from percept.inference.sampling.run import sample
 
-        return sample(model, estimands, settings, progress=progress)
-
-    question = (model.identity(), estimands.identity(), dataclasses.astuple(settings))
-    run = store.run(question, compute) if store else compute()
+        run = sample(model, estimands, settings, progress=progress)
+        if store:
+            store.keep(question, run)
     # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
     components = np.ascontiguousarray(run.components)
     run = dataclasses.replace(run, points=np.ascontiguousarray(run.points), components=components)

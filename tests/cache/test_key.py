@@ -37,7 +37,7 @@ def question(path, **model):
     asked = []
 
     class Listening:
-        def run(self, question, compute):
+        def find(self, question):
             asked.append(digest(*question))
             raise StopIteration
 
