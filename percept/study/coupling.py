@@ -95,14 +95,17 @@ def study_coupling(
     rigid = isinstance(device, haptics.Device)
     need = haptics.required_damping(coupling, period, hold=hold) if rigid else None
     nyquist = np.pi / period
-    omega = np.geomspace(min(1.0, 1e-3 * nyquist), nyquist, _STABILITY_POINTS)
+    omega, reason = np.geomspace(min(1.0, 1e-3 * nyquist), nyquist, _STABILITY_POINTS), verdict.reason
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
+        if verdict.verdict in ("stable", "marginal"):
+            # Eqs 9 and 10 look at real parts, and a table shows no more.
+            reason = f"The device is measured, so its poles cannot be checked. {reason}"
     return CouplingStudy(
         stiffness=float(coupling.stiffness),
         damping=float(coupling.damping),
         verdict=verdict.verdict,
-        reason=verdict.reason,
+        reason=reason,
         margin=float(verdict.smallest_margin),
         binding_omega=float(verdict.binding_omega),
         required_damping=float(need.damping) if need else None,

@@ -76,3 +76,24 @@ def test_realism_throughout_is_that_of_a_fine_grid(fitted: Study) -> None:
             assert (np.diff(found.omega) > 0).all()
             if environment == "VE2":
                 assert found.magnitude_throughout == pytest.approx(0.49, abs=0.03)
+
+
+def measured(last: float, damping: float) -> Setup:
+    """A device of 1 kg as a table up to a part of the Nyquist frequency."""
+    omega = np.geomspace(1e-3, last * np.pi / 1e-3, 400)
+    impedance = haptics.device_impedance(omega, haptics.Device(1.0, damping), 1e-3)
+    device = haptics.TabulatedDevice(omega, impedance)
+    return Setup(device, 1e-3, "average", {}, haptics.Coupling(50e3, 100.0))
+
+
+def test_a_measured_device_is_stable_with_a_word_on_its_poles() -> None:
+    # 15.84 N·s/m are needed; a rigid device's poles are known, a table's are not.
+    found = study_coupling(measured(0.9999, 16.0), [], [], {}, read_at=10.0)
+    assert found.verdict == "stable"
+    assert found.reason.startswith(
+        "The device is measured, so its poles cannot be checked. The smallest margin is 1.01"
+    )
+    for setup, verdict in ((measured(0.9999, 5.0), "unstable"), (measured(0.5, 16.0), "undecided")):
+        without = study_coupling(setup, [], [], {}, read_at=10.0)
+        assert without.verdict == verdict
+        assert "poles" not in without.reason
