@@ -69,14 +69,14 @@ class SamplingCost:
 
 
 def sampling_costs(
-    study: Study, *, tolerances: Sequence[float] = (0.1, 0.02, 0.01), seeds: int = 5
+    study: Study, *, tolerances: Sequence[float] = (0.1, 0.02, 0.01), seeds: Sequence[int] = (1, 2, 3, 4, 5)
 ) -> list[SamplingCost]:
     """Sample a study's model to several tolerances."""
     model = prepare(study.sessions, study.scene, ("k", "b")).model
     costs = []
     for tolerance in tolerances:
         seconds, runs = [], []
-        for seed in range(1, seeds + 1):
+        for seed in seeds:
             started = time.perf_counter()
             runs.append(sample(model, IntervalEstimands(model), Settings(tolerance=tolerance, seed=seed)))
             seconds.append(time.perf_counter() - started)

@@ -64,8 +64,9 @@ def measurement(
     simulated: bool,
     loads: tuple[float, float],
     seconds: float,
+    notes: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Collect what a part measured."""
+    """Collect what a part measured; `notes` say what follows from all rows."""
     about, columns = described(type(records[0]))
     versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
     document: dict[str, Any] = plain(
@@ -76,6 +77,7 @@ def measurement(
             "columns": [{"names": [name], "meaning": meaning} for name, meaning in columns.items()],
             "command": command,
             "simulated": simulated,
+            "notes": notes,
             "machine": machine(loads, seconds),
             "versions": {"percept": __version__} | versions,
             "rows": [dataclasses.asdict(record) for record in records],
@@ -98,6 +100,7 @@ def measurement_markdown(document: Mapping[str, Any]) -> str:
         f"{at['architecture']}), load {at['load_before']:.1f} before and {at['load_after']:.1f} after; "
         + ", ".join(f"{name} {version}" for name, version in versions.items())
         + ".",
+        *(line for note in document["notes"] for line in ("", note)),
         "",
         "| " + " | ".join(names) + " |",
         "|" + "---|" * len(names),

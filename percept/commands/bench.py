@@ -14,8 +14,15 @@ from typing import Any
 
 EXAMPLE = "percept bench sampling --json"
 _OUT = "benchmark"
+#: Options of parts that stand in the command a page shows.
+_OPTIONS = {
+    "sampling": ("seeds",),
+    "designs": ("rows", "seeds"),
+    "digits": ("cases",),
+    "workers": ("studies",),
+}
 #: Parts that measure simulated studies.
-_SIMULATED = {"sampling", "propagation", "skipping", "workers", "growth"}
+_SIMULATED = {"sampling", "designs", "propagation", "skipping", "workers", "growth"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +35,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--stability", action="store_true", help="the same as the part digits")
     parser.add_argument("--cases", type=int, default=2000, metavar="N", help="haptics cases of digits (2000)")
-    parser.add_argument("--seeds", type=int, default=5, metavar="N", help="runs of sampling (5)")
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", metavar="SEED", help="of sampling (1 2 3 4 5) and designs (1 2 3)"
+    )
+    parser.add_argument("--rows", nargs="+", default=(), metavar="NAME", help="designs (all)")
+    parser.add_argument(
+        "--peer", action=argparse.BooleanOptionalAction, default=True, help="nutpie beside designs (yes)"
+    )
     parser.add_argument("--studies", type=int, default=200, metavar="N", help="studies of workers (200)")
     parser.add_argument("--json", action="store_true", help="print as JSON")
     parser.add_argument(
@@ -91,8 +104,9 @@ def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
             hint="Install percept with its extra: percept[bench].",
         ) from error
     if arguments.out:
-        option = {"sampling": "seeds", "digits": "cases", "workers": "studies"}.get(part)
-        size = f" --{option} {getattr(arguments, option)}" if option else ""
+        options = _OPTIONS.get(part, ())
+        size = "".join(_typed(name, getattr(arguments, name)) for name in options)
+        size += " --no-peer" if part == "designs" and not arguments.peer else ""
         document = _bench("measure", "measurement")(
             part,
             records,
@@ -100,10 +114,17 @@ def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
             simulated=part in _SIMULATED,
             loads=(before, os.getloadavg()[0]),
             seconds=time.perf_counter() - started,
+            notes=_bench("designs", "summary")(records) if part == "designs" else (),
         )
         path = _bench("measure", "write_measurement")(document, arguments.out)
         print(path, file=sys.stderr if arguments.json else sys.stdout)
     return records
+
+
+def _typed(option: str, value: Any) -> str:
+    """Write an option as it is typed; nothing where it was left out."""
+    words = value if isinstance(value, list) else [value] if value else []
+    return f" --{option} {' '.join(map(str, words))}" if words else ""
 
 
 def _log(line: str) -> None:
@@ -131,8 +152,15 @@ def _digits(arguments: argparse.Namespace) -> list[Any]:
     return rows + _bench("digits_haptics", "haptics_digits")(arguments.cases)
 
 
+def _seeds(given: argparse.Namespace) -> dict[str, Any]:
+    return {"seeds": given.seeds} if given.seeds else {}
+
+
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
-    "sampling": lambda given: _bench("growth", "sampling_costs")(_published(), seeds=given.seeds),
+    "sampling": lambda given: _bench("growth", "sampling_costs")(_published(), **_seeds(given)),
+    "designs": lambda given: _bench("designs", "design_costs")(
+        given.rows, **_seeds(given), peer=given.peer, out=given.out, log=_log
+    ),
     "propagation": lambda _: _bench("propagation", "study_propagation")(_published()),
     "digits": _digits,
     "skipping": lambda _: _bench("skipping", "skipping_cost")(),

@@ -1,0 +1,326 @@
+"""Ordinary studies of many shapes: what a fit costs, and whether nutpie finds the same limits.
+
+``python -m percept.bench.designs TASK`` is the process of one fit, or of nutpie on the same data. It prints
+JSON.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+
+from percept.bench.measure import as_installed
+from percept.calibration.studies import Checkpoint
+from percept.errors import UsageError
+
+if TYPE_CHECKING:
+    from percept.inference.hierarchy.statistics import Statistics
+
+#: Correlation of stiffness and damping at every level, where the design says nothing else.
+_CORRELATION = 0.3
+#: Times the allowed time, and seconds at least, after which a fit is given up.
+_PATIENCE, _LEAST_PATIENCE = 10.0, 300.0
+#: Seconds that nutpie samples, and that its process may take with compiling.
+_SAMPLING, _PEER_PATIENCE = 600.0, 1500.0
+_KINDS = 2  # mean and user: their limits are compared
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyDesign:
+    """Subjects by environments by trials of one simulated study, and the time its fit may take."""
+
+    subjects: int
+    environments: int
+    trials: tuple[int, int]  # Fewest and most of a cell
+    allowed: float  # s
+    sigma_w: float = 0.1
+    sigma_e: float = 0.1
+    missing: float = 0.0  # Fraction of the cells
+    parameters: tuple[Literal["k", "b"], ...] = ("k", "b")
+    family: Literal["lognormal", "normal"] = "lognormal"
+    correlation: float = _CORRELATION
+    outlier: float = 1.0  # Factor on every adjustment of the first subject
+    peer: bool = True  # Whether nutpie's compilation and sampling fit in its time
+
+    @property
+    def plan(self) -> str:
+        """A digest that tells results of different designs apart."""
+        return hashlib.sha256(repr(dataclasses.astuple(self)).encode()).hexdigest()[:16]
+
+
+def _weak(subjects: int, environments: int, trials: int, allowed: float) -> StudyDesign:
+    """Trials scatter five times as much as subjects."""
+    return StudyDesign(subjects, environments, (trials, trials), allowed, sigma_w=0.02)
+
+
+_K: tuple[Literal["k"]] = ("k",)
+DESIGNS = {
+    "6x3x1": StudyDesign(6, 3, (1, 1), 3.0),
+    "12x8x1": StudyDesign(12, 8, (1, 1), 4.0),
+    "24x12x1": StudyDesign(24, 12, (1, 1), 5.0),
+    "24x20x1": StudyDesign(24, 20, (1, 1), 10.0),
+    "6x3x3": StudyDesign(6, 3, (3, 3), 4.0),
+    "12x5x3": StudyDesign(12, 5, (3, 3), 6.0),
+    "12x8x5": StudyDesign(12, 8, (5, 5), 10.0),
+    "24x12x3": StudyDesign(24, 12, (3, 3), 20.0),
+    "6x3x3-weak": _weak(6, 3, 3, 4.0),
+    "12x5x3-weak": _weak(12, 5, 3, 6.0),
+    "12x8x5-weak": _weak(12, 8, 5, 10.0),
+    "24x12x3-weak": _weak(24, 12, 3, 20.0),
+    "24x12x3-none": StudyDesign(24, 12, (3, 3), 25.0, sigma_w=0.0, correlation=0.9),
+    "40x6x10-weak": _weak(40, 6, 10, 15.0),
+    "10x5-irregular-normal": StudyDesign(10, 5, (1, 6), 12.0, missing=0.2, family="normal"),
+    "24x8-irregular": StudyDesign(24, 8, (1, 4), 30.0, missing=0.2),
+    "60x8-irregular": StudyDesign(60, 8, (1, 4), 60.0, missing=0.2),
+    "8x4x2-outlier": StudyDesign(8, 4, (2, 2), 8.0, outlier=3.0),
+    "40x20-irregular-k": StudyDesign(40, 20, (2, 5), 60.0, parameters=_K),
+    "80x15-irregular-k": StudyDesign(80, 15, (1, 4), 60.0, missing=0.2, parameters=_K),
+    "315x60-irregular-k": StudyDesign(315, 60, (1, 4), 600.0, missing=0.2, parameters=_K),
+    "186x60x2-k": StudyDesign(186, 60, (2, 2), 300.0, parameters=_K),
+    "30x100x3": StudyDesign(30, 100, (3, 3), 600.0, peer=False),
+    "20x60x1": StudyDesign(20, 60, (1, 1), 60.0),
+    "20x100x1": StudyDesign(20, 100, (1, 1), 300.0),
+    "30x200x1-k": StudyDesign(30, 200, (1, 1), 300.0, parameters=_K),
+    "200x5x20": StudyDesign(200, 5, (20, 20), 10.0),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class DesignCost:
+    """Fits of simulated studies to the default tolerance, from the statistics to the gate."""
+
+    design: Annotated[
+        str,
+        "Subjects x environments x trials. weak: sigma_w = 0.02. none: sigma_w = 0, k-b correlation 0.9. "
+        "irregular: a fifth of the cells missing, 1 to 4 trials (10x5: 1 to 6; 40x20: 2 to 5, none missing). "
+        "outlier: one subject three times off. k: stiffness only.",
+    ]
+    seed: Annotated[int, "Of the data and of the fit."]
+    allowed_s: Annotated[float, "Time the fit may take, s."]
+    in_time: Annotated[bool, "Whether the wall time is within it."]
+    wall_s: Annotated[float, "Wall time: density, warm-up and run, s."]
+    processor_s: Annotated[float, "Processor time of the same, s."]
+    coordinates: Annotated[int, "Of the density."]
+    steps: Annotated[int, "Steps per ensemble."]
+    tau: Annotated[float, "Autocorrelation time of the slowest quantity, steps."]
+    rhat: Annotated[float, "Largest rank R-hat."]
+    worst_error: Annotated[float, "Largest Monte Carlo error over half-width."]
+    passed: Annotated[bool, "Whether the gate passed."]
+    reasons: Annotated[str, "What the gate or the refusal said."]
+    peak_mb: Annotated[float, "Peak memory of the process, MB."]
+    peer_s: Annotated[float | None, "Wall time of nutpie's sampling, s, without compiling."] = None
+    peer_draws: Annotated[int | None, "Its draws, all chains."] = None
+    divergences: Annotated[int | None, "Its divergences."] = None
+    peer_error: Annotated[
+        float | None, "Its stated errors over percept's: median of the limits compared."
+    ] = None
+    z_square: Annotated[
+        float | None, "Mean square of differences over the combined stated errors, kinds mean and user."
+    ] = None
+    z_beyond_3: Annotated[int | None, "Differences beyond 3 combined errors."] = None
+    z_largest: Annotated[float | None, "The largest, in combined errors."] = None
+    compared: Annotated[int | None, "Limits compared."] = None
+
+
+def design_costs(
+    names: Sequence[str] = (),
+    *,
+    seeds: Sequence[int] = (1, 2, 3),
+    peer: bool = True,
+    out: str | Path | None = None,
+    log: Callable[[str], None] = lambda line: None,
+) -> list[DesignCost]:
+    """Fit every design with every seed, each in a process of its own; nutpie on the data of the first seed.
+
+    What is done is kept line by line in `out`, and taken from there.
+    """
+    for name in names:
+        if name not in DESIGNS:
+            raise UsageError(f"no such design; there are {', '.join(DESIGNS)}.", key="--rows", value=name)
+    rows = []
+    for name in names or DESIGNS:
+        for seed in seeds:
+            fit = _kept("fit", name, seed, out, log)
+            with_peer = peer and DESIGNS[name].peer and seed == seeds[0]
+            found = _compared(fit, _kept("peer", name, seed, out, log)) if with_peer else {}
+            allowed, wall = DESIGNS[name].allowed, fit["cost"]["wall_s"]
+            in_time = wall <= allowed and fit["cost"]["steps"] > 0
+            rows.append(DesignCost(name, seed, allowed, in_time, **fit["cost"], **found))
+    return rows
+
+
+def _kept(
+    task: str, name: str, seed: int, out: str | Path | None, log: Callable[[str], None]
+) -> dict[str, Any]:
+    """Take the result of one process from the file of `out`, or run the process."""
+    checkpoint: Checkpoint[dict[str, Any]] = Checkpoint(
+        Path(out) / "designs.jsonl" if out else None, f"{name} {task} {DESIGNS[name].plan}",
+        what="measured", pack=lambda result: result, unpack=dict,
+    )  # fmt: skip
+    kept = checkpoint.read(seed + 1)
+    if seed not in kept:
+        log(f"{name}, seed {seed}: {task}")
+        kept[seed] = _in_a_process(task, name, seed)
+        checkpoint.append(seed, kept[seed])
+    return kept[seed]
+
+
+def _in_a_process(task: str, name: str, seed: int) -> dict[str, Any]:
+    allowed = DESIGNS[name].allowed
+    patience = max(_PATIENCE * allowed, _LEAST_PATIENCE) if task == "fit" else _PEER_PATIENCE
+    command = [sys.executable, "-m", __name__, json.dumps([task, name, seed])]
+    begun = time.perf_counter()
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, env=as_installed(), timeout=patience
+        )
+        why = (done.stderr.strip().splitlines() or ["no message"])[-1]
+    except subprocess.TimeoutExpired:
+        done, why = None, f"not finished after {patience:g} s"
+    if done is None or done.returncode:
+        unknown = dict.fromkeys(("processor_s", "tau", "rhat", "worst_error", "peak_mb"), math.nan)
+        cost = {"coordinates": 0, "steps": 0, "passed": False, "reasons": why, **unknown}
+        wall = time.perf_counter() - begun
+        return {"cost": {"wall_s": wall, **cost}} if task == "fit" else {"cost": {"peer_s": wall}}
+    # Some libraries print to standard output, before the result.
+    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return result
+
+
+def _compared(fit: Mapping[str, Any], peer: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what nutpie took, and how far its limits lie from ours in combined errors."""
+    if "value" not in fit or "value" not in peer:
+        return dict(peer["cost"])
+    ours, theirs = np.array(fit["error"]), np.array(peer["error"])
+    z = np.abs(np.array(fit["value"]) - peer["value"]) / np.hypot(ours, theirs)
+    return dict(peer["cost"]) | {
+        "peer_error": float(np.median(theirs / ours)), "z_square": float(np.mean(z**2)),
+        "z_beyond_3": int((z > 3.0).sum()), "z_largest": float(z.max()), "compared": z.size,
+    }  # fmt: skip
+
+
+def summary(rows: Sequence[DesignCost]) -> list[str]:
+    """Say over all designs what the table shows of each."""
+    late = [
+        f"{row.design} (seed {row.seed}: {row.wall_s / row.allowed_s:.1f} times)"
+        for row in rows
+        if not row.in_time
+    ]
+    withheld = [f"{row.design} (seed {row.seed})" for row in rows if not row.passed]
+    large = [row.design for row in rows if not row.peak_mb < 1000.0]
+    lines = [
+        f"{sum(row.passed for row in rows)} of {len(rows)} fits pass the gate"
+        + (f"; not {', '.join(withheld)}." if withheld else "."),
+        f"{sum(row.in_time for row in rows)} of {len(rows)} fits end within their time"
+        + (f"; not {', '.join(late)}." if late else "."),
+        f"Largest peak memory: {max(row.peak_mb for row in rows):.0f} MB"
+        + (f"; above 1 GB or not known: {', '.join(dict.fromkeys(large))}." if large else "."),
+    ]
+    with_peer = [row for row in rows if row.z_square is not None]
+    if with_peer:
+        count = sum(row.compared or 0 for row in with_peer)
+        square = sum((row.z_square or 0.0) * (row.compared or 0) for row in with_peer) / count
+        beyond = sum(row.z_beyond_3 or 0 for row in with_peer) / count
+        lines.append(
+            f"Against nutpie, {count} limits of kinds mean and user: differences over combined errors have a "
+            f"root mean square of {square**0.5:.2f}; {beyond:.2%} exceed 3; the largest is "
+            f"{max(row.z_largest or 0.0 for row in with_peer):.2f}. The limits follow from nutpie's draws of "
+            "the scales by the conditional normal laws of the locations."
+        )
+        poor = [row.design for row in with_peer if (row.peer_error or 0.0) > 1.0]
+        if poor:
+            lines.append(f"Nutpie's own error exceeds percept's in {', '.join(poor)}.")
+    without = [row.design for row in rows if row.peer_s is not None and row.z_square is None]
+    if without:
+        lines.append(f"Nothing to compare, since nutpie or percept gave no limits: {', '.join(without)}.")
+    return lines
+
+
+# One process
+
+
+def simulated(design: StudyDesign, seed: int) -> Statistics:
+    """Statistics of a study drawn from the model: omega 0.2, tau 0.05, sigma_u 0.1 at either parameter."""
+    from percept.scene import Scene
+    from percept.sessions import Sessions
+    from percept.simulate.model import Design, Hyperparameters, draw_environments, simulate
+    from percept.study.fit import prepare
+
+    shape = design.subjects, design.environments
+    rng = np.random.default_rng([seed, *shape])
+    trials = rng.integers(design.trials[0], design.trials[1] + 1, shape)
+    trials[rng.random(shape) < design.missing] = 0
+    references = np.stack(
+        [np.geomspace(*ends, design.environments) for ends in ((1e3, 5e4), (1.0, 50.0))], axis=1
+    )[:, : len(design.parameters)]
+    plan = Design(references, trials, design.parameters)
+
+    def same(value: float) -> Any:
+        return np.full(len(design.parameters), value)
+
+    rho, repeated = design.correlation * (len(design.parameters) == 2), float(plan.repeated)
+    hyper = Hyperparameters(
+        alpha=same(0.05), gamma=same(0.02), tau=same(0.05), sigma_u=same(0.1), rho_u=rho,
+        s=same(design.sigma_w), kappa=same(0.0), omega=same(0.2), rho_w=rho,
+        s_e=same(design.sigma_e * repeated), kappa_e=same(0.0), omega_e=same(0.2 * repeated), rho_e=rho,
+    )  # fmt: skip
+    table = simulate(draw_environments(hyper, plan, rng), plan, rng, family=design.family)
+    of_outlier = table["subject"] == plan.subjects[0]
+    for name in design.parameters:
+        table.loc[of_outlier, f"{name}_adj"] *= design.outlier
+    scene = Scene.from_tables({"inference": {"family": design.family, "parameters": list(design.parameters)}})
+    model: Any = prepare(Sessions.from_frame(table), scene, design.parameters).model
+    return model.density.statistics
+
+
+def _fit(statistics: Statistics, seed: int) -> dict[str, Any]:
+    """Fit to the default tolerance; limits of kinds mean and user, and what they cost."""
+    import resource
+
+    from percept.inference.hierarchy.density import CollapsedDensity
+    from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+    from percept.inference.sampling.gate import Settings
+    from percept.inference.sampling.run import sample
+
+    started, before = time.perf_counter(), time.process_time()
+    model = Pooled(CollapsedDensity(statistics))
+    run = sample(model, IntervalEstimands(model), Settings(seed=seed))
+    wall, processor = time.perf_counter() - started, time.process_time() - before
+    gate, limits = run.gate, 2 * _KINDS * len(model.cells)
+    cost = {
+        "coordinates": len(model.names), "wall_s": wall, "processor_s": processor, "steps": run.steps,
+        "tau": gate.autocorrelation_time, "rhat": gate.rhat or math.nan, "worst_error": gate.worst_error,
+        "passed": gate.passed, "reasons": " ".join([*gate.reasons, gate.error_reached]).strip(),
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }  # fmt: skip
+    return {
+        "cost": cost,
+        "value": run.estimates.value[:limits].tolist(), "error": run.errors[:limits].tolist(),
+    }  # fmt: skip
+
+
+def main(task: str) -> None:
+    """Do one task and print what it gave."""
+    kind, name, seed = json.loads(task)
+    statistics = simulated(DESIGNS[name], seed)
+    if kind == "peer":
+        from percept.bench.peers.cells import nutpie_limits
+
+        result = nutpie_limits(statistics, seed, seconds=_SAMPLING)
+    else:
+        result = _fit(statistics, seed)
+    sys.stdout.write("\n" + json.dumps(result) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,105 @@
+"""Designs: the studies are those named, results are kept, and the summary says what the rows show."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from percept.bench.designs import DESIGNS, DesignCost, design_costs, simulated, summary
+from percept.bench.peers.cells import averaged_limits
+from percept.cli import main
+from percept.errors import UsageError
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+
+
+def test_an_irregular_study_misses_cells_and_repeats_others():
+    statistics = simulated(DESIGNS["60x8-irregular"], 1)
+    present = np.isfinite(statistics.cell_means).all(axis=1)
+    # A fifth of 480 cells, within four binomial SDs.
+    assert abs((~present).sum() - 96) < 4 * np.sqrt(480 * 0.2 * 0.8)
+    trials = np.concatenate([pattern.trials for pattern in statistics.patterns])
+    assert sorted(set(trials)) == [1, 2, 3, 4]
+
+
+def test_one_subject_is_three_times_off_and_the_others_are_not():
+    design = DESIGNS["8x4x2-outlier"]
+    off = simulated(design, 2).cell_means - simulated(dataclasses.replace(design, outlier=1.0), 2).cell_means
+    assert off[0] == pytest.approx(np.full((2, 4), np.log(3.0)), rel=1e-12)
+    assert np.abs(off[1:]).max() < 1e-14
+
+
+def test_scatter_between_subjects_vanishes_where_sigma_w_does():
+    """Cell means about subjects' and environments' own scatter by the trials alone, sigma_e²/3."""
+    statistics = simulated(DESIGNS["24x12x3-none"], 1)
+    means = statistics.cell_means
+    rest = means - means.mean(axis=2, keepdims=True) - means.mean(axis=0) + means.mean(axis=(0, 2))[:, None]
+    between = (rest**2).sum(axis=(0, 2)) / (23 * 11)
+    trials = (statistics.trial_rows**2).sum(axis=(1, 2)) / statistics.trial_df.sum() / 3
+    # The ratio of variances of 253 and 576 degrees of freedom has a relative SD of about 0.11.
+    assert between / trials == pytest.approx(np.ones(2), abs=0.45)
+
+
+def test_a_fit_is_measured_kept_and_not_measured_again(tmp_path, capsys):
+    """Two seconds of processor time: a fit to the default tolerance is what the part measures."""
+    command = ["bench", "designs", "--rows", "6x3x1", "--seeds", "1", "--no-peer", "--out", str(tmp_path)]
+    assert main(command) == 0
+    assert "6x3x1, seed 1: fit" in capsys.readouterr().err
+    kept = (tmp_path / "designs.jsonl").read_text()
+    assert kept.count("\n") == 1
+    assert main(command) == 0
+    assert "seed 1: fit" not in capsys.readouterr().err
+    assert (tmp_path / "designs.jsonl").read_text() == kept
+    (row,) = json.loads((tmp_path / "designs.json").read_text())["rows"]
+    assert row["passed"]
+    assert row["coordinates"] == 18
+    assert row["worst_error"] <= 0.01
+    page = (tmp_path / "designs.md").read_text()
+    assert "`percept bench designs --rows 6x3x1 --seeds 1 --no-peer --out DIR`" in page
+    assert "1 of 1 fits pass the gate." in page
+
+
+def test_an_unknown_design_is_named():
+    with pytest.raises(UsageError, match=r"--rows.*'7x7x7': no such design; there are 6x3x1, 12x8x1"):
+        design_costs(["7x7x7"])
+
+
+def cost(name, **changes):
+    row = DesignCost(name, 1, 10.0, True, 5.0, 5.0, 20, 300, 10.0, 1.001, 0.009, True, "", 200.0)
+    return dataclasses.replace(row, **changes)
+
+
+def test_the_summary_names_what_misses():
+    compared = {"peer_s": 1.0, "peer_error": 0.5, "z_beyond_3": 0, "z_largest": 2.0, "compared": 30}
+    rows = [
+        cost("6x3x1", z_square=1.0, **compared),
+        cost("12x8x1", z_square=4.0, **(compared | {"compared": 10, "z_beyond_3": 2, "peer_error": 1.5})),
+        cost("24x12x1", in_time=False, wall_s=25.0, passed=False, peak_mb=1200.0, peer_s=600.0),
+    ]
+    passing, timely, memory, peer, poor, without = summary(rows)
+    assert passing == "2 of 3 fits pass the gate; not 24x12x1 (seed 1)."
+    assert timely == "2 of 3 fits end within their time; not 24x12x1 (seed 1: 2.5 times)."
+    assert memory == "Largest peak memory: 1200 MB; above 1 GB or not known: 24x12x1."
+    # sqrt((30·1 + 10·4)/40) and 2/40.
+    assert "40 limits of kinds mean and user" in peer
+    assert "a root mean square of 1.32; 5.00% exceed 3; the largest is 2.00." in peer
+    assert poor == "Nutpie's own error exceeds percept's in 12x8x1."
+    assert without == "Nothing to compare, since nutpie or percept gave no limits: 24x12x1."
+
+
+@pytest.mark.parametrize("name", ["10x5-irregular-normal", "40x20-irregular-k", "12x8x1"])
+def test_limits_from_draws_of_the_scales_are_those_of_the_same_points(name):
+    statistics = simulated(DESIGNS[name], 1)
+    model = Pooled(CollapsedDensity(statistics))
+    points = 0.3 * np.random.default_rng(5).standard_normal((400, len(model.names)))
+    estimands = IntervalEstimands(model, kinds=("mean", "user"))
+    expected, influence = estimands.estimate(estimands.components(points))
+    draws = {
+        key: values.reshape(4, 100, *values.shape[1:]) for key, (_, values) in model.scales(points).items()
+    }
+    value, error = averaged_limits(statistics, draws)
+    assert value == pytest.approx(expected.value, rel=1e-10)
+    # The points are independent: their standard error is known, the estimate of it within a third or so.
+    ratio = error / (influence.std(axis=0) / np.sqrt(400))
+    assert 0.75 < np.median(ratio) < 1.33
