@@ -140,7 +140,7 @@ def analyse(files: StudyFiles) -> Outcome:
             found |= {"steps": study.fit.run.steps, "worst_error": gate.worst_error}
             found |= {"rhat": gate.rhat, "effective_draws": gate.effective_draws}
             status = "done" if gate.passed else "withheld"
-            message = " ".join(gate.reasons) or gate.error_reached or None
+            message = study.fit.withheld or gate.error_reached or None
     except PerceptError as error:
         status, message = "refused", str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is this study's and goes into its row

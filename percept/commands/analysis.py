@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import threading
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _SETTINGS = ("seed", "tolerance", "level", "family", "method")
 _NOTICES = 10  # printed; percept validate lists all
 _WIDE = 80  # columns that leave room for a bar beside the words
+_LONG = 60.0  # seconds of a run from which on a command says how long it takes
 
 
 def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
@@ -123,7 +125,7 @@ def verdict(study: Study) -> int:
     if fit is None or fit.run.gate.passed:
         tell_error(study)
         return 0
-    reasons = printable(" ".join(fit.run.gate.reasons))
+    reasons = printable(fit.withheld)
     print(f"percept: Bayesian intervals are withheld: {reasons}", file=sys.stderr)
     return RefusalError.exit_code
 
@@ -143,12 +145,18 @@ def print_json(value: Any) -> None:
     print(dumps(plain(value)), end="")
 
 
+def duration(seconds: float) -> str:
+    """Say a time in seconds, or in minutes from two of them on."""
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
+
+
 class Working:
-    """Shows on a terminal that a command is at work, after a while, and how far its sampler is."""
+    """Shows on a terminal, after a while, how far the sampler is; and says how long a long run takes."""
 
     wait = 2.0  # seconds before anything is shown
 
     def __init__(self, what: str, *, shown: bool) -> None:
+        self._told = not shown
         self._shown = shown and sys.stderr.isatty()
         self._task: dict[str, Any] = {"description": what, "total": None}
         self._bar: Any = None
@@ -174,25 +182,33 @@ class Working:
     def __call__(self, state: Progress) -> None:
         """Show the sampler's steps, its worst error, of a half-width, what is asked, and the time left."""
         total = max(state.expected_steps, state.steps)
-        errors = f"error {state.worst_error:.2%}, asked {state.tolerance:.2%}"
+        words = [f"{state.steps}/{total} steps"]
+        if math.isfinite(state.worst_error):
+            words.append(f"error {state.worst_error:.2%}, asked {state.tolerance:.2%}")
+        if math.isfinite(state.seconds_left):
+            words.append(f"{duration(state.seconds_left)} left")
         with self._lock:
-            self._task = {
-                "description": f"{state.steps}/{total} steps, {errors}",
-                "completed": state.steps,
-                "total": total,
-            }
+            self._task = {"description": ", ".join(words), "completed": state.steps, "total": total}
             if self._bar is not None:
                 self._bar.update(self._bar.task_ids[0], **self._task)
+            if not self._told and state.seconds_left > _LONG:
+                self._told = True
+                quicker = f" Quicker: {state.quicker}." if state.quicker else ""
+                text = f"percept: sampling takes about {duration(state.seconds_left)}.{quicker}"
+                if self._bar is not None:
+                    self._bar.console.print(text, markup=False, highlight=False)
+                else:
+                    print(text, file=sys.stderr, flush=True)
 
     def _open(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         with self._lock:
             if not self._shown:
                 return
             console = Console(stderr=True)
-            columns = [TextColumn("{task.description}"), TimeRemainingColumn(), TimeElapsedColumn()]
+            columns = [TextColumn("{task.description}"), TimeElapsedColumn()]
             if console.width >= _WIDE:
                 columns.insert(1, BarColumn(bar_width=16))
             # What the command prints belongs on standard output, whatever is shown beside it.

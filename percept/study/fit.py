@@ -69,6 +69,15 @@ class Fit(Prepared):
         """Whether the numbers may be reported."""
         return self.run.gate.passed
 
+    @property
+    def withheld(self) -> str:
+        """Why the numbers are withheld, and which settings help; empty where they are not."""
+        if self.passed:
+            return ""
+        simpler = " or ".join(simpler_models(self.model))
+        helps = f" A model with fewer scales mixes faster: {simpler}." if simpler else ""
+        return " ".join(self.run.gate.reasons) + helps
+
     @cached_property
     def points(self) -> Array:
         """Coordinates thinned to the effective size, ensemble after ensemble, shape (S, d)."""
@@ -140,6 +149,16 @@ def estimands_of(model: Model, asked: InferenceTable) -> IntervalEstimands:
     return IntervalEstimands(model, kinds=asked.kinds, **claim_of(asked))
 
 
+def simpler_models(model: Model) -> list[str]:
+    """Name the settings of the scene that leave a model fewer scales to sample."""
+    settings = []
+    if any(name.startswith("omega") for name in model.names):
+        settings.append("[model] common_spread = true")
+    if len({parameter for parameter, _ in model.cells}) == 2:
+        settings.append('[inference] parameters = ["k"] or ["b"]')
+    return settings
+
+
 def fit_model(
     prepared: Prepared,
     asked: InferenceTable,
@@ -153,13 +172,20 @@ def fit_model(
     settings = Settings(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )
+    larger = f"[inference] tolerance above {asked.tolerance:g}"
+    quicker = ", or ".join([*simpler_models(model), larger])
+
+    def told(state: Progress) -> None:
+        if progress:
+            progress(dataclasses.replace(state, quicker=quicker))
+
     question = (model.identity(), estimands.identity(), dataclasses.astuple(settings))
     run = store.find(question) if store else None
     if run is None:
         # A run found in the store needs no sampler.
         from percept.inference.sampling.run import sample
 
-        run = sample(model, estimands, settings, progress=progress)
+        run = sample(model, estimands, settings, progress=told)
         if store:
             store.keep(question, run)
     # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
@@ -180,7 +206,7 @@ def bayesian_rows(fit: Fit, asked: InferenceTable, reference: References) -> Ite
     if fit.trials:
         yield from fit.trials.skipped
     if not fit.passed:
-        yield Skipped("Bayesian intervals", " ".join(fit.run.gate.reasons))
+        yield Skipped("Bayesian intervals", fit.withheld)
         return
     if len(fit.parameters) == 2:
         yield Skipped(

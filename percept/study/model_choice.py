@@ -74,7 +74,7 @@ def compare_models(
             assert not isinstance(fit.subjects, Skipped)
             found[name] = check_subjects(fit, fit.subjects, asked, progress=progress)
         else:
-            failed.append(f"{name}: {' '.join(fit.run.gate.reasons)}")
+            failed.append(f"{name}: {fit.withheld}")
     if not found:
         raise RefusalError("no model passes the gate of the sampler.", hint=" ".join(failed))
     table = ranked(found)

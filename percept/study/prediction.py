@@ -176,7 +176,7 @@ def _fit(study: Study) -> Fit:
             hint='Set method = "both" or "bayesian".',
         )
     if not study.fit.passed:
-        raise RefusalError("the posterior is withheld: " + " ".join(study.fit.run.gate.reasons))
+        raise RefusalError(f"the posterior is withheld: {study.fit.withheld}")
     return study.fit
 
 

@@ -32,7 +32,7 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
         rows += results(classical_rows({reduced.family: cells}, scene.inference, reference))
     if scene.inference.method != "classical":
         found = fit_model(prepare_reduced(reduced, scene), scene.inference)
-        why = " ".join(found.run.gate.reasons)
+        why = found.withheld
         if found.passed:
             rows += results(bayesian_rows(found, scene.inference, reference))
             attrs["error_reached"] = found.run.gate.error_reached

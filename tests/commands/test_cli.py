@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -249,7 +250,13 @@ def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
     captured = capsys.readouterr()
     assert captured.out.strip() == str(tmp_path / "out" / "report.html")
     assert captured.err.startswith("percept: Bayesian intervals are withheld: ")
-    assert "A larger most_steps (now 200) adds some." in captured.err
+    simpler = '[model] common_spread = true or [inference] parameters = ["k"] or ["b"].'
+    assert f"A model with fewer scales mixes faster: {simpler}" in captured.err
+    assert re.search(
+        r"slowest quantity, (lower|upper) share limit of [kb] in VE\d+; 10 are needed\. "
+        r"most_steps = \d+ gives it more \(now 200\)\.",
+        captured.err,
+    )
 
 
 def test_an_error_above_the_tolerance_is_a_warning_and_no_failure(tmp_path, capsys):

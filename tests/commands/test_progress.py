@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+from percept.commands.analysis import Working
+from percept.inference.sampling.gate import Progress
 from percept.reproduce.published import dataset
 
 SESSIONS = str(dataset("hbfd_sessions.csv"))
@@ -19,7 +21,8 @@ from percept.inference.sampling.gate import Progress
 Working.wait = 0.1
 with Working("fitting", shown=True) as working:
     time.sleep(0.4)
-    working(Progress(240, 480, 0.0123, 0.01))
+    working(Progress(24, 480, float("nan"), 0.01, 191.0, "a larger tolerance"))
+    working(Progress(240, 480, 0.0123, 0.01, 95.0, "a larger tolerance"))
     time.sleep(0.4)
     print("on standard output")
 """
@@ -63,6 +66,24 @@ def test_shows_what_it_does_and_then_the_sampler(columns):
     assert "240/480 steps" in shown
     if columns >= 60:
         assert "error 1.23%, asked 1.00%" in shown
+    if columns >= 100:
+        assert "95 s left" in shown
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(59.0, ""), (61.0, "about 61 s"), (191.0, "about 3 min")])
+def test_a_long_run_says_once_how_long_it_takes_and_what_is_quicker(seconds, said, capsys):
+    with Working("fitting", shown=True) as working:
+        for steps in (24, 120):
+            working(Progress(steps, 480, float("nan"), 0.01, seconds, "[inference] tolerance above 0.01"))
+    told = capsys.readouterr().err
+    wanted = f"percept: sampling takes {said}. Quicker: [inference] tolerance above 0.01.\n"
+    assert told == (wanted if said else "")
+
+
+def test_a_quiet_command_says_nothing_of_a_long_run(capsys):
+    with Working("fitting", shown=False) as working:
+        working(Progress(24, 480, float("nan"), 0.01, 600.0))
+    assert capsys.readouterr().err == ""
 
 
 def test_a_fit_on_a_terminal(tmp_path):

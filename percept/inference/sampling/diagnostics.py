@@ -59,11 +59,19 @@ def monte_carlo_error(influence: Array, times: Array) -> Array:
 
 def rank_rhat(chains: Array) -> Array:
     """Rank-normalised split R-hat, the larger of bulk and folded (Vehtari et al. 2021)."""
-    half = chains.shape[1] // 2
-    split = np.concatenate([chains[:, :half], chains[:, chains.shape[1] - half :]])
-    folded = np.abs(split - np.median(split, axis=(0, 1)))
-    constant = np.ptp(split, axis=(0, 1)) == 0
-    return np.where(constant, 1.0, np.maximum(_rhat(normal_scores(split)), _rhat(normal_scores(folded))))
+    folded = np.abs(chains - np.median(chains, axis=(0, 1)))
+    return np.maximum(split_rhat(normal_scores(chains)), split_rhat(normal_scores(folded)))
+
+
+def split_rhat(chains: Array) -> Array:
+    """R-hat of the halves of chains (M, N, V); one of what does not vary."""
+    length = chains.shape[1] // 2
+    split = np.concatenate([chains[:, :length], chains[:, chains.shape[1] - length :]])
+    within = split.var(axis=1, ddof=1).mean(axis=0)
+    between = split.mean(axis=1).var(axis=0, ddof=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = np.sqrt((length - 1) / length + between / within)
+    return np.where(np.ptp(split, axis=(0, 1)) == 0, 1.0, found)
 
 
 def normal_scores(values: Array) -> Array:
@@ -88,11 +96,3 @@ def some_walkers(series: Array, most: int = _MOST_VALUES) -> Array:
     ensembles, length, walkers, _ = series.shape
     kept = max(_FEWEST_WALKERS, most // (ensembles * length))
     return series[:, :, :: math.ceil(walkers / kept)]
-
-
-def _rhat(chains: Array) -> Array:
-    length = chains.shape[1]
-    within = chains.var(axis=1, ddof=1).mean(axis=0)
-    between = chains.mean(axis=1).var(axis=0, ddof=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.sqrt((length - 1) / length + between / within)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from percept.inference.sampling.diagnostics import (
     normal_scores,
     rank_rhat,
     some_walkers,
+    split_rhat,
 )
 from percept.inference.sampling.endpoints import Estimands, Estimates
 
@@ -51,6 +53,7 @@ class Gate:
     reasons: tuple[str, ...]  # What failed
     rhat: float | None  # Largest rank R-hat across ensembles
     autocorrelation_time: float  # Longest autocorrelation time of a reported quantity, in steps
+    slowest: str  # The quantity it belongs to
     times_run: float  # Kept steps per ensemble over that time, of a long run's last part
     effective_draws: float  # Effective draws of the slowest reported quantity
     acceptance: float  # Mean acceptance fraction
@@ -63,6 +66,8 @@ class Gate:
 
 #: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
 _RANKED = 1 << 14
+#: Normal score beyond which a draw lies in a tail: a twentieth of the draws at either end.
+_TAIL = 1.645
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,8 +76,10 @@ class Progress:
 
     steps: int  # Steps per ensemble so far
     expected_steps: int  # Steps per ensemble the run is expected to need
-    worst_error: float
+    worst_error: float  # NaN before the first round is judged
     tolerance: float
+    seconds_left: float = math.nan  # For whoever watches; it decides nothing
+    quicker: str = ""  # What would make the run shorter
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,7 +90,7 @@ class Run:
     components: Array  # (E, T, W, C) What the estimands keep per draw
     estimates: Estimates  # What was asked for
     errors: Array  # (Q,) Monte Carlo standard errors
-    times: Array  # (Q,) Autocorrelation times of the influence functions, in steps
+    times: Array  # (Q,) Autocorrelation times of the ranks of the influence functions, in steps
     gate: Gate  # The verdict
     steps: int
     stride: int
@@ -109,49 +116,44 @@ class Judged:
 
     estimates: Estimates  # Q estimates
     errors: Array  # (Q,) Monte Carlo standard errors
-    times: Array  # (Q,) Autocorrelation times of the influence functions, in kept positions
-    slowest: float  # The longest of them, and of the times of the ranks of what is kept per draw
-    rhat: float | None  # Largest rank R-hat across ensembles of influence functions and of what is kept
+    times: Array  # (Q,) Autocorrelation times of the influence functions' ranks, in kept positions
+    rhats: Array | None  # (Q,) Rank R-hat of the influence functions across ensembles
 
 
 def judge(estimands: Estimands, components: Array, tolerance: float, *, full: bool) -> Judged:
     """Estimate, and measure errors and convergence."""
     parts = [_judge_part(part, components, tolerance, full) for part in estimands.parts()]
-    estimates = Estimates(
-        tuple(name for part in parts for name in part.estimates.names),
-        np.concatenate([part.estimates.value for part in parts]),
-        np.concatenate([part.estimates.scale for part in parts]),
+    names = tuple(name for part in parts for name in part.estimates.names)
+    value, scale, errors, times = (
+        np.concatenate(each)
+        for each in zip(
+            *((part.estimates.value, part.estimates.scale, part.errors, part.times) for part in parts),
+            strict=True,
+        )
     )
-    # Ranks: a heavy tail would make the autocorrelation that of its few extreme draws.
-    varying = np.ptp(components, axis=(0, 1, 2)) > 0
-    scores = normal_scores(some_walkers(components[..., varying]))
-    slowest = float(autocorrelation_time(scores).max(initial=max(part.slowest for part in parts)))
-    rhats = [part.rhat for part in parts]
-    known = [rhat for rhat in rhats if rhat is not None]
-    return Judged(
-        estimates,
-        np.concatenate([part.errors for part in parts]),
-        np.concatenate([part.times for part in parts]),
-        slowest,
-        max([*known, _rhat(scores, slowest)]) if len(known) == len(rhats) else None,
-    )
+    rhats = [part.rhats for part in parts if part.rhats is not None]
+    known = np.concatenate(rhats) if len(rhats) == len(parts) else None
+    return Judged(Estimates(names, value, scale), errors, times, known)
 
 
 def _judge_part(estimands: Estimands, components: Array, tolerance: float, full: bool) -> Judged:
     estimates, influence = estimands.estimate(components.reshape(-1, components.shape[-1]))
     series = influence.reshape(*components.shape[:3], -1)
-    times = autocorrelation_time(some_walkers(series))
-    errors = monte_carlo_error(series, times)
-    slowest = float(times.max())
+    errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series)))
+    # Ranks: a heavy tail would make the memory that of its few extreme draws, and hide what is slow below it.
+    scores = normal_scores(some_walkers(series, _RANKED))
+    tail = (np.abs(scores) > _TAIL).astype(float)
+    times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
     wanted = full or bool(np.all(errors <= tolerance * estimates.scale))
-    return Judged(estimates, errors, times, slowest, _rhat(series, slowest) if wanted else None)
+    return Judged(estimates, errors, times, _rhats(scores, tail, times) if wanted else None)
 
 
-def _rhat(series: Array, slowest: float) -> float:
-    """Largest rank R-hat of series (E, T, W, V), at about every independent position."""
-    ensembles, length, _, count = series.shape
-    apart = some_walkers(series[:, :: max(1, round(min(slowest, length / 4.0)))], _RANKED)
-    return float(rank_rhat(apart.reshape(ensembles, -1, count)).max(initial=1.0))
+def _rhats(scores: Array, tail: Array, times: Array) -> Array:
+    """R-hat of scores and tail indicators (E, T, W, Q), at about every independent position, shape (Q,)."""
+    ensembles, length, _, count = scores.shape
+    gap = max(1, round(min(float(times.max()), length / 4.0)))
+    ranked, tails = (series[:, ::gap].reshape(ensembles, -1, count) for series in (scores, tail))
+    return np.maximum(rank_rhat(ranked), split_rhat(tails))
 
 
 #: Autocorrelation times a run must span; averaging over 64 walkers or more makes ten enough.
@@ -172,37 +174,50 @@ def pass_gate(
 ) -> Gate:
     """Judge a run."""
     relative = judged.errors / judged.estimates.scale
-    worst = int(np.argmax(relative))
-    name = judged.estimates.names[worst]
-    times_run = length / judged.slowest
+    worst, slow = int(np.argmax(relative)), int(np.argmax(judged.times))
+    names = judged.estimates.names
+    longest = float(judged.times[slow])
+    times_run = length / longest
     reasons = []
     if not times_run >= TIMES_NEEDED:
+        more = ""
+        if math.isfinite(longest):
+            # What a run too short shows of a time is too little.
+            steps = float(f"{max(2.0 * settings.most_steps, 1.5 * TIMES_NEEDED * longest * stride):.1g}")
+            more = f" most_steps = {steps:.0f} gives it more (now {settings.most_steps})."
         reasons.append(
-            f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity; "
-            f"{TIMES_NEEDED:g} are needed. A larger most_steps (now {settings.most_steps}) adds some."
+            f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity, {names[slow]}; "
+            f"{TIMES_NEEDED:g} are needed.{more}"
         )
     if not moved.all():
         reasons.append(f"{int((~moved).sum())} walkers did not move in the second half of the run.")
     elif acceptance.min() < _STUCK:
         reasons.append(f"a walker is stuck: it accepted {acceptance.min():.2%} of its proposals.")
-    if judged.rhat is not None and not judged.rhat < _RHAT_LIMIT:
-        reasons.append(f"the ensembles disagree: rank R-hat {judged.rhat:.4f}, limit {_RHAT_LIMIT}.")
+    rhat = None
+    if judged.rhats is not None:
+        apart = int(np.argmax(judged.rhats))
+        rhat = float(judged.rhats[apart])
+        if not rhat < _RHAT_LIMIT:
+            reasons.append(
+                f"the ensembles disagree on {names[apart]}: rank R-hat {rhat:.4f}, limit {_RHAT_LIMIT}."
+            )
     if not np.isfinite(relative[worst]):
-        reasons.append(f"{name} has no finite Monte Carlo error.")
+        reasons.append(f"{names[worst]} has no finite Monte Carlo error.")
     met = bool(relative[worst] <= settings.tolerance)
     return Gate(
         passed=not reasons,
         reasons=tuple(reasons),
-        rhat=judged.rhat,
-        autocorrelation_time=judged.slowest * stride,
+        rhat=rhat,
+        autocorrelation_time=longest * stride,
+        slowest=names[slow],
         times_run=times_run,
-        effective_draws=moved.size * (spanned / stride) / judged.slowest,
+        effective_draws=moved.size * (spanned / stride) / longest,
         acceptance=float(acceptance.mean()),
         lowest_acceptance=float(acceptance.min()),
         worst_error=float(relative[worst]),
-        worst=name,
+        worst=names[worst],
         tolerance_met=met,
-        error_reached="" if met else _error_reached(float(relative[worst]), name, settings),
+        error_reached="" if met else _error_reached(float(relative[worst]), names[worst], settings),
     )
 
 

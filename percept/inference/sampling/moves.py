@@ -68,8 +68,10 @@ class Reference:
 Generators = Sequence[np.random.Generator]
 #: A log density, points (N, d) to (N,).
 Density = Callable[[Array], Array]
-#: Share of independent draws among the steps. From `_MANY` coordinates on few of them are accepted.
-_INDEPENDENT, _INDEPENDENT_OF_MANY, _MANY = 0.6, 0.05, 48
+#: Least and most share of independent draws: rotations leave places that the transport serves badly.
+_LEAST_INDEPENDENT, _MOST_INDEPENDENT = 0.05, 0.8
+#: Cost of an independent draw over that of a rotation: several steps share one density call.
+_COST_INDEPENDENT = 0.8
 #: Steps whose independent draws are weighed in one density call.
 _AHEAD = 4
 
@@ -83,6 +85,7 @@ class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untype
     def __init__(self, generators: Generators, law: Reference) -> None:
         self._generators = generators
         self._law = law
+        self.steps, self.jumped = 0, 0.0  # Steps taken, and the sum of their mean squared jumps
 
     def propose(self, model: emcee.model.Model, state: emcee.State) -> tuple[emcee.State, NDArray[np.bool_]]:
         """Propose for every walker once and accept or not."""
@@ -93,6 +96,8 @@ class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untype
         uniform = self._by_ensemble(coords, lambda own, generator: generator.random(len(own)))
         with np.errstate(divide="ignore", invalid="ignore"):
             accepted = np.log(uniform) < self._law.log_density(coords) - log_law + values - log_prob
+        self.steps += 1
+        self.jumped += float(np.square(points[accepted] - coords[accepted]).sum()) / coords.size
         coords[accepted], log_prob[accepted] = points[accepted], values[accepted]
         return emcee.State(coords, log_prob=log_prob), accepted
 
@@ -139,10 +144,23 @@ class PCNMove(_ReferenceMove):
         return points, density(points), self._law.log_density(points)
 
 
-def standard_moves(law: Reference, generators: Generators) -> list[tuple[emcee.moves.Move, float]]:
+def standard_moves(
+    law: Reference, generators: Generators, independent: float = 0.5
+) -> list[tuple[_ReferenceMove, float]]:
     """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`."""
-    share = _INDEPENDENT if law.dimension < _MANY else _INDEPENDENT_OF_MANY
-    return [(IndependentMove(generators, law), share), (PCNMove(generators, law), 1.0 - share)]
+    return [(IndependentMove(generators, law), independent), (PCNMove(generators, law), 1.0 - independent)]
+
+
+def _earned(moves: Sequence[tuple[_ReferenceMove, float]]) -> tuple[float, float]:
+    """Share of independent draws, by the squared jumps of both kinds for the same cost; and a step's jump.
+
+    Jumps are those of standard coordinates, each about the normal score of one of the target's.
+    """
+    each = np.array([move.jumped / max(move.steps, 1) for move, _ in moves])
+    worth = each / (_COST_INDEPENDENT, 1.0)
+    share = worth[0] / worth.sum() if worth.any() else 0.5
+    share = float(np.clip(share, _LEAST_INDEPENDENT, _MOST_INDEPENDENT))
+    return share, float(share * each[0] + (1.0 - share) * each[1])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -155,6 +173,8 @@ class Ensembles:
     generators: tuple[dict[str, Any], ...]  # State of each ensemble's own generator
     accepted: NDArray[np.int64]  # (E, W) Accepted steps per walker so far
     steps: int  # Steps taken so far
+    independent: float = 0.5  # Share of independent draws among the steps
+    jump: float = math.nan  # Mean squared jump of a step where that share was chosen
 
 
 def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensembles:
@@ -175,13 +195,18 @@ def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensemb
     )
 
 
-def advance(target: Target, state: Ensembles, *, steps: int, stride: int) -> tuple[Ensembles, Array]:
-    """Run all ensembles for some steps and keep every `stride`-th position."""
+def advance(
+    target: Target, state: Ensembles, *, steps: int, stride: int, learn: bool = False
+) -> tuple[Ensembles, Array]:
+    """Run all ensembles for some steps and keep every `stride`-th position.
+
+    A run that learns leaves the share of independent draws that these steps earned.
+    """
     ensembles, walkers, dimension = state.coords.shape
     generators = [np.random.Generator(np.random.PCG64()) for _ in range(ensembles)]
     for generator, stored in zip(generators, state.generators, strict=True):
         generator.bit_generator.state = stored
-    moves = standard_moves(Reference(dimension), generators)
+    moves = standard_moves(Reference(dimension), generators, state.independent)
     sampler = emcee.EnsembleSampler(ensembles * walkers, dimension, target, moves=moves, vectorize=True)
     current = emcee.State(
         state.coords.reshape(-1, dimension),
@@ -204,5 +229,6 @@ def advance(target: Target, state: Ensembles, *, steps: int, stride: int) -> tup
         tuple(dict(generator.bit_generator.state) for generator in generators),
         accepted.reshape(state.accepted.shape),
         state.steps + steps,
+        *(_earned(moves) if learn else (state.independent, state.jump)),
     )
     return after, kept

@@ -1,7 +1,7 @@
 """Sample until the gate passes and every reported endpoint is as accurate as asked, or to a cap of steps.
 
-A run that will be long begins anew after its first round, which then counts as warm-up: a transport fitted to
-that round's draws shortens the autocorrelation time by about a third. What a run holds in memory is bounded:
+A run that will be long begins again after its first round, which then counts as warm-up: a transport fitted
+to its draws shortens the autocorrelation time by about a third. What a run holds in memory is bounded:
 when that is full and has settled, it is closed as a part of the run, and the estimates are means over parts.
 """
 
@@ -9,88 +9,43 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.sampling.endpoints import Estimands
-from percept.inference.sampling.gate import (
-    TIMES_NEEDED,
-    Gate,
-    Judged,
-    Progress,
-    Run,
-    Settings,
-    judge,
-    pass_gate,
-)
-from percept.inference.sampling.moves import Ensembles, advance, start
-from percept.inference.sampling.transport import Affine, Checked, Target, Transport, Transported
+from percept.inference.sampling.gate import TIMES_NEEDED, Judged, Progress, Run, Settings, judge, pass_gate
+from percept.inference.sampling.moves import advance, start
+from percept.inference.sampling.transport import Checked, Target, Transported
 from percept.inference.sampling.warmup import refine, warm_up
 
 Array = NDArray[np.float64]
 
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Closed:
-    """Parts of a run that were judged and settled: their estimates, and some of their positions.
-
-    Estimates of parts are averaged, which costs a bias of the order of a part's squared Monte Carlo error.
-    """
-
-    steps: int  # Steps per ensemble they span
-    value: Array  # (Q,)
-    error: Array  # (Q,)
-    points: Array  # (E, T, W, d) Kept coordinates of the target
-    components: Array  # (E, T, W, C) What the estimands keep per draw
-    stride: int  # Steps between kept positions
-
-    def judged(self, part: Judged, steps: int) -> Judged:
-        """Average with the estimates of the next part, by steps; errors are those of independent parts."""
-        share = steps / (self.steps + steps)
-        value = self.value + share * (part.estimates.value - self.value)
-        together = np.hypot((1.0 - share) * self.error, share * part.errors)
-        return dataclasses.replace(
-            part, estimates=dataclasses.replace(part.estimates, value=value), errors=together
-        )
-
-    def positions(self, points: Array, components: Array, stride: int, most: int) -> tuple[Array, Array, int]:
-        """Append the next part's positions, thinned to one stride and to `most` of a walker in all."""
-        common = max(stride, self.stride)
-        while True:
-            parts = ((self.points, self.components, self.stride), (points, components, stride))
-            if sum(kept.shape[1] // (common // own) for kept, _, own in parts) <= most:
-                break
-            common *= 2
-        gaps = [common // own for *_, own in parts]
-        all_points = [kept[:, gap - 1 :: gap] for (kept, _, _), gap in zip(parts, gaps, strict=True)]
-        all_components = [kept[:, gap - 1 :: gap] for (_, kept, _), gap in zip(parts, gaps, strict=True)]
-        return np.concatenate(all_points, axis=1), np.concatenate(all_components, axis=1), common
-
-
 _BURN_IN = 24
 _FIRST_ROUND = 144
-#: A run predicted to take so many times its first round begins anew, with a transport fitted to that round.
+#: A run predicted to take so many times its first round begins again, with a transport fitted to that round.
 _WORTH_REFINING = 3.0
-#: Times a run may begin anew: each transport follows many coordinates better than the one before.
+#: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
 #: Autocorrelation times after that, as a fraction of those before.
 _SHORTER = 0.65
-#: How many times the walkers a refined run may have: array calls cost least for some thousand positions.
-_MORE_WALKERS = (1, 2, 4, 8)
+#: Walkers of an ensemble, and how many times as many a refined run may have: array calls cost least for some
+#: thousand positions.
+_WALKERS, _MORE_WALKERS = 64, (1, 2, 4, 8)
 #: Steps that a refined run aims at, and of its first round at least.
 _REFINED_STEPS, _REFINED_ROUND = 168, 96
 #: Steps between kept positions, a fraction of an autocorrelation time. Keeping and judging a position takes
 #: as long as a few steps: long runs keep fewer.
 _STRIDE, _REFINED_STRIDE = 3, 6
-_SEGMENT = 480  # steps whose positions are mapped at once
-#: Kept draws of a part of a run over all ensembles, and numbers worked out from them.
-_KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 26
+_SEGMENT = 96  # steps after which positions are mapped and progress is told
+#: Kept draws of a part of a run over all ensembles, and numbers worked out from them; two parts are held.
+_KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 25
 #: Positions a part may have whatever that takes: in fewer it could not span ten autocorrelation times.
 _FEWEST_POSITIONS = 32
-#: Walkers of an ensemble.
-_WALKERS = 64
+#: Steps a run takes, times the mean squared jump of a step: a first guess at its length, for the clock alone.
+_STEPS_PER_JUMP = 120.0
 
 
 def sample(
@@ -102,206 +57,191 @@ def sample(
 ) -> Run:
     """Sample a target with emcee to a stated accuracy."""
     target = Checked(target)
-    warm_seed, run_seed, *_ = _seeds(settings)
-    here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), warm_seed)
-    begun = _burnt_in(here, points, run_seed, estimands, _STRIDE, _FIRST_ROUND, refined=0)
-    run = _Running(target, estimands, begun)
+    seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
+    here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), seeds[0])
+    chain = _Chain(here, points, seeds[1], estimands, settings, _STRIDE, _FIRST_ROUND)
+    refined = 0
     while True:
-        while run.steps < run.goal:
-            run.extend(min(_SEGMENT, run.goal - run.steps))
-        judged = run.judge(settings)
-        needed = run.steps_needed(judged, settings)
-        if progress:
-            worst = judged.gate.worst_error
-            progress(Progress(run.state.steps, _BURN_IN + needed, worst, settings.tolerance))
-        if judged.gate.passed and judged.gate.tolerance_met:
-            return judged
-        if run.at_its_end(judged, settings):
-            return judged
+        chain.extend(progress)
+        run = chain.judge(progress)
+        if (run.gate.passed and run.gate.tolerance_met) or chain.at_its_end(run):
+            return run
         # Once for accuracy; again only where walkers are slow.
-        wanted = _steps_to_settle(judged) if run.refined else needed
-        if run.refined < _MOST_REFINED and wanted > _WORTH_REFINING * run.spanned:
-            by_error = run.steps_by_error(judged, settings)
-            begun = _refined(target, estimands, settings, judged, by_error, run.refined)
-            run = _Running(target, estimands, begun)
-        else:
-            run.go_on(judged, needed, settings)
+        wanted = steps_to_settle(run) if refined else chain.steps_needed(run)
+        if refined == _MOST_REFINED or wanted <= _WORTH_REFINING * chain.spanned:
+            chain.go_on(run)
+            continue
+        refined += 1
+        walkers, goal = _refined_size(run, chain.steps_by_error(run))
+        rng, seed = np.random.default_rng(seeds[2 * refined]), seeds[2 * refined + 1]
+        drawn = run.points.reshape(-1, run.points.shape[-1])
+        here, points = refine(target, drawn, (settings.ensembles, walkers), rng)
+        chain = _Chain(here, points, seed, estimands, settings, _REFINED_STRIDE, goal)
 
 
-def _seeds(settings: Settings) -> list[np.random.SeedSequence]:
-    """Seeds of the warm-up and of the run, and the same for every refinement."""
-    return np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
+def _refined_size(run: Run, by_error: float) -> tuple[int, int]:
+    """Walkers of an ensemble, and steps of the first round, of a run that begins again.
 
-
-def _refined(
-    target: Target, estimands: Estimands, settings: Settings, judged: Run, by_error: float, before: int
-) -> Begun:
-    """Begin anew with a transport fitted to kept positions, and keep none of them.
-
-    As many walkers as those of the positions would need `by_error` steps for the tolerance; the run was
-    refined so many times before.
+    As many walkers as those of the run would need `by_error` steps for the tolerance.
     """
-    warm_seed, run_seed = _seeds(settings)[2 + 2 * before : 4 + 2 * before]
-    ensembles, _, walkers, dimension = judged.points.shape
-    steps = _SHORTER * by_error
+    settings, walkers, steps = run.settings, run.points.shape[2], _SHORTER * by_error
     if not settings.walkers:
         # No fewer steps than the autocorrelation time asks for, whatever the number of walkers.
-        wanted = max(_REFINED_STEPS, _SHORTER * _steps_to_settle(judged))
+        wanted = max(_REFINED_STEPS, _SHORTER * steps_to_settle(run))
         work = steps * walkers
         walkers = _WALKERS * min(_MORE_WALKERS, key=lambda n: abs(math.log(work / (n * _WALKERS * wanted))))
         steps = work / walkers
-    rng = np.random.default_rng(warm_seed)
-    here, points = refine(target, judged.points.reshape(-1, dimension), (ensembles, walkers), rng)
     predicted = min(steps, 4.0 * _REFINED_ROUND, settings.most_steps - _BURN_IN)
-    first = math.ceil(max(predicted, _REFINED_ROUND))
-    return _burnt_in(here, points, run_seed, estimands, _REFINED_STRIDE, first, refined=before + 1)
+    return walkers, math.ceil(max(predicted, _REFINED_ROUND))
 
 
-def _burnt_in(
-    here: Transported,
-    points: Array,
-    seed: np.random.SeedSequence,
-    estimands: Estimands,
-    stride: int,
-    goal: int,
-    *,
-    refined: int,
-) -> Begun:
-    """Burn in from starting points."""
-    state, _ = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN)
-    ensembles, walkers, dimension = points.shape
-    count = estimands.components(here.map(points[0, :1])).shape[1]
-    nothing, components = (np.empty((ensembles, 0, walkers, size)) for size in (dimension, count))
-    return Begun(here.transport, state, nothing, components, stride, goal, refined)
+class _Chain:
+    """Walkers in the coordinates of one transport, kept positions, and what is left of earlier parts."""
 
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Begun:
-    """A run after its warm-up and burn-in, before any position is kept."""
-
-    transport: Affine | Transport
-    state: Ensembles
-    points: Array  # (E, 0, W, d)
-    components: Array  # (E, 0, W, C)
-    stride: int  # steps between kept positions
-    goal: int  # steps the kept positions must span before they are judged
-    refined: int  # how many times a round became part of the warm-up
-    closed: Closed | None = None  # what is left of the segments before
-
-
-class _Running:
-    """Kept positions of the part at work, their components, and what is left of the parts before it."""
-
-    def __init__(self, target: Target, estimands: Estimands, begun: Begun) -> None:
-        self._here = Transported(target, begun.transport)
-        self._estimands = estimands
-        self.state = begun.state
-        self._points, self._components = begun.points, begun.components
-        self.stride, self.goal, self.refined = begun.stride, begun.goal, begun.refined
-        self._closed = begun.closed
-        ensembles, _, walkers, dimension = begun.points.shape
+    def __init__(
+        self,
+        here: Transported,
+        points: Array,
+        seed: np.random.SeedSequence,
+        estimands: Estimands,
+        settings: Settings,
+        stride: int,
+        goal: int,
+    ) -> None:
+        self._here, self._estimands, self._settings, self._stride = here, estimands, settings, stride
+        self._began = time.monotonic()
+        self._state = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN, learn=True)[0]
+        self._kept: list[tuple[Array, Array]] = []  # Points (E, T, W, d) and components (E, T, W, C)
+        self._closed: Run | None = None  # With the estimates of all closed parts
+        self._closed_steps = 0
+        ensembles, walkers, dimension = points.shape
+        count = estimands.components(here.map(points[0, :1])).shape[1]
         # Every component has two influences or so.
-        numbers = dimension + 3 * begun.components.shape[-1]
-        most = min(_KEPT_LIMIT, _NUMBERS_LIMIT // numbers) // (ensembles * walkers)
+        most = min(_KEPT_LIMIT, _NUMBERS_LIMIT // (dimension + 3 * count)) // (ensembles * walkers)
         self._most = max(most, _FEWEST_POSITIONS)
-        self.goal = min(self.goal, self._most * self.stride)
+        self._goal = min(goal, self._most * stride)
+        self._expected = _BURN_IN + max(goal, _STEPS_PER_JUMP / max(self._state.jump, 1e-3))
+        self._error = math.nan
 
     @property
-    def steps(self) -> int:
+    def _length(self) -> int:
+        return sum(points.shape[1] for points, _ in self._kept)
+
+    @property
+    def _full(self) -> bool:
+        return self._length >= self._most
+
+    @property
+    def _steps(self) -> int:
         """Steps the kept positions of the part at work span."""
-        return self._points.shape[1] * self.stride
+        return self._length * self._stride
 
     @property
     def spanned(self) -> int:
         """Steps all parts span."""
-        return self.steps + (self._closed.steps if self._closed else 0)
+        return self._closed_steps + self._steps
 
-    @property
-    def _full(self) -> bool:
-        return self._points.shape[1] >= self._most
+    def extend(self, progress: Callable[[Progress], None] | None) -> None:
+        """Run every ensemble up to the goal, and keep what is needed."""
+        while self._steps < self._goal:
+            self._tell(progress)
+            steps = math.ceil(min(_SEGMENT, self._goal - self._steps) / self._stride) * self._stride
+            self._state, walked = advance(self._here, self._state, steps=steps, stride=self._stride)
+            # In one order of memory: the last bits of sums depend on it.
+            flat = np.ascontiguousarray(self._here.map(walked.reshape(-1, walked.shape[-1])))
+            components = np.ascontiguousarray(self._estimands.components(flat))
+            self._kept.append((flat.reshape(walked.shape), components.reshape(*walked.shape[:3], -1)))
 
-    def extend(self, steps: int) -> None:
-        """Run every ensemble for at least `steps` and keep what is needed."""
-        steps = max(self.stride, math.ceil(steps / self.stride) * self.stride)
-        self.state, walked = advance(self._here, self.state, steps=steps, stride=self.stride)
-        # In one order of memory: the last bits of sums depend on it.
-        flat = np.ascontiguousarray(self._here.map(walked.reshape(-1, walked.shape[-1])))
-        components = np.ascontiguousarray(self._estimands.components(flat))
-        points, components = flat.reshape(walked.shape), components.reshape(*walked.shape[:3], -1)
-        if not self._points.shape[1]:
-            # Without a copy: it may be as large as memory allows.
-            self._points, self._components = points, components
-            return
-        self._points = np.concatenate([self._points, points], axis=1)
-        self._components = np.concatenate([self._components, components], axis=1)
+    def _tell(self, progress: Callable[[Progress], None] | None) -> None:
+        """Tell how far the run is; the clock is read for this alone."""
+        if progress:
+            steps = self._state.steps
+            left = (time.monotonic() - self._began) / steps * max(self._expected - steps, 0.0)
+            expected = math.ceil(max(self._expected, steps))
+            progress(Progress(steps, expected, self._error, self._settings.tolerance, left))
 
-    def at_its_end(self, judged: Run, settings: Settings) -> bool:
-        """Whether no steps are left, or too few to judge another part by."""
-        left = settings.most_steps - self.state.steps
-        if not self._full:
-            return left < 1
-        # A last part too short to settle would take the verdict from the parts before it.
-        least = _steps_to_settle(judged) if _settled(judged.gate) else 0
-        return left < max(least, _FEWEST_POSITIONS * self.stride)
-
-    def go_on(self, judged: Run, needed: int, settings: Settings) -> None:
-        """Make room where memory is full, and set the next goal."""
-        if self._full and _settled(judged.gate):
-            self._closed = Closed(
-                self.spanned, judged.estimates.value, judged.errors,
-                judged.points, judged.components, judged.stride,
-            )  # fmt: skip
-            self._points, self._components = self._points[:, :0], self._components[:, :0]
-        elif self._full:
-            # Contiguous, as they are when taken up again: a sum's last bits depend on the order in memory.
-            self._points, self._components = (
-                np.ascontiguousarray(kept[:, 1::2]) for kept in (self._points, self._components)
-            )
-            self.stride *= 2
-        left = max(needed - (self.spanned - self.steps), _steps_to_settle(judged))
-        self.goal = min(left, self._most * self.stride, self.steps + settings.most_steps - self.state.steps)
-
-    def judge(self, settings: Settings) -> Run:
+    def judge(self, progress: Callable[[Progress], None] | None) -> Run:
         """Estimate, measure and pass the gate or not."""
-        points, components, stride, state = self._points, self._components, self.stride, self.state
+        points, components = (np.concatenate(kept, axis=1) for kept in zip(*self._kept, strict=True))
+        self._kept = [(points, components)]
+        state, settings, stride = self._state, self._settings, self._stride
         # Of a later part R-hat must be known whatever its own errors: together with the parts before it is
-        # more accurate than alone.
-        # At the cap it decides alone whether the numbers are given.
-        last = self.state.steps >= settings.most_steps
-        full = self._full or self._closed is not None or last
+        # more accurate than alone. At the cap it decides alone whether the numbers are given.
+        full = self._full or self._closed is not None or state.steps >= settings.most_steps
         judged = judge(self._estimands, components, settings.tolerance, full=full)
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         if self._closed:
-            judged = self._closed.judged(judged, self.steps)
-            points, components, stride = self._closed.positions(points, components, stride, self._most)
+            judged = self._with_closed(judged, self._closed)
+            points, components, stride = self._closed.points, self._closed.components, self._closed.stride
         gate = pass_gate(
             settings, judged, state.accepted / state.steps, moved,
-            length=self._points.shape[1], stride=self.stride, spanned=self.spanned,
+            length=self._length, stride=self._stride, spanned=self.spanned,
         )  # fmt: skip
-        times = judged.times * self.stride
-        return Run(
+        times = judged.times * self._stride
+        run = Run(
             points, components, judged.estimates, judged.errors, times, gate, state.steps, stride, settings
         )
+        self._error = gate.worst_error
+        self._expected = state.steps - self.spanned + max(self.steps_by_error(run), self._steps_by_time(run))
+        self._tell(progress)
+        return run
 
-    def steps_by_error(self, judged: Run, settings: Settings) -> float:
+    def _with_closed(self, part: Judged, closed: Run) -> Judged:
+        """Average with the estimates of the parts before, by steps; errors are those of independent parts.
+
+        It costs a bias of the order of a part's squared Monte Carlo error.
+        """
+        share = self._steps / self.spanned
+        value = closed.estimates.value + share * (part.estimates.value - closed.estimates.value)
+        errors = np.hypot((1.0 - share) * closed.errors, share * part.errors)
+        return dataclasses.replace(
+            part, estimates=dataclasses.replace(part.estimates, value=value), errors=errors
+        )
+
+    def at_its_end(self, run: Run) -> bool:
+        """Whether no steps are left, or too few to judge another part by."""
+        left = self._settings.most_steps - self._state.steps
+        if not self._full:
+            return left < 1
+        # A last part too short to settle would take the verdict from the parts before it.
+        least = steps_to_settle(run) if _settled(run) else 0
+        return left < max(least, _FEWEST_POSITIONS * self._stride)
+
+    def go_on(self, run: Run) -> None:
+        """Make room where memory is full, and set the next goal."""
+        needed = self.steps_needed(run)
+        if self._full and _settled(run):
+            self._closed, self._closed_steps, self._kept = run, self.spanned, []
+        elif self._full:
+            # Contiguous, as they are when taken up again: a sum's last bits depend on the order in memory.
+            points, components = (np.ascontiguousarray(kept[:, 1::2]) for kept in self._kept[0])
+            self._kept = [(points, components)]
+            self._stride *= 2
+        goal = max(needed - self._closed_steps, steps_to_settle(run))
+        left = self._settings.most_steps - self._state.steps
+        self._goal = min(goal, self._most * self._stride, self._steps + left)
+
+    def steps_by_error(self, run: Run) -> float:
         """Predict the steps after which the estimates are accurate enough."""
-        ratio = judged.gate.worst_error / settings.tolerance
+        ratio = run.gate.worst_error / self._settings.tolerance
         return self.spanned * (ratio * ratio * 1.1 if math.isfinite(ratio) else 2.0)
 
-    def steps_needed(self, judged: Run, settings: Settings) -> int:
+    def _steps_by_time(self, run: Run) -> int:
+        """Predict the steps after which the part at work has settled."""
+        return self._closed_steps + steps_to_settle(run)
+
+    def steps_needed(self, run: Run) -> int:
         """Predict the steps the run should span in all; it at least grows by a tenth."""
-        spanned = self.spanned
-        by_error = self.steps_by_error(judged, settings)
-        by_time = spanned - self.steps + _steps_to_settle(judged)
-        return math.ceil(min(max(by_error, by_time, 1.1 * spanned), 4.0 * spanned))
+        wanted = max(self.steps_by_error(run), self._steps_by_time(run), 1.1 * self.spanned)
+        return math.ceil(min(wanted, 4.0 * self.spanned))
 
 
-def _settled(gate: Gate) -> bool:
+def _settled(run: Run) -> bool:
     """Whether a part has mixed; R-hat is worked out whenever memory is full."""
-    return gate.passed and gate.rhat is not None
+    return run.gate.passed and run.gate.rhat is not None
 
 
-def _steps_to_settle(judged: Run) -> int:
+def steps_to_settle(run: Run) -> int:
     """Predict the steps a part must span."""
-    time = judged.gate.autocorrelation_time
-    return math.ceil(1.2 * TIMES_NEEDED * time) if math.isfinite(time) else 0
+    slowest = run.gate.autocorrelation_time
+    return math.ceil(1.2 * TIMES_NEEDED * slowest) if math.isfinite(slowest) else 0

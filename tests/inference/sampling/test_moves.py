@@ -4,7 +4,15 @@ import emcee
 import numpy as np
 import pytest
 
-from percept.inference.sampling.moves import IndependentMove, PCNMove, Reference, standard_moves
+from percept.inference.sampling.moves import (
+    IndependentMove,
+    PCNMove,
+    Reference,
+    _earned,
+    advance,
+    standard_moves,
+    start,
+)
 from tests.inference.sampling.targets import Correlated, Normal, SkewedHeavy, deviations, limit
 
 ENSEMBLES, WALKERS, STEPS, KEEP_FROM = 12, 48, 160, 20
@@ -115,3 +123,32 @@ def test_an_interrupted_density_is_not_emcee_s_to_tell(move, capsys):
     assert calls
     captured = capsys.readouterr()
     assert captured.out + captured.err == ""
+
+
+@pytest.mark.parametrize(("width", "wanted"), [(1.0, 0.8), (0.05, 0.05)])
+def test_a_run_chooses_the_moves_that_take_it_farther(width, wanted):
+    """Of the law itself every draw is accepted; of a target far narrower hardly any, and rotations go on."""
+
+    class Narrow(Normal):
+        def __call__(self, points):
+            return super().__call__(points / width)
+
+    target = Narrow(10)
+    points = width * np.random.default_rng(1).normal(size=(4, 64, 10))
+    begun = start(target, points, np.random.SeedSequence(2))
+    learnt, _ = advance(target, begun, steps=24, stride=24, learn=True)
+    assert learnt.independent == pytest.approx(wanted)
+    again, _ = advance(target, begun, steps=24, stride=24, learn=True)
+    assert again.independent == learnt.independent
+    later, _ = advance(target, learnt, steps=12, stride=12)
+    assert later.independent == learnt.independent  # frozen for the run
+
+
+def test_shares_are_those_of_jumps_for_the_same_cost():
+    """An independent draw costs 0.8 of a rotation; jumps are squares over coordinates, means over walkers."""
+    law = Reference(2)
+    (own, _), (rotation, _) = moves = standard_moves(law, generators(1))
+    own.steps, own.jumped, rotation.steps, rotation.jumped = 10, 4.0, 5, 1.0
+    share, jump = _earned(moves)
+    assert share == pytest.approx((0.4 / 0.8) / (0.4 / 0.8 + 0.2))
+    assert jump == pytest.approx(share * 0.4 + (1 - share) * 0.2)

@@ -1,16 +1,16 @@
 """A long run in parts: estimates lose nothing, little is kept, and slow parts are not closed."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 
 from percept.inference.sampling import run as running
-from percept.inference.sampling.endpoints import Estimates, Means
-from percept.inference.sampling.gate import Judged, Settings
-from percept.inference.sampling.moves import Ensembles
-from percept.inference.sampling.run import Closed, sample
-from percept.inference.sampling.transport import Affine
+from percept.inference.sampling.endpoints import Means
+from percept.inference.sampling.gate import Settings
+from percept.inference.sampling.run import sample
+from percept.inference.sampling.transport import Affine, Transported
 from tests.inference.sampling.targets import Normal, SkewedHeavy
 
 
@@ -33,7 +33,7 @@ class Walk:
     def __init__(self):
         self.rng = np.random.default_rng(1)
 
-    def __call__(self, target, state, *, steps, stride):
+    def __call__(self, target, state, *, steps, stride, learn=False):
         kept, here = [], state.coords
         for step in range(1, steps + 1):
             here = 0.98 * here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(here.shape)
@@ -117,51 +117,54 @@ def test_wherever_the_steps_end_the_errors_are_known(small, most):
     assert 0.5 < run.errors[0] * np.sqrt(1024 * run.steps / 3) < 3.0
 
 
-def judged(value, error):
-    return Judged(Estimates(("a",), np.array([value]), np.ones(1)), np.array([error]), np.ones(1), 1.0, None)
+MEAN = Means(("E x",), lambda points: points)
+
+
+def chain(components, *, steps=120, accepted=60, estimands=MEAN, settings=None):
+    """A chain at rest that has kept positions at every third step, its components (E, T, W, Q) given."""
+    ensembles, _, walkers, _ = components.shape
+    here = Transported(Normal(1), Affine(np.zeros(1), np.eye(1)))
+    points = np.random.default_rng(9).normal(size=(*components.shape[:3], 1))
+    settings = settings or Settings(tolerance=0.005)
+    made = running._Chain(here, points[:, -1], np.random.SeedSequence(1), estimands, settings, 3, 120)
+    accepted = np.full((ensembles, walkers), accepted)
+    made._state = dataclasses.replace(made._state, steps=steps, accepted=accepted)
+    made._kept = [(points, components)]
+    return made
+
+
+def closed(run, value, error):
+    """A run in place of a closed part, with other estimates."""
+    estimates = dataclasses.replace(run.estimates, value=np.array([value]))
+    return dataclasses.replace(run, estimates=estimates, errors=np.array([error]))
 
 
 def test_a_last_part_whose_ensembles_disagree_is_withheld_though_all_parts_are_accurate():
     rng = np.random.default_rng(5)
     apart = 0.3 * np.array([1.0, -1.0, 1.0, -1.0])[:, None, None, None]
-    components = rng.normal(size=(4, 40, 64, 1)) + apart
-    state = Ensembles(components[:, -1], np.zeros((4, 64)), (), ({},) * 4, np.full((4, 64), 5000), 10_120)
-    before = Closed(
-        10_000, np.zeros(1), np.array([1e-3]), components[:, :1], components[:, :1], running._STRIDE
-    )
-    begun = running.Begun(
-        Affine(np.zeros(1), np.eye(1)), state, components, components, running._STRIDE, 120, True, before
-    )
-    means = Means(("E x",), lambda points: points)
-    judged = running._Running(Normal(1), means, begun).judge(Settings(tolerance=0.005))
-    assert judged.gate.worst_error < 0.005
-    assert "the ensembles disagree" in " ".join(judged.gate.reasons)
-
-
-def closed(steps, value, error, stride=3):
-    points = np.arange(steps // stride, dtype=float).reshape(1, -1, 1, 1)
-    return Closed(steps, np.array([value]), np.array([error]), points, -points, stride)
+    late = chain(rng.normal(size=(4, 40, 64, 1)) + apart, steps=10_120, accepted=5_000)
+    late._closed, late._closed_steps = closed(late.judge(None), 0.0, 1e-3), 10_000
+    gate = late.judge(None).gate
+    assert gate.worst_error < 0.005
+    assert "the ensembles disagree on E x: rank R-hat" in " ".join(gate.reasons)
 
 
 def test_parts_weigh_by_their_steps():
-    together = closed(300, 1.0, 0.3).judged(judged(4.0, 0.6), 100)
-    assert together.estimates.value == pytest.approx([1.75])
-    assert together.errors == pytest.approx([np.hypot(0.75 * 0.3, 0.25 * 0.6)])
+    part = chain(np.random.default_rng(6).normal(size=(4, 40, 64, 1)))
+    alone = part.judge(None)
+    part._closed, part._closed_steps = closed(alone, 1.0, 0.3), 360
+    together = part.judge(None)
+    assert together.estimates.value == pytest.approx(0.75 * 1.0 + 0.25 * alone.estimates.value)
+    assert together.errors == pytest.approx(np.hypot(0.75 * 0.3, 0.25 * alone.errors))
 
 
-@pytest.mark.parametrize(
-    ("own", "new", "most", "stride", "wanted"),
-    [
-        (3, 3, 100, 3, [0, 1, 2, 3, 100, 101, 102]),
-        (3, 3, 4, 6, [1, 3, 101]),
-        (6, 3, 100, 6, [0, 1, 101]),
-        (3, 12, 100, 12, [3, 100, 101, 102]),
-    ],
-)
-def test_positions_share_one_stride(own, new, most, stride, wanted):
-    before = closed(12, 0.0, 1.0, own)
-    points = 100.0 + np.arange(3.0).reshape(1, -1, 1, 1)
-    joined, components, found = before.positions(points, -points, new, most)
-    assert found == stride
-    assert joined.ravel().tolist() == wanted
-    assert (-components).ravel().tolist() == wanted
+def test_time_left_follows_the_steps_expected(monkeypatch):
+    """Half a second a step at 120 steps; the errors ask for 1.1 (error/tolerance)² times as many."""
+    part = chain(np.random.default_rng(7).normal(size=(4, 40, 64, 1)))
+    monkeypatch.setattr(part, "_began", 0.0)
+    monkeypatch.setattr(running.time, "monotonic", lambda: 60.0)
+    told = []
+    run = part.judge(told.append)
+    expected = 1.1 * 120 * (run.gate.worst_error / 0.005) ** 2
+    assert told[0].expected_steps == math.ceil(expected)
+    assert told[0].seconds_left == pytest.approx(0.5 * (expected - 120))
