@@ -100,7 +100,7 @@ def test_a_file_that_is_not_there(tmp_path):
         ({"sessions": {"decimal": "x"}}, "sessions.decimal = 'x': input should be '.' or ','."),
         (
             {"environments": {"A": {"k": 3}}},
-            "environments.A.k: there is no such key; there are k_ref, b_ref.",
+            "environments.A.k: there is no such key; there are k_ref, b_ref, m_ref.",
         ),
         ({"environments": {"A": 3}}, "environments.A = 3: must be a table."),
         (

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError, counted
-from percept.sessions.records import IDS, Exclusion, Notice, Place, Problems, shown
+from percept.sessions.records import IDS, MASS, Exclusion, Notice, Place, Problems, shown
 
 #: What tells a trial from others.
 TRIAL = [*IDS, "trial"]
@@ -34,11 +34,12 @@ def settle_references(
 ) -> None:
     """Fill references from the scene or earlier rows, and hold every row of an environment to one reference.
 
+    An environment without a mass has none.
+
     `known` holds the references of earlier blocks, by column and environment; those of this one are added.
     """
     codes, names = pd.factorize(table["environment"])
-    for p in parameters:
-        column = f"{p}_ref"
+    for column in (*(f"{p}_ref" for p in parameters), *((MASS,) if MASS in table else ())):
         earlier = known.setdefault(column, {})
         given = np.array([declared.get(str(name), {}).get(column, np.nan) for name in names])
         values = table[column].to_numpy(dtype=float)
@@ -59,7 +60,10 @@ def settle_references(
                 hint="An environment has one reference; correct it, or name the environments apart.",
                 **place(int(row)),
             )
-        lacking = np.isnan(expected) & ~table[f"{p}_adj"].isna().to_numpy()
+        if column == MASS:
+            table[MASS] = np.nan_to_num(expected)
+            continue
+        lacking = np.isnan(expected) & ~table[column.replace("_ref", "_adj")].isna().to_numpy()
         for code in np.unique(codes[lacking]):
             message = f"environment {shown([names[code]])} has no reference."
             hint = f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …'
@@ -67,6 +71,16 @@ def settle_references(
                 message, column=column, hint=hint, **place(int(np.flatnonzero(lacking & (codes == code))[0]))
             )
         table[column] = expected
+
+
+def in_order(environments: Sequence[str], references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
+    """Order environments as the scene lists them, and the rest by reference, first by that of stiffness."""
+    ranks = {name: at for at, name in enumerate(listed)}
+    keys = {
+        name: (ranks.get(name, len(ranks)), *(np.inf if v != v else v for v in row))
+        for name, row in zip(environments, references.to_numpy(dtype=float).tolist(), strict=True)
+    }
+    return tuple(sorted(environments, key=keys.__getitem__))
 
 
 def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> None:

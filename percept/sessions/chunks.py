@@ -37,7 +37,7 @@ class Reduced:
         squares and products about the means `scatter_kk`, `scatter_kb`, `scatter_bb`. Columns of a
         parameter that was not measured are NaN.
     references : DataFrame
-        `environment`, `k_ref` (N/m), `b_ref` (N·s/m).
+        In the order the scene lists, then by reference: `environment`, `k_ref` (N/m), `b_ref` (N·s/m).
     family : {"lognormal", "normal"}
         A response is log(adjusted/reference), or (adjusted − reference)/reference.
     sources : tuple of Source
@@ -129,7 +129,8 @@ class _Cells:
         declared = self.reading.options.environments
         checks.settle_references(frame, declared, self.references, self.parameters, place, problems)
         visits = frame.groupby(list(IDS), sort=False)
-        self._check_trials(frame, visits.indices, place)
+        if self.reading.options.trial != "order":
+            self._check_trials(frame, visits.indices, place)
         problems.raise_if_any()
         responses = {p: self._response(p, frame, place) for p in self.parameters}
         complete = ~np.isnan(list(responses.values())).any(axis=0)
@@ -181,7 +182,7 @@ class _Cells:
         """Check what needs the whole study, and lay the cells out."""
         reading = self.reading
         reading.refuse_nothing([self.visits])
-        environments = self.visits["environment"].unique()
+        names = self.visits["environment"].unique()
         for p in self.parameters:
             self._check_units(p)
         cells = self._sums(reading.settled(self.visits), ["subject", "environment"])
@@ -189,9 +190,11 @@ class _Cells:
         measures = [*(f"mean_{p}" for p in ("k", "b")), *(f"scatter_{pair}" for pair in _PAIRS)]
         # Zeros of a cell that holds no trial would read as data.
         measured = cells.reindex(columns=measures).where(cells["n"] > 0)
-        references = pd.DataFrame({"environment": environments})
-        for c in ("k_ref", "b_ref"):
-            references[c] = [self.references.get(c, {}).get(e, np.nan) for e in environments]
+        columns = ("k_ref", "b_ref")
+        known = [[self.references.get(c, {}).get(e, np.nan) for c in columns] for e in names]
+        references = pd.DataFrame(known, index=names, columns=columns)
+        order = checks.in_order(names, references, reading.options.environments)
+        references = references.loc[list(order)].rename_axis("environment").reset_index()
         return Reduced(
             cells=pd.concat(
                 [cells[["subject", "environment"]], cells["n"].astype(np.int64), measured], axis=1

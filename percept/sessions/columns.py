@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from percept.errors import UsageError
@@ -18,6 +18,7 @@ _WORDS = {
     "environment": "env environment_id ve virtual_environment reference_environment",
     "trial": "trial_num trial_number trial_no trial_index trials_thisn",
     "k_ref": "ref_k k_reference reference_k stiffness_ref ref_stiffness reference_stiffness",
+    "m_ref": "ref_m m_reference reference_m mass_ref ref_mass reference_mass",
     "b_ref": "ref_b b_reference reference_b damping_ref ref_damping reference_damping",
     "k_adj": "adj_k k_adjusted adjusted_k stiffness_adj adj_stiffness stiffness_adjusted adjusted_stiffness "
     "k_final final_k stiffness_final final_stiffness",
@@ -50,6 +51,19 @@ class Resolution:
     def present(self) -> frozenset[str]:
         """Canonical names that were found."""
         return frozenset(self.rules)
+
+    def without(self, canonical: str) -> Resolution:
+        """Return a copy that does not read a column, or a trial's number from the names of columns."""
+        slots = [
+            replace(
+                slot,
+                columns={c: at for c, at in slot.columns.items() if c != canonical},
+                trial=None if canonical == "trial" else slot.trial,
+            )
+            for slot in self.slots
+        ]
+        rules = {c: rule for c, rule in self.rules.items() if c != canonical}
+        return replace(self, slots=tuple(slots), rules=rules)
 
 
 def resolve(header: Sequence[str], declared: Mapping[str, ColumnRule], *, file: str) -> Resolution:
@@ -91,6 +105,9 @@ def _is_summary(names: set[str], declared: Mapping[str, ColumnRule]) -> bool:
 
 
 def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str) -> ColumnRule:
+    for name in rule.also:
+        _declared(canonical, ColumnRule(name=name), header, file)
+        _position(header, name, file)
     if rule.name in header:
         return rule
     stem = rule.name
@@ -215,5 +232,6 @@ def check_columns(
 def unused_columns(header: Sequence[str], found: Resolution, options: ReadOptions) -> list[str]:
     """Name the columns of a header that nothing is read from."""
     used = {at for slot in found.slots for at in slot.columns.values()}
-    named = {*options.groups, *options.only, *(rule.column for rule in options.exclude), *KEPT_COLUMNS}
+    named = {name for rule in found.rules.values() for name in rule.also}
+    named |= {*options.groups, *options.only, *(rule.column for rule in options.exclude), *KEPT_COLUMNS}
     return [name for at, name in enumerate(header) if at not in used and name and name not in named]

@@ -17,10 +17,11 @@ from pydantic import (
 )
 
 from percept.errors import UsageError
-from percept.sessions.records import IDS, NUMBERS
+from percept.sessions.records import IDS, MASS, NUMBERS
 from percept.sessions.values import factor
 
 CANONICAL = (*IDS, "trial", *NUMBERS)
+REFERENCES = ("k_ref", "b_ref", MASS)
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
@@ -121,11 +122,14 @@ class ColumnRule(Table):
         Unit of the file's numbers; None means N/m for stiffness and N·s/m for damping.
     path : str, optional
         Dotted path into a JSON cell ("response.k"; a number picks from a list, -1 its last item).
+    also : tuple of str
+        Further columns of an id made of several: their texts follow, joined by hyphens.
     """
 
     name: Annotated[str, AfterValidator(_not_blank)]
     unit: str | None = None
     path: str | None = None
+    also: Texts = ()
 
 
 class ExcludeRule(Table):
@@ -162,9 +166,17 @@ class ExcludeRule(Table):
 
 
 def _rule(value: Any) -> Any:
+    if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
+        return {"name": value[0], "also": value[1:]}
     if not isinstance(value, str | Mapping | ColumnRule):
-        raise ValueError("a column is a name, or a table of name, unit and path")
+        raise ValueError("a column is a name, a list of names, or a table of name, unit and path")
     return {"name": value} if isinstance(value, str) else value
+
+
+def _joined_ids(columns: dict[str, ColumnRule]) -> dict[str, ColumnRule]:
+    for column in (c for c, rule in columns.items() if rule.also and c not in IDS):
+        raise UsageError("only an id is made of several columns.", key=f"columns.{column}")
+    return columns
 
 
 def _units_known(columns: dict[str, ColumnRule]) -> dict[str, ColumnRule]:
@@ -178,7 +190,7 @@ def _units_known(columns: dict[str, ColumnRule]) -> dict[str, ColumnRule]:
 
 
 def _reference_names(value: Any) -> Any:
-    names = {"stiffness": "k_ref", "damping": "b_ref"}
+    names = {"stiffness": "k_ref", "damping": "b_ref", "mass": MASS}
     return {names.get(k, k): v for k, v in value.items()} if isinstance(value, Mapping) else value
 
 
@@ -199,8 +211,9 @@ Columns = Annotated[
         Annotated[ColumnRule, BeforeValidator(_rule)],
     ],
     AfterValidator(_units_known),
+    AfterValidator(_joined_ids),
 ]
-References = dict[Annotated[str, _one_of(("k_ref", "b_ref"))], Number]
+References = dict[Annotated[str, _one_of(REFERENCES)], Number]
 Environments = dict[str, Annotated[References, BeforeValidator(_reference_names)]]
 
 
@@ -211,12 +224,19 @@ class SessionsTable(Table):
     delimiter: Annotated[str, AfterValidator(_character)] | None = None
     encoding: Text | None = None
     keep: Literal["last"] | None = None
+    trial: Literal["order"] | None = None
     filename: Annotated[str, AfterValidator(_pattern)] | None = None
     groups: Texts = ()
     only: dict[str, Texts] = Field(default_factory=dict)
     exclude: tuple[ExcludeRule, ...] = ()
     unfinished: Literal["keep", "exclude"] = "keep"
     sheet: Text | None = None
+
+    @model_validator(mode="after")
+    def _trials_or_events(self) -> Self:
+        if self.keep is not None and self.trial is not None:
+            raise ValueError('keep = "last" needs a column of trials; trial = "order" makes each row a trial')
+        return self
 
 
 class _Tables(BaseModel):
@@ -233,7 +253,8 @@ class ReadOptions(SessionsTable):
     columns : mapping of str to ColumnRule
         From canonical name to where it stands.
     environments : mapping of str to mapping
-        From environment id to its references, `k_ref` (N/m) and `b_ref` (N·s/m).
+        From environment id to its references, `k_ref` (N/m), `b_ref` (N·s/m) and `m_ref` (kg, 0 where not
+        given). Environments stand in this order, those it does not name after it by reference.
     decimal : {".", ","}, optional
         The decimal mark of every file; None finds it per file and refuses what can be read two ways.
     delimiter, encoding : str, optional
@@ -241,6 +262,9 @@ class ReadOptions(SessionsTable):
     keep : {"last"}, optional
         Files with a row per event: the last value of each parameter in a trial stands. Texts leave events out
         before that, limits of `exclude` leave out what stands.
+    trial : {"order"}, optional
+        Number the trials of a subject, session and environment by the order of their rows, whatever columns
+        there are.
     filename : str, optional
         Pattern of file names without suffix, such as "sub-{subject}_ses-{session}".
     groups : tuple of str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,6 +23,7 @@ from percept.sessions.grids import Block
 from percept.sessions.options import ReadOptions
 from percept.sessions.records import (
     IDS,
+    MASS,
     SUMMARY_COLUMNS,
     TRIAL_COLUMNS,
     Exclusion,
@@ -47,7 +48,8 @@ class Sessions:
     table : DataFrame
         Trial form: `subject`, `session`, `environment` (text), `k_ref` (N/m), `b_ref` (N·s/m), `trial`
         (whole number), `k_adj` (N/m), `b_adj` (N·s/m), then any group columns (text); a parameter that
-        was not measured is NaN throughout, a single missing adjustment is NaN. Summary form:
+        was not measured is NaN throughout, a single missing adjustment is NaN. `m_ref` (kg) stands there
+        where an environment has a mass. Summary form:
         `environment`, `parameter` ("k" or "b"), `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`.
         Rows stand in the order of the files.
     form : {"trials", "summary"}
@@ -62,6 +64,8 @@ class Sessions:
         Rows by what became of them.
     provenance : DataFrame
         `file` (index into `sources`) and `row` (physical line, the header being 1) of each row of `table`.
+    listed : tuple of str
+        Environments in the order in which the scene lists them.
     """
 
     table: pd.DataFrame
@@ -71,6 +75,7 @@ class Sessions:
     exclusions: tuple[Exclusion, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
     provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
+    listed: tuple[str, ...] = ()
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
@@ -116,10 +121,30 @@ class Sessions:
         """Subject ids in order of first appearance; empty in summary form."""
         return tuple(self.table["subject"].unique()) if self.form == "trials" else ()
 
-    @property
+    @cached_property
     def environments(self) -> tuple[str, ...]:
-        """Environment ids in order of first appearance."""
-        return tuple(self.table["environment"].unique())
+        """Environment ids as the scene lists them, then by their references."""
+        names = tuple(self.table["environment"].unique())
+        if self.form == "summary":
+            keyed = self.table.pivot_table(index="environment", columns="parameter", values="reference")
+            references = keyed.reindex(index=names, columns=["k", "b"])
+        else:
+            keyed = self.table.drop_duplicates("environment").set_index("environment")
+            references = keyed.loc[list(names), ["k_ref", "b_ref"]]
+        return checks.in_order(names, references, self.listed)
+
+    @property
+    def masses(self) -> dict[str, float]:
+        """Mass of each environment, kg; 0 where the study gives none."""
+        if MASS not in self.table:
+            return dict.fromkeys(self.environments, 0.0)
+        known = self.table.drop_duplicates("environment").set_index("environment")[MASS]
+        return {name: float(known[name]) for name in self.environments}
+
+    def by_environment(self) -> Iterator[tuple[str, pd.DataFrame]]:
+        """Give the rows of each environment, in the order of `environments`."""
+        rows = dict(list(self.table.groupby("environment", sort=False)))
+        return ((name, rows[name]) for name in self.environments)
 
     @cached_property
     def warnings(self) -> tuple[Notice, ...]:
@@ -337,6 +362,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         exclusions=tuple(reading.exclusions),
         counts=dict(reading.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
+        listed=tuple(reading.options.environments),
     )
 
 
@@ -345,6 +371,8 @@ def _checked_trials(
 ) -> pd.DataFrame:
     """Run the checks that need all files."""
     options, problems = reading.options, reading.problems
+    if options.trial == "order":
+        table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
     checks.settle_references(table, options.environments, {}, parameters, place, problems)
     checks.check_duplicates(table, place, problems)
     reading.notices += checks.check_plausible(table, parameters, reading.declared_units, place, problems)

@@ -13,7 +13,9 @@ import numpy.typing as npt
 from percept.errors import UsageError
 
 IDS = ("subject", "session", "environment")
-NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
+#: Mass of an environment (Eq. 7): a reference that nobody adjusts.
+MASS = "m_ref"
+NUMBERS = ("k_ref", "b_ref", MASS, "k_adj", "b_adj")
 TRIAL_COLUMNS = (*IDS, "k_ref", "b_ref", "trial", "k_adj", "b_adj")
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
 #: Problems that a message lists, and problems that are kept.

@@ -16,7 +16,7 @@ from percept.sessions import values
 from percept.sessions.columns import Resolution, Slot, check_columns, resolve, unused_columns
 from percept.sessions.grids import Block, Grid, plain_columns
 from percept.sessions.options import CANONICAL, KEPT_COLUMNS, ExcludeRule, ReadOptions
-from percept.sessions.records import IDS, NUMBERS, Exclusion, Notice, Problems, shown
+from percept.sessions.records import IDS, MASS, NUMBERS, Exclusion, Notice, Problems, shown
 from percept.sessions.summary import read_summary
 
 #: Columns of a block by name: texts as read, numbers as doubles, and `row`, the physical row of each.
@@ -44,6 +44,8 @@ class FileTable:
         self.counts: Counter[str] = Counter()  # Rows by what became of them
         self.exclusions: list[Exclusion] = []
         self.found: Resolution = resolve(header, options.columns, file=name)
+        if options.trial == "order":
+            self.found = self.found.without("trial")
         self.form = self.found.form
         rules = self.found.rules
         self.notices = [Notice(text, name) for text in self.found.announced]
@@ -66,11 +68,13 @@ class FileTable:
         self._groups = list(dict.fromkeys([*(c for c in KEPT_COLUMNS if c in self.header), *options.groups]))
         rules = [rule for rule in options.exclude if rule.column not in CANONICAL]
         own = [*self._groups, *options.only, *(rule.column for rule in rules if rule.equals)]
+        own += [name for rule in self.found.rules.values() for name in rule.also]
         self._own = {f"own:{name}": self._position(name) for name in own}
         self._limited = {f"limit:{r.column}": self._position(r.column) for r in rules if not r.equals}
         # What JSON cells lack: the keys found instead, and whether any cell had the path.
         self._lacking: dict[str, dict[str, None]] = {}
         self._picked: set[str] = set()
+        self._joins: dict[str, list[str]] = {}  # From a joined id to its parts
 
     def _position(self, name: str) -> int:
         if self.header.count(name) != 1:
@@ -163,6 +167,7 @@ class FileTable:
 
     def _observations(self, data: _Columns) -> _Columns:
         """Select and check the observations of a block, and convert their numbers."""
+        data |= {c: self._joined(data, c, rule.also) for c, rule in self.found.rules.items() if rule.also}
         for name, texts in self.options.only.items():
             data = self._keep(data, _among(data[f"own:{name}"], texts), f"{name} is not {' or '.join(texts)}")
         for rule in (rule for rule in self.options.exclude if rule.equals):
@@ -207,6 +212,18 @@ class FileTable:
                 what = ", ".join(f"{c} {name}" for c, name in ids.items() if name)
                 self.exclusions.append(Exclusion(who, what, why, self.name, int(data["row"][at])))
         return self._keep(data, ~out, f"excluded: {why}")
+
+    def _joined(self, data: _Columns, canonical: str, also: Sequence[str]) -> npt.NDArray[np.object_]:
+        """Ids made of several columns; one that lacks a part is blank, and so is told as missing."""
+        parts = pd.DataFrame({canonical: data[canonical], **{name: data[f"own:{name}"] for name in also}})
+        combinations = parts.drop_duplicates().to_numpy().tolist()
+        ids = ["-".join(texts) if all(text.strip() for text in texts) else "" for texts in combinations]
+        for texts, name in zip(combinations, ids, strict=True):
+            if name and self._joins.setdefault(name, texts) != texts:
+                message = f"{shown(texts)} and {shown(self._joins[name])} both join to {name!r}."
+                hint = "Take the hyphens out of one of these columns."
+                raise UsageError(message, hint=hint, **self._place(canonical))
+        return np.array(ids, dtype=object)[parts.groupby(list(parts), sort=False).ngroup().to_numpy()]
 
     def _pick(self, data: _Columns, canonical: str, path: str) -> npt.NDArray[np.object_]:
         """Values inside the JSON cells of a column."""
@@ -302,6 +319,8 @@ class FileTable:
         columns |= {c: data.get(c, nan) for c in ("k_ref", "b_ref")}
         columns["trial"] = data.get("trial", np.ones(count, dtype=np.int64))
         columns |= {c: data.get(c, nan) for c in ("k_adj", "b_adj")}
+        if MASS in data or any(MASS in references for references in self.options.environments.values()):
+            columns[MASS] = data.get(MASS, nan)
         columns |= {g: data[f"own:{g}"] for g in self._groups}
         return pd.DataFrame(columns | {"row": data["row"]})
 

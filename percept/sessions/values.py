@@ -20,7 +20,9 @@ from percept.sessions.records import Problems
 Mark = Literal[".", ","]
 
 UNITS = {"k": "N/m", "b": "N·s/m"}
-_SAME = {"k": frozenset({"N/m"}), "b": frozenset({"N·s/m", "N*s/m", "Ns/m", "N s/m"})}
+_UNITS = UNITS | {"m": "kg"}
+_NOUNS = {"k": "stiffness", "b": "damping", "m": "mass"}
+_SAME = {"m": frozenset({"kg"}), "k": frozenset({"N/m"}), "b": frozenset({"N·s/m", "N*s/m", "Ns/m", "N s/m"})}
 # A plain product or quotient of names; an expression such as 10**10**10 is never handed to a parser.
 _UNIT = re.compile(r"[A-Za-zµ]+(?:[·*/ ][A-Za-zµ]+){0,4}")
 
@@ -207,10 +209,10 @@ def factor(unit: str | None, parameter: str) -> Fraction:
         if not _UNIT.fullmatch(unit):
             raise ValueError(unit)
         quantity = _registry().Quantity(Fraction(1), text)
-        return Fraction(quantity.to(UNITS[parameter].replace("·", "*")).magnitude)
+        return Fraction(quantity.to(_UNITS[parameter].replace("·", "*")).magnitude)
     except (pint.errors.PintError, ValueError, TypeError, AttributeError):
-        message = f"not a unit of {'stiffness' if parameter == 'k' else 'damping'}."
-        hint = f"Declare one that converts to {UNITS[parameter]}."
+        message = f"not a unit of {_NOUNS[parameter]}."
+        hint = f"Declare one that converts to {_UNITS[parameter]}."
         raise UsageError(message, key="unit", value=unit, hint=hint) from None
 
 

@@ -50,10 +50,10 @@ class Cell:
 
 def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family) -> list[Cell]:
     """Work out every cell of a study, parameter by parameter."""
-    tables = list(sessions.table.groupby("environment", sort=False))
+    tables = list(sessions.by_environment())
     moments = _published if sessions.form == "summary" else _adjusted
     return [
-        Cell.of(parameter, str(environment), moments(table, parameter, family))
+        Cell.of(parameter, environment, moments(table, parameter, family))
         for parameter in parameters
         for environment, table in tables
     ]
@@ -174,14 +174,14 @@ def adjustments(sessions: Sessions) -> Iterator[Row]:
     """Describe what was adjusted as it is, on no scale and of no model: values, mean and SD of each cell."""
     if sessions.form != "trials":
         return
-    for environment, rows in sessions.table.groupby("environment", sort=False):
+    for environment, rows in sessions.by_environment():
         for parameter in sessions.parameters:
             known = rows[rows[f"{parameter}_adj"].notna()]
             adjusted, subjects = known[f"{parameter}_adj"].to_numpy(dtype=float), known["subject"].to_numpy()
             values = subject_means(adjusted, subjects).values.tolist() if len(known) else []
             moments = Moments.from_values(values) if len(values) > 1 else None
             yield {
-                "environment": str(environment),
+                "environment": environment,
                 "parameter": parameter,
                 "reference": float(rows[f"{parameter}_ref"].iloc[0]),
                 "n": len(values),

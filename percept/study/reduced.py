@@ -49,7 +49,8 @@ def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     """Build the hierarchical model of a study that was reduced while it was read."""
     parameters = _parameters(reduced, scene)
     cells = reduced.cells[reduced.cells["n"] > 0]
-    subjects, environments = (tuple(cells[c].unique()) for c in ("subject", "environment"))
+    subjects, present = tuple(cells["subject"].unique()), set(cells["environment"])
+    environments = tuple(name for name in reduced.references["environment"] if name in present)
     refuse_lone_subject(subjects)
     columns = list(environments)
     grid = cells.pivot(index="subject", columns="environment").reindex(subjects)
@@ -82,9 +83,11 @@ def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
 def _cells(reduced: Reduced, reference: References) -> list[Cell]:
     """One value per subject, the mean of the trials on the family's scale, in N/m or N·s/m."""
     cells, log = reduced.cells[reduced.cells["n"] > 0], reduced.family == "lognormal"
+    tables = dict(list(cells.groupby("environment", sort=False)))
     out: list[Cell] = []
     for p in dict.fromkeys(parameter for parameter, _ in reference):
-        for environment, table in cells.groupby("environment", sort=False):
+        for environment in (e for e in reduced.references["environment"] if e in tables):
+            table = tables[environment]
             mean, repeats = table[f"mean_{p}"].to_numpy(), bool((table["n"] > 1).any())
             values = reference[p, str(environment)] * (np.exp(mean) if log else 1.0 + mean)
             moments = Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW

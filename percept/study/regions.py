@@ -168,9 +168,11 @@ def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, d
 
 def _subject_pairs(sessions: Sessions, family: Family) -> Iterator[tuple[str, tuple[Array, Array]] | Skipped]:
     """Take one stiffness and one damping per subject and environment, of the trials that have both."""
-    complete = sessions.table[sessions.table[["k_adj", "b_adj"]].notna().all(axis=1)]
-    for name, rows in complete.groupby("environment", sort=False):
-        environment, subjects = str(name), rows["subject"].to_numpy()
+    for environment, table in sessions.by_environment():
+        rows = table[table[["k_adj", "b_adj"]].notna().all(axis=1)]
+        if rows.empty:
+            continue
+        subjects = rows["subject"].to_numpy()
         adjusted = rows[["k_adj", "b_adj"]].to_numpy(dtype=float)
         if (count := rows["subject"].nunique()) < _FEWEST_SUBJECTS:
             yield Skipped(

@@ -217,7 +217,7 @@ class Study:
     @cached_property
     def _setup(self) -> list[Setup | Skipped]:
         shown = {
-            e: haptics.Environment(stiffness=self.reference["k", e], damping=self.reference["b", e])
+            e: haptics.Environment(self.reference["k", e], self.reference["b", e], self.sessions.masses[e])
             for e in self.with_reference
         }
         return list(setup_of(self.scene, self.device, shown))

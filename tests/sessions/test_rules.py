@@ -665,7 +665,7 @@ def test_trials_and_summary_do_not_mix(tmp_path):
         ({"columns": {"k_adj": {"nme": "x"}}}, "columns.k_adj.name: is missing."),
         (
             {"columns": {"k_adj": 3}},
-            "columns.k_adj = 3: a column is a name, or a table of name, unit and path.",
+            "columns.k_adj = 3: a column is a name, a list of names, or a table of name, unit and path.",
         ),
         ({"columns": {"k_adj": " "}}, "columns.k_adj.name = ' ': is blank."),
         (

@@ -1,0 +1,136 @@
+"""Files as experiments leave them: trials without numbers, ids of several columns, masses, order."""
+
+from __future__ import annotations
+
+import pytest
+
+from percept.errors import UsageError
+from percept.sessions import ReadOptions, read_sessions, reduce_sessions
+from percept.study import Study
+
+HEAD = "subject,environment,k_ref,k_adj\n"
+
+
+def read(tmp_path, text, name="f.csv", **tables):
+    path = tmp_path / name
+    path.write_text(text)
+    return read_sessions(path, options=ReadOptions.from_mapping(tables))
+
+
+def refusal(tmp_path, text, **tables):
+    with pytest.raises(UsageError) as caught:
+        read(tmp_path, text, **tables)
+    return caught.value
+
+
+def test_trials_are_numbered_by_their_order_where_the_scene_says_so(tmp_path):
+    # The file's own numbers restart with every block, and are not read.
+    rows = ["1,a,10,11,1", "1,b,20,21,2", "2,a,10,12,1", "1,a,10,13,1", "1,a,10,,2", "1,a,10,14,1"]
+    text = HEAD.replace("\n", ",trial\n") + "\n".join(rows) + "\n"
+    found = read(tmp_path, text, sessions={"trial": "order"})
+    assert found.table["trial"].tolist() == [1, 1, 1, 2, 3]
+    reduced = reduce_sessions(tmp_path / "f.csv", options=ReadOptions(trial="order"))
+    assert reduced.cells["n"].tolist() == [3, 1, 1]
+    assert "columns not used: 'trial'" in [notice.text for notice in found.notices]
+
+
+def test_numbering_by_order_goes_over_files(tmp_path):
+    (tmp_path / "a.csv").write_text(HEAD + "1,x,10,11\n2,x,10,14\n")
+    (tmp_path / "b.csv").write_text(HEAD + "1,x,10,12\n2,x,10,13\n")
+    found = read_sessions(tmp_path, options=ReadOptions(trial="order"))
+    assert found.table["trial"].tolist() == [1, 1, 2, 2]
+
+
+def test_the_order_of_rows_is_no_column_of_trials_for_events(tmp_path):
+    error = refusal(tmp_path, HEAD + "1,a,10,11\n", sessions={"trial": "order", "keep": "last"})
+    assert 'keep = "last" needs a column of trials' in str(error)
+
+
+def test_people_whose_numbers_restart_are_told_apart(tmp_path):
+    text = "experiment,participant,type,level,k_ref,k_adj\n" + "".join(
+        f"{e},{p},{t},{v},{10 * v},{10 * v + p}\n"
+        for e in (1, 2)
+        for p in (1, 2)
+        for t in "xy"
+        for v in (1, 2)
+    )
+    columns = {"subject": ["experiment", "participant"], "environment": ["type", "level"]}
+    found = read(tmp_path, text, columns=columns)
+    assert found.subjects == ("1-1", "1-2", "2-1", "2-2")
+    assert set(found.environments) == {"x-1", "x-2", "y-1", "y-2"}
+    assert not any("not used" in notice.text for notice in found.notices)
+    assert reduce_sessions(
+        tmp_path / "f.csv", options=ReadOptions(columns=columns)
+    ).cells["subject"].nunique() == 4  # fmt: skip
+
+
+def test_an_id_without_one_of_its_parts_is_missing(tmp_path):
+    text = "experiment,participant,environment,k_ref,k_adj\n1,1,a,10,11\n,1,a,10,12\n"
+    error = refusal(tmp_path, text, columns={"subject": ["experiment", "participant"]})
+    assert (error.row, error.column) == (3, "experiment")
+    assert "an adjustment without subject." in str(error)
+
+
+def test_ids_that_join_to_one_text_are_refused(tmp_path):
+    text = "e,p,environment,k_ref,k_adj\na-b,c,x,10,11\na,b-c,x,10,12\n"
+    error = refusal(tmp_path, text, columns={"subject": ["e", "p"]})
+    assert "'a', 'b-c' and 'a-b', 'c' both join to 'a-b-c'." in str(error)
+    assert "Take the hyphens out" in str(error)
+
+
+def test_parts_of_ids_are_columns_that_are_there(tmp_path):
+    error = refusal(tmp_path, HEAD + "1,a,10,11\n", columns={"subject": ["subject", "nobody"]})
+    assert (error.row, error.column) == (1, "nobody")
+    error = refusal(tmp_path, HEAD + "1,a,10,11\n", columns={"k_adj": ["k_adj", "k_ref"]})
+    assert "only an id is made of several columns." in str(error)
+
+
+def test_environments_stand_in_order_of_their_reference(tmp_path):
+    rows = [f"{s},{e},{k},{k + s}" for s in (1, 2, 3) for e, k in (("hard", 900), ("soft", 80), ("mid", 300))]
+    text = HEAD + "\n".join(rows) + "\n"
+    found = read(tmp_path, text)
+    assert found.environments == ("soft", "mid", "hard")
+    assert found.table["environment"].tolist()[:3] == ["hard", "soft", "mid"]
+    reduced = reduce_sessions(tmp_path / "f.csv")
+    assert reduced.references["environment"].tolist() == ["soft", "mid", "hard"]
+
+
+def test_environments_stand_as_the_scene_lists_them(tmp_path):
+    text = "subject,environment,k_adj\n" + "".join(f"{s},{e},9{s}\n" for s in (1, 2) for e in "abc")
+    listed = {"c": {"k_ref": 90.0}, "a": {"k_ref": 50.0}, "b": {"k_ref": 70.0}}
+    assert read(tmp_path, text, environments=listed).environments == ("c", "a", "b")
+    text = HEAD + "".join(f"{s},{e},{k},9{s}\n" for s in (1, 2) for e, k in (("a", 90), ("b", 50), ("c", 70)))
+    assert read(tmp_path, text, environments={"c": {}}).environments == ("c", "b", "a")
+
+
+def test_of_a_summary_they_stand_by_reference_too(tmp_path):
+    text = "environment,parameter,reference,lower,upper,n,level\nhard,k,900,800,1000,9,0.95\n"
+    assert read(tmp_path, text + "soft,k,80,70,90,9,0.95\n").environments == ("soft", "hard")
+
+
+def test_a_mass_is_a_reference(tmp_path):
+    head = "subject,environment,k_ref,b_ref,m_ref,k_adj,b_adj\n"
+    rows = [
+        f"{s},{e},{k},1,{m},{k + s},{1 + s / 10}"
+        for s in (1, 2, 3)
+        for e, k, m in (("a", 90, 200), ("b", 50, ""))
+    ]
+    found = read(tmp_path, head + "\n".join(rows) + "\n", columns={"m_ref": {"name": "m_ref", "unit": "g"}})
+    assert found.masses == {"b": 0.0, "a": 0.2}
+    error = refusal(tmp_path, head + "1,a,90,1,0.2,91,1\n2,a,90,1,0.3,91,1\n")
+    assert (error.row, error.column, error.value) == (3, "m_ref", 0.3)
+    error = refusal(tmp_path, head, columns={"m_ref": {"name": "m_ref", "unit": "N/m"}})
+    assert "not a unit of mass." in str(error)
+
+
+def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
+    from percept.scene import Scene
+
+    head = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
+    text = head + "".join(f"{s},a,900,2,{900 + s},{2 + s / 10}\n" for s in (1, 2, 3, 4))
+    device = {"mass": 1.0, "damping": 5.0, "period": 0.001}
+    found = read(tmp_path, text, environments={"a": {"mass": 0.3}})
+    study = Study(found, Scene(device=device, inference={"method": "classical"}))
+    assert study.setup.references["a"].mass == 0.3
+    assert found.environments == ("a",)
+    assert "m_ref" in found.table
