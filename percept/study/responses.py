@@ -75,7 +75,8 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Tri
     complete = sessions.table[columns].notna().all(axis=1)
     table = sessions.table[complete]
     subjects = tuple(dict.fromkeys(table["subject"]))
-    environments = tuple(dict.fromkeys(table["environment"]))
+    present = set(table["environment"])
+    environments = tuple(name for name in sessions.environments if name in present)
     refuse_lone_subject(subjects)
     adjusted = table[columns].to_numpy(dtype=float)
     lognormal = scene.inference.family == "lognormal"

@@ -29,7 +29,7 @@ def test_subjects_count_once_by_the_mean_of_their_trials():
         ("3", "B", 20.0, 2.0, 1, 7.0, None),
     ]
     found = {(one["environment"], one["parameter"]): one for one in adjustments(sessions_of(rows))}
-    assert list(found) == [("A", "k"), ("A", "b"), ("B", "k"), ("B", "b")]
+    assert list(found) == [("B", "k"), ("B", "b"), ("A", "k"), ("A", "b")]
     stiff = found["A", "k"]
     assert stiff["values"] == [offset + 2.5, offset + 2, offset + 6]
     exact = [Fraction(value) for value in stiff["values"]]
