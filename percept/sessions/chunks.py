@@ -182,7 +182,7 @@ class _Cells:
         """Check what needs the whole study, and lay the cells out."""
         reading = self.reading
         reading.refuse_nothing([self.visits])
-        names = self.visits["environment"].unique()
+        names = self.visits["environment"].unique().tolist()
         for p in self.parameters:
             self._check_units(p)
         cells = self._sums(reading.settled(self.visits), ["subject", "environment"])

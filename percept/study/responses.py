@@ -83,7 +83,8 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Tri
     if lognormal:
         _refuse_not_positive(sessions, table.index.to_numpy(), adjusted, columns)
     reference = references(sessions, parameters, environments)
-    environment = table["environment"].map({e: i for i, e in enumerate(environments)}).to_numpy(dtype=np.intp)
+    codes = {name: at for at, name in enumerate(environments)}
+    environment = np.array([codes[name] for name in table["environment"]], dtype=np.intp)
     subject = table["subject"].map({s: i for i, s in enumerate(subjects)}).to_numpy(dtype=np.intp)
     unit = _units(reference, parameters, environments, scene)
     at = reference[:, environment].T
