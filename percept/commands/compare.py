@@ -19,10 +19,7 @@ _PAIR = [
     "lower_classical", "upper_classical", "lower_bayesian", "upper_bayesian",
     "width_ratio", "shift", "overlap",
 ]  # fmt: skip
-_REASONS = [
-    "spread_ratio", "certainty_ratio", "shift_sds", "prior_lower", "prior_upper", "scale_ratio",
-    "to_mean_classical", "to_mean_bayesian",
-]  # fmt: skip
+_STEPS = ["environment", "parameter", "cause", "width", "log_width_error", "centre", "centre_error"]
 _MOST_CURVES = 10
 
 
@@ -97,6 +94,8 @@ def _named(arguments: argparse.Namespace, progress: Working) -> list[tuple[str, 
 
 def _methods(study: Study, *, as_json: bool) -> int:
     """Print the comparison of the two methods on one study."""
+    import numpy as np
+
     table = study.comparison
     if table is None:
         method = study.scene.inference.method
@@ -115,15 +114,20 @@ def _methods(study: Study, *, as_json: bool) -> int:
             hint="percept fit prints the intervals there are, and why others are left out.",
         )
     tell_error(study)
+    ladder = study.ladder
+    assert ladder is not None
     if as_json:
-        print_json({**_stated(study), "comparison": table, "curves": study.curve_comparison})
+        found = {"comparison": table, "ladder": ladder, "curves": study.curve_comparison}
+        print_json({**_stated(study), **found})
         return 0
     print(f"Intervals in pairs, {_claim(study)}:")
     _print(table[_CELL + _PAIR])
-    print("\nWhy they differ (width ratio on the family's scale: spread_ratio times certainty_ratio):")
-    _print(table[_CELL + [name for name in _REASONS if name in table]])
-    if "prior_effective" in table:
-        print(f"The pull of the priors rests on {table['prior_effective'].iloc[0]:.0f} effective draws.")
+    kind, effects = study.scene.inference.kinds[0], ladder.effects
+    print("\nWhy they differ, step by step from the classical interval of the normal family:")
+    print("\n".join([*ladder.sentences, *ladder.notes]))
+    print(f"\nThe steps of kind {kind}. width: ratio of widths; centre: shift in classical half-widths;")
+    print("error: Monte Carlo standard error (log_width_error: of the ratio's logarithm).")
+    _print(effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind][_STEPS])
     _print_curves(study.curve_comparison, "Bayesian/classical")
     return 0
 

@@ -20,6 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_analysis_arguments(parser)
     add_check_arguments(parser)
     parser.add_argument("--out", default="report", metavar="DIR", help="folder to write into (report)")
+    parser.add_argument(
+        "--why", action="store_true", help="say why the methods differ; samples the models between them"
+    )
     parser.add_argument("--pdf", action="store_true", help="also write report.pdf (needs Chromium)")
     parser.add_argument(
         "--formats",
@@ -37,6 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        page = write_report(study, arguments.out, formats=arguments.formats, pdf=arguments.pdf)
+        asked = {"formats": arguments.formats, "pdf": arguments.pdf, "why": arguments.why}
+        page = write_report(study, arguments.out, **asked)
     print(page)
     return verdict(study)

@@ -28,31 +28,18 @@ _MEASURES = {
     "shift": ("shift", "how far the Bayesian estimate stands from the classical one"),
     "overlap": ("overlap", "what both intervals hold, over what they span together"),
 }
-_REASONS = {
-    "spread_ratio": (
-        "spread",
-        "posterior SD between users over the sample's: an environment's spread is drawn towards the others'",
-    ),
-    "certainty_ratio": (
-        "certainty",
-        "half-widths in their own SDs, Bayesian over classical: what is gained by knowing SD and mean "
-        "better; times the spread it is the width ratio, on the family's scale",
-    ),
-    "shift_sds": ("shift in SDs", "of the centre, in sample SDs: pull towards the trend over environments"),
-    "prior_lower": (
-        "priors, lower",
-        "how far the lower limit lies from where priors a quarter wider would put it, in half-widths",
-    ),
-    "prior_upper": ("priors, upper", "the same for the upper limit"),
-    "scale_ratio": ("scale", "classical width in the other family over the width in this one"),
-    "to_mean_classical": ("covers, classical", "width over that of kind mean: what is covered"),
-    "to_mean_bayesian": ("covers, Bayesian", "the same, Bayesian"),
+_STEPS = {
+    "prior": "each environment modelled by itself, with the priors",
+    "pooling": "all environments together",
+    "scale": "the lognormal family",
+    "sampling": "the same model",
+    "all": "all steps",
 }
 _PERCENTAGES = ("shift", "overlap")
 
 
 def comparison(document: Record) -> Section | None:
-    """Return pairs of intervals and of curves, with how classical and Bayesian differ and why."""
+    """Return pairs of intervals and of curves, with how classical and Bayesian differ, and why."""
     rows = document["comparison"]
     if not rows:
         return None
@@ -60,7 +47,8 @@ def comparison(document: Record) -> Section | None:
         "families": distinct(rows, "family"),
         "methods": METHODS,
         "measures": _columns(rows[0], _MEASURES),
-        "reasons": _columns(rows[0], _REASONS),
+        "ladder": document.get("ladder"),
+        "steps": _STEPS,
         "rows": rows,
         "curves": [
             row for row in pointed(document["curve_comparison"], "/curve_comparison") if each_by_itself(row)

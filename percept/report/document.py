@@ -27,7 +27,7 @@ _CLOSE_POINTS = 61
 _EDGE_POINTS = 65  # of the stable region
 
 
-def build_document(study: Study, *, curves: bool = True) -> dict[str, Any]:
+def build_document(study: Study, *, curves: bool = True, why: bool = False) -> dict[str, Any]:
     """Build the document that the page, the tables and the figures are made from.
 
     Parameters
@@ -36,15 +36,18 @@ def build_document(study: Study, *, curves: bool = True) -> dict[str, Any]:
         What it has not computed yet is computed now.
     curves : bool
         Whether boundaries, the coupling judged by them and the band law are wanted; else they are absent.
+    why : bool
+        Whether the reasons why the methods differ are wanted: ``ladder``, else None.
 
     Returns
     -------
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``boundaries`` with their ``zoom`` windows,
         ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``, ``design``,
-        ``sensitivity``, ``comparison``, ``curve_comparison``, ``diagnostics``, ``checks``, ``skipped``, and
-        what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
-        of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no folders.
+        ``sensitivity``, ``comparison``, ``ladder``, ``curve_comparison``, ``diagnostics``, ``checks``,
+        ``skipped``, and what is worked out from them: ``summary``. JSON values only (see
+        `percept.report.plain`), in the units of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no
+        folders.
     """
     boundaries = plain(study.boundaries) if curves else []
     shown = distinct(boundaries, "environment")
@@ -64,6 +67,7 @@ def build_document(study: Study, *, curves: bool = True) -> dict[str, Any]:
         "design": design_of(study) if boundaries and study.scene.coupling else None,
         "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
+        "ladder": plain(study.ladder) if why else None,
         "curve_comparison": plain(study.curve_comparison) if curves else [],
         "diagnostics": plain(study.diagnostics),
         "checks": _checks(study),

@@ -26,6 +26,7 @@ def write_report(
     *,
     formats: Sequence[str] = ("svg",),
     pdf: bool = False,
+    why: bool = False,
     date: str | None = None,
     progress: Progress | None = None,
 ) -> Path:
@@ -45,6 +46,8 @@ def write_report(
         Of the figures' files; none: only those inside the page.
     pdf : bool
         Print the page to report.pdf too, by a Chromium of the machine.
+    why : bool
+        Say why the methods differ; samples the models between the two.
     date : str, optional
         Printed on the page; today where not given. It is in no other file.
     progress : callable, optional
@@ -70,7 +73,7 @@ def write_report(
         needed_browser()
     with filled_folder(out_dir, last="report.html") as folder:
         step("results")
-        document = build_document(study)
+        document = build_document(study, why=why)
         _write_document(folder / "report.json", document)
         step("tables")
         _write_tables(folder, document)

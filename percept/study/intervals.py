@@ -26,6 +26,7 @@ COLUMNS = [
     "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
     "lower", "upper", "estimate", "n", "unit", "reference", "covers",
 ]  # fmt: skip
+_PAIRED, _METHODS = ["environment", "parameter", "kind", "family"], ("classical", "bayesian")
 TOO_FEW = "it has fewer than two subjects"
 
 
@@ -168,6 +169,30 @@ def paired_limits(
         if len(rows) == 2:
             k, b = ((float(rows[p]["lower"]), float(rows[p]["upper"])) for p in ("k", "b"))
             yield rows, (k, b)
+
+
+def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
+    """Pair the methods' marginal intervals; overlap is measured on the scale of the scene's family."""
+    marginal = intervals[intervals["joint"] == "marginal"]
+    pair = [
+        marginal.loc[marginal["method"] == method, [*_PAIRED, "lower", "upper", "estimate"]]
+        for method in _METHODS
+    ]
+    both = pair[0].merge(pair[1], on=_PAIRED, suffixes=("_classical", "_bayesian"))
+    if both.empty:
+        return both
+    width = {m: both[f"upper_{m}"] - both[f"lower_{m}"] for m in _METHODS}
+    both["width_ratio"] = width["bayesian"] / width["classical"]
+    both["shift"] = both["estimate_bayesian"] / both["estimate_classical"] - 1.0
+    ends = {
+        (side, m): both[f"{side}_{m}"].to_numpy(dtype=float) for side in ("lower", "upper") for m in _METHODS
+    }
+    if family == "lognormal":
+        ends = {which: np.log(values) for which, values in ends.items()}
+    lower, upper = ([ends[side, m] for m in _METHODS] for side in ("lower", "upper"))
+    shared = np.minimum(*upper) - np.maximum(*lower)
+    both["overlap"] = np.maximum(shared, 0.0) / (np.maximum(*upper) - np.minimum(*lower))
+    return both
 
 
 def adjustments(sessions: Sessions) -> Iterator[Row]:

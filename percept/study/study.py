@@ -37,7 +37,7 @@ from percept.study.device import (
     fixed_device,
     setup_of,
 )
-from percept.study.intervals import COLUMNS, Cell, Row, cell_moments, classical_rows
+from percept.study.intervals import COLUMNS, Cell, Row, cell_moments, classical_rows, compare_intervals
 from percept.study.regions import Draws, Region, Sources, draws_of, regions_of, sources_of
 from percept.study.responses import references, refuse_lone_subject
 
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
     from percept.study.checks import ModelChecks
     from percept.study.fit import Fit, RunStore
+    from percept.study.ladder import Ladder
     from percept.study.model_choice import ModelChoice
 
 #: Frequencies of an even grid where the scene leaves their number open.
@@ -348,17 +349,19 @@ class Study:
 
     @property
     def comparison(self) -> pd.DataFrame | None:
-        """The methods' intervals in equal family and kind, with reasons; a copy, None with one method."""
-        return None if self._comparison is None else self._comparison.copy()
+        """The methods' intervals in equal family and kind; a copy, None without both methods."""
+        both = self._passed is not None and self.scene.inference.method == "both"
+        return compare_intervals(self.intervals, self.scene.inference.family) if both else None
 
     @cached_property
-    def _comparison(self) -> pd.DataFrame | None:
-        asked = self.scene.inference
-        if self._passed is None or asked.method != "both":
+    def ladder(self) -> Ladder | None:
+        """Why the methods differ, step by step; samples what lies between them. None without both methods."""
+        if self._passed is None or self.scene.inference.method != "both":
             return None
-        from percept.study.methods import compare_intervals
+        from percept.study.ladder import climb
 
-        return compare_intervals(self.intervals, self._passed, asked, self._cells[asked.family])
+        whole = self.sessions, self.scene, self.parameters, self.intervals, self._passed
+        return climb(*whole, progress=self._progress, store=self._store)
 
     @property
     def curve_comparison(self) -> pd.DataFrame:

@@ -114,16 +114,25 @@ def test_different_people_of_one_file_are_two_samples(folder, capsys):
     assert len(found["differences"]) == 4
 
 
-def test_methods_are_printed_with_their_reasons(folder, capsys):
+def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("PERCEPT_CACHE", str(tmp_path))
     words = ["compare", folder / "all.csv", "--scene", folder / "scene.toml", "--tolerance", "0.2"]
     found = json.loads(printed([*words, "--json"], capsys))
     assert len(found["comparison"]) == 2 * 2 * 3
     assert found["curves"]
+    kept = set(tmp_path.iterdir())
     text = printed(words, capsys)
+    # The study's own posterior, each environment's, and the one of the normal family: no other was sampled.
+    assert len(kept) == len(set(tmp_path.iterdir())) == 4
     assert text.startswith("Intervals in pairs, lognormal family, level 99 %:")
-    for row in found["comparison"]:
-        assert f"{row['spread_ratio']:.4g}" in text.split("Why they differ")[1]
-    assert max(len(line) for line in text.splitlines()) < 160
+    assert len(found["ladder"]["sentences"]) == 2 * 2
+    for told in found["ladder"]["sentences"]:
+        assert told in text.split("Why they differ")[1]
+    steps = [row for row in found["ladder"]["effects"] if row["kind"] == "mean"]
+    assert len(steps) == 2 * 2 * 4
+    for row in steps:
+        assert f"{row['centre']:.4g}" in text.split("The steps of kind mean")[1]
+    assert max(len(line) for line in text.splitlines() if line not in found["ladder"]["sentences"]) < 160
 
 
 @pytest.mark.parametrize(

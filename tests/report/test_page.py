@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import re
 from html.parser import HTMLParser
 
@@ -8,12 +9,14 @@ import pandas as pd
 import pytest
 
 from percept import Study, read_sessions
+from percept.cli import main
 from percept.report import build_document
 from percept.report.figures.canvas import Drawing
 from percept.report.numbers import number
 from percept.report.page import render_page
 from percept.report.sections import build_sections
 from percept.sessions import Sessions
+from tests.study.checked import table_of
 from tests.unmixed import UNMIXED, unmixed_sessions
 
 from .conftest import DATASETS, scene_of
@@ -308,6 +311,24 @@ def test_curves_of_both_methods_are_compared_on_the_page(both, read):
     kept = {str(i) for i, row in enumerate(rows) if row["joint"] not in ("bonferroni", "hotelling")}
     assert shown == kept
     assert len(kept) == 3 * (3 * 2 + 2)
+
+
+def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(both, read, tmp_path):
+    """The plain report samples nothing for it, and names the command."""
+    assert both["ladder"] is None
+    assert "percept report --why and percept compare name the causes" in " ".join("".join(read.text).split())
+    table = table_of(subjects=5, references=[[100.0, 1e3]])
+    table.drop(columns="source").to_csv(tmp_path / "sessions.csv", index=False)
+    words = ["report", str(tmp_path / "sessions.csv"), "--why", "--tolerance", "0.2", "--quiet"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    page = Reader((tmp_path / "out" / "report.html").read_text(encoding="utf-8"))
+    assert len(document["ladder"]["sentences"]) == 2
+    for told in document["ladder"]["sentences"]:
+        assert told in "".join(page.text)
+    shown = {place for place, *_ in page.numbers if place.startswith("/ladder/")}
+    columns = ("log_width", "log_width_error", "centre", "centre_error")
+    assert shown == {f"/ladder/effects/{row}/{name}" for row in range(2 * 3 * 4) for name in columns}
 
 
 def test_priors_in_force_are_printed_with_their_meaning(both):

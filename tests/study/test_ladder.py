@@ -1,0 +1,192 @@
+"""Classical against Bayesian intervals: in pairs, and the steps from one to the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept import Study
+from percept.study.boundaries import compare_methods
+from percept.study.intervals import compare_intervals
+from percept.study.ladder import Ladder, sentence
+from tests.study.checked import study_of, table_of
+
+REFERENCE = {"pooling": "none", "prior": "reference"}
+
+
+def ladder_of(study: Study) -> Ladder:
+    ladder = study.ladder
+    assert ladder is not None
+    return ladder
+
+
+@pytest.fixture(scope="module")
+def outlying() -> Study:
+    """Three environments of one bias and one whose users adjust 30 % lower; a fifth met by one subject."""
+    table = table_of(
+        subjects=10, references=[[100.0, 1e3, 1e4, 3e4, 5e4]], alpha=0.3, tau=0.02, sigma_u=0.0, s=0.2
+    )
+    table.loc[table["environment"] == "VE2", "k_adj"] *= 0.7
+    table = table[(table["environment"] != "VE5") | (table["subject"] == "S01")]
+    return study_of(table, method="both", family="normal")
+
+
+def test_the_same_method_twice_makes_no_difference_beyond_its_error() -> None:
+    """Under the reference prior without pooling the posterior is Eq. 15's t, whose limits have no error."""
+    study = study_of(table_of(("k", "b"), subjects=6), model=REFERENCE, method="both", family="normal")
+    ladder = ladder_of(study)
+    effects = ladder.effects
+    assert list(effects["cause"].unique()) == ["all", "sampling"]
+    assert len(effects) == 2 * 6 * 3
+    apart = effects["log_width"] / effects["log_width_error"]
+    assert apart.abs().max() < 4.0
+    # Of six independent environments and parameters.
+    assert 0.3 < np.sqrt((apart**2).mean()) < 2.0
+    assert effects["log_width_error"].max() < 0.05
+    # Each draw's law is centred on the mean: the interval's centre has no error but rounding.
+    assert effects["centre"].abs().max() < 1e-12
+    for text in ladder.sentences:
+        assert ": both intervals of the average user have the same width and centre, to within" in text
+
+
+def test_a_tight_prior_is_named_and_no_other_environment_where_there_is_one() -> None:
+    table = table_of(subjects=8, references=[[1e3]], alpha=0.5)
+    study = study_of(table, model={"priors": {"alpha_sd": 0.05}}, method="both", family="normal")
+    ladder = ladder_of(study)
+    assert list(ladder.effects["cause"].unique()) == ["all", "prior"]
+    assert (ladder.effects.query("kind == 'mean'")["centre"] < -1.0).all()
+    (text,) = ladder.sentences
+    assert "as the classical one, because the priors say how users usually adjust (×" in text
+    assert "half-width lower, because the priors" in text
+    assert "other environments" not in text
+    assert "log scale" not in text
+
+
+def test_an_outlying_environment_is_explained_by_pooling(outlying: Study) -> None:
+    ladder = ladder_of(outlying)
+    assert list(ladder.effects["cause"].unique()) == ["all", "prior", "pooling"]
+    (text,) = (text for text in ladder.sentences if text.startswith("VE2, stiffness: "))
+    assert "because the model also learns from the other environments (×" in text
+    assert text.index("other environments") < text.find("the priors") % len(text)
+    assert "Its centre lies" in text
+    assert "half-width higher, because the model also learns from the other environments (+" in text
+
+
+def test_an_environment_that_cannot_stand_alone_has_a_note_and_no_ladder(outlying: Study) -> None:
+    (note,) = ladder_of(outlying).notes
+    assert note.startswith("VE5: the step of the prior is missing: at least two subjects are needed")
+    assert set(ladder_of(outlying).effects["environment"]) == {"VE1", "VE2", "VE3", "VE4"}
+
+
+def test_steps_lead_from_the_classical_interval_to_the_bayesian(outlying: Study) -> None:
+    effects, intervals = ladder_of(outlying).effects, outlying.intervals
+    rows = intervals.query("joint == 'marginal' and family == 'normal'").set_index(
+        ["method", "environment", "parameter", "kind"]
+    )
+    for cell, steps in effects.groupby(["environment", "parameter", "kind"]):
+        whole, rest = steps.iloc[0], steps.iloc[1:]
+        (low, high), (below, above) = (
+            rows.loc[(method, *cell), ["lower", "upper"]].to_numpy(dtype=float)
+            for method in ("classical", "bayesian")
+        )
+        assert whole["log_width"] == pytest.approx(np.log((above - below) / (high - low)))
+        assert whole["centre"] == pytest.approx((below + above - low - high) / (high - low))
+        for name in ("log_width", "centre"):
+            assert rest[name].sum() == pytest.approx(whole[name], abs=1e-12)
+
+
+def test_skewed_data_are_explained_by_the_log_scale() -> None:
+    ladder = ladder_of(study_of(table_of(subjects=40, references=[[1e3]], s=0.8), method="both"))
+    assert list(ladder.effects["cause"].unique()) == ["all", "prior", "scale"]
+    (text,) = ladder.sentences
+    assert "mostly because the log scale makes the typical user the geometric mean (×" in text
+    assert "half-width lower, because the log scale makes the typical user the geometric mean (-" in text
+
+
+def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame:
+    """Effects on log width and centre, with errors of .01 each."""
+    rows = {"all": tuple(np.sum(list(steps.values()), axis=0)), **steps}
+    return pd.DataFrame(
+        {"environment": "VE1", "parameter": "b", "kind": kind, "cause": cause,
+         "log_width": width, "log_width_error": 0.01, "centre": centre, "centre_error": 0.01}
+        for cause, (width, centre) in rows.items()
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("effects", "repeats", "text"),
+    [
+        (
+            effects_of("mean", prior=(0.01, 0.0), pooling=(np.log(1.1), 0.0), scale=(np.log(1.3), 0.0)),
+            False,
+            "VE1, damping: the Bayesian interval of the average user is 1.44 times as wide as the classical "
+            "one, mostly because the log scale makes the typical user the geometric mean (×1.30); smaller "
+            "effects: pooling with other environments (×1.10).",
+        ),
+        (
+            effects_of(scale=(np.log(20.0), 0.0)),
+            False,
+            "VE1, damping: the Bayesian interval of the next user is 20 times as wide as the classical one, "
+            "because users scatter by ratios on the log scale (×20).",
+        ),
+        (
+            effects_of(prior=(np.log(0.5), 0.0)),
+            True,
+            "VE1, damping: the Bayesian interval of the next user is 0.50 times as wide as the classical "
+            "one, because it leaves trial noise out, and the priors say how users usually adjust (×0.50).",
+        ),
+        (
+            effects_of("share", prior=(np.log(0.8), 0.3), pooling=(np.log(1.251), 0.0)),
+            False,
+            "VE1, damping: the Bayesian interval of most users is as wide as the classical one; pooling "
+            "with other environments (×1.25) and the priors (×0.80) act against each other. Its centre lies "
+            "30 % of the classical half-width higher, because the priors say how users usually adjust "
+            "(+30 %).",
+        ),
+        (
+            effects_of("mean", prior=(0.005, 0.01), pooling=(0.005, 0.01)),
+            False,
+            "VE1, damping: both intervals of the average user have the same width and centre, to within 2 %.",
+        ),
+    ],
+)  # fmt: skip
+def test_a_difference_in_words(effects: pd.DataFrame, repeats: bool, text: str) -> None:
+    assert sentence(effects, repeats=repeats) == text
+
+
+def test_intervals_apart_do_not_overlap(fitted: Study) -> None:
+    table = fitted.intervals
+    table.loc[table["method"] == "bayesian", ["lower", "upper", "estimate"]] *= 1e9
+    assert (compare_intervals(table, "lognormal")["overlap"] == 0.0).all()
+
+
+def test_pairs_by_hand(fitted: Study) -> None:
+    table = fitted.comparison
+    assert table is not None
+    assert len(table) == 30
+    row = table.query("environment == 'VE3' and parameter == 'b' and kind == 'user'").iloc[0]
+    ends = [
+        np.log(row[[f"lower_{m}", f"upper_{m}"]].to_numpy(dtype=float)) for m in ("classical", "bayesian")
+    ]
+    (a, b), (c, d) = ends
+    assert row["overlap"] == pytest.approx((min(b, d) - max(a, c)) / (max(b, d) - min(a, c)))
+    widths = [np.exp(high) - np.exp(low) for low, high in ends]
+    assert row["width_ratio"] == pytest.approx(widths[1] / widths[0])
+    assert row["shift"] == pytest.approx(row["estimate_bayesian"] / row["estimate_classical"] - 1.0)
+
+
+def test_curves_are_compared_in_pairs(fitted: Study) -> None:
+    boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3",))
+    table = compare_methods(boundaries)
+    assert len(table) == 6 * 2 + 2 + 2
+    assert (table["area_lower"] <= table["largest_lower"].abs() + 1e-12).all()
+
+
+def test_tables_are_the_caller_s_own(fitted: Study) -> None:
+    """What is changed in a table asked for changes nothing of the study."""
+    for name in ("intervals", "comparison", "curve_comparison"):
+        before = getattr(fitted, name)
+        changed = getattr(fitted, name)
+        changed.iloc[:, 0] = "changed"
+        pd.testing.assert_frame_equal(getattr(fitted, name), before)
