@@ -37,23 +37,15 @@ _CLAUSES = {
 class Ladder(NotebookRecord):
     """The steps from the classical interval (Eq. 15; normal family) to the Bayesian one.
 
-    Parameters
-    ----------
-    effects : DataFrame
-        A row per environment, parameter, kind and `cause`. Causes in their order: "prior" (each environment
-        modelled by itself), "pooling" (all environments together), "scale" (the lognormal family); "sampling"
-        where both methods are the same. "all" is the whole difference. `log_width` is the log ratio of
-        widths in N/m or N·s/m, `centre` the shift of the midpoint in half-widths of the classical interval;
-        both with Monte Carlo standard errors.
-    sentences : tuple of str
-        The difference in words, per environment and parameter, of the first kind.
-    notes : tuple of str
-        Environments without a ladder, and why.
+    The causes are "prior" (each environment modelled by itself), "pooling" (all environments together) and
+    "scale" (the lognormal family), in this order; "sampling" where both methods are the same. "all" is the
+    whole difference. `log_width` is the log ratio of widths in N/m or N·s/m, `centre` the shift of the
+    midpoint in half-widths of the classical interval; both have Monte Carlo standard errors.
     """
 
-    effects: pd.DataFrame
-    sentences: tuple[str, ...]
-    notes: tuple[str, ...] = ()
+    effects: pd.DataFrame  # A row per environment, parameter, kind and `cause`
+    sentences: tuple[str, ...]  # The difference in words, per environment and parameter, of the first kind
+    notes: tuple[str, ...] = ()  # Environments without a ladder, and why
 
 
 class _Interval(NamedTuple):
