@@ -23,20 +23,6 @@ from percept.report.select import (
 )
 from percept.study.basics import NAMES
 
-_MEASURES = {
-    "width_ratio": ("width ratio", "Bayesian width over classical width"),
-    "shift": ("shift", "how far the Bayesian estimate stands from the classical one"),
-    "overlap": ("overlap", "what both intervals hold, over what they span together"),
-}
-_STEPS = {
-    "prior": "each environment modelled by itself, with the priors",
-    "pooling": "all environments together",
-    "scale": "the lognormal family",
-    "sampling": "the same model",
-    "all": "all steps",
-}
-_PERCENTAGES = ("shift", "overlap")
-
 
 def comparison(document: Record) -> Section | None:
     """Return pairs of intervals and of curves, with how classical and Bayesian differ, and why."""
@@ -46,28 +32,13 @@ def comparison(document: Record) -> Section | None:
     values = {
         "families": distinct(rows, "family"),
         "methods": METHODS,
-        "measures": _columns(rows[0], _MEASURES),
-        "ladder": document.get("ladder"),
-        "steps": _STEPS,
+        "ladder": document["ladder"],
         "rows": rows,
         "curves": [
             row for row in pointed(document["curve_comparison"], "/curve_comparison") if each_by_itself(row)
         ],
     }
     return Section("comparison", "Classical against Bayesian", values)
-
-
-def _columns(row: Record, heads: Mapping[str, tuple[str, str]]) -> list[dict[str, str]]:
-    return [
-        {
-            "name": name,
-            "head": head,
-            "meaning": meaning,
-            "style": "percent" if name in _PERCENTAGES else "plain",
-        }
-        for name, (head, meaning) in heads.items()
-        if name in row
-    ]
 
 
 _GATE = (

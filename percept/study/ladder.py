@@ -30,6 +30,7 @@ _CLAUSES = {
     "prior": "the priors say how users usually adjust",
     "pooling": "the model also learns from the other environments",
     "scale": "the log scale makes the typical user the geometric mean",
+    "sampling": "draws are random",
 }
 
 
@@ -49,14 +50,16 @@ class Ladder(NotebookRecord):
 
 
 class _Interval(NamedTuple):
-    """An interval of one step, N/m or N·s/m, and the Monte Carlo errors of log width and midpoint."""
+    """An interval of one step, N/m or N·s/m, with Monte Carlo errors."""
 
-    lower: float
-    upper: float
-    width_error: float = 0.0
+    width: float
+    centre: float
+    width_error: float = 0.0  # Of the logarithm
     centre_error: float = 0.0
 
 
+_CELL = ["environment", "parameter", "kind"]
+_COLUMNS = [*_CELL, "cause", "log_width", "log_width_error", "centre", "centre_error"]
 _Cell = tuple[str, str, str]  # Environment, parameter and kind
 _Step = tuple[str, dict[_Cell, _Interval]]
 
@@ -89,9 +92,8 @@ def climb(
         for table in [rows for _, rows in by_itself] if cause == "prior" else [sessions.table]:
             part = dataclasses.replace(sessions, table=table)
             try:
-                one = fit_model(
-                    prepare(part, normal, parameters), normal.inference, progress=progress, store=store
-                )
+                model = prepare(part, normal, parameters)
+                one = fit_model(model, normal.inference, progress=progress, store=store)
                 why = " ".join(one.run.gate.reasons)
             except RefusalError as error:
                 why = error.message
@@ -101,15 +103,14 @@ def climb(
                 found |= _measured(one, normal.inference)
         steps.append((cause, found))
     steps.append((last, _measured(fit, asked)))
-    columns = ["environment", "parameter", "kind", "lower", "upper"]
     classical = intervals.query("method == 'classical' and family == 'normal' and joint == 'marginal'")
-    start = {(e, p, kind): _Interval(*ends) for e, p, kind, *ends in classical[columns].to_numpy().tolist()}
-    effects = pd.DataFrame(_effects(start, steps))
-    first = effects[effects["kind"] == asked.kinds[0]] if len(effects) else effects
-    told = [
-        sentence(rows, repeats=bool(fit.repeats))
-        for _, rows in (first.groupby(["environment", "parameter"], sort=False) if len(first) else ())
-    ]
+    start = {
+        (e, p, kind): _Interval(upper - lower, 0.5 * (lower + upper))
+        for e, p, kind, lower, upper in classical[[*_CELL, "lower", "upper"]].to_numpy().tolist()
+    }
+    effects = pd.DataFrame(_effects(start, steps), columns=_COLUMNS)
+    first = effects[effects["kind"] == asked.kinds[0]].groupby(["environment", "parameter"], sort=False)
+    told = [sentence(rows, repeats=bool(fit.repeats)) for _, rows in first]
     return Ladder(effects, tuple(told), tuple(notes))
 
 
@@ -127,28 +128,23 @@ def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
         series = np.concatenate([on_width, 0.5 * (pulls[..., 0, :] + pulls[..., 1, :])], axis=-1)
         errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series))).reshape(2, -1)
         for (parameter, environment), c in fit.column.items():
-            ends = lower[c], upper[c], *errors[:, c]
-            found[environment, parameter, str(kind)] = _Interval(*map(float, ends))
+            values = upper[c] - lower[c], 0.5 * (lower[c] + upper[c]), *errors[:, c]
+            found[environment, parameter, str(kind)] = _Interval(*map(float, values))
     return found
 
 
-def _effects(start: dict[_Cell, _Interval], steps: Sequence[_Step]) -> Iterator[dict[str, object]]:
+def _effects(start: dict[_Cell, _Interval], steps: Sequence[_Step]) -> Iterator[tuple[object, ...]]:
     """Yield what each step does to each interval that all steps have, the whole first."""
     for cell, classical in start.items():
         if any(cell not in found for _, found in steps):
             continue
         chain = [classical, *(found[cell] for _, found in steps)]
-        half = 0.5 * (classical.upper - classical.lower)
+        half = 0.5 * classical.width
         pairs = [(classical, chain[-1]), *itertools.pairwise(chain)]
         for cause, (one, other) in zip(["all", *(cause for cause, _ in steps)], pairs, strict=True):
-            yield {
-                **dict(zip(("environment", "parameter", "kind"), cell, strict=True)),
-                "cause": cause,
-                "log_width": float(np.log((other.upper - other.lower) / (one.upper - one.lower))),
-                "log_width_error": float(np.hypot(one.width_error, other.width_error)),
-                "centre": 0.5 * (other.upper + other.lower - one.upper - one.lower) / half,
-                "centre_error": float(np.hypot(one.centre_error, other.centre_error)) / half,
-            }
+            width = float(np.log(other.width / one.width))
+            errors = [float(np.hypot(one[which], other[which])) for which in (2, 3)]
+            yield *cell, cause, width, errors[0], (other.centre - one.centre) / half, errors[1] / half
 
 
 def sentence(rows: pd.DataFrame, *, repeats: bool = False) -> str:
@@ -186,7 +182,7 @@ def _ratio(log: float) -> str:
 def _reasons(effects: dict[str, float], said: Callable[[float], str], kind: str, repeats: bool) -> str:
     """Name the causes of a difference, the largest first; effects that cancel are named together."""
     causes = [cause for cause in effects if cause != "all"]
-    nouns = [f"{_NOUNS[cause]} ({said(effects[cause])})" for cause in causes]
+    nouns = [f"{_NOUNS.get(cause, cause)} ({said(effects[cause])})" for cause in causes]
     whole = effects.get("all", 0.0)
     if not causes or whole * effects[causes[0]] < 0.5 * effects[causes[0]] ** 2:
         return f"; {' and '.join(nouns)} act against each other" if len(nouns) > 1 else ""

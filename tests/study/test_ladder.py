@@ -145,6 +145,12 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
             "(+30 %).",
         ),
         (
+            effects_of("mean", sampling=(np.log(1.03), 0.0)),
+            False,
+            "VE1, damping: the Bayesian interval of the average user is 1.03 times as wide as the classical "
+            "one, because draws are random (×1.03).",
+        ),
+        (
             effects_of("mean", prior=(0.005, 0.01), pooling=(0.005, 0.01)),
             False,
             "VE1, damping: both intervals of the average user have the same width and centre, to within 2 %.",
