@@ -192,8 +192,11 @@ class ChecksTable(Table):
 
 
 class ReportTable(Table):
-    """What the page shows: zoom windows (rad/s) per environment."""
+    """What the page shows: its title, and close views of environments (windows of ω, rad/s)."""
 
+    title: str | None = None
+    subtitle: str | None = None
+    note: str | None = None
     zoom: dict[str, tuple[Positive, Positive]] = Field(default_factory=dict)
 
     @field_validator("zoom")

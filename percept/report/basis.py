@@ -10,6 +10,7 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 from percept import __version__
+from percept.report.numbers import bare, percentage, rounded
 from percept.report.select import (
     KINDS,
     METHODS,
@@ -32,6 +33,7 @@ def comparison(document: Record) -> Section | None:
     values = {
         "families": distinct(rows, "family"),
         "methods": METHODS,
+        "sentence": _apart(rows),
         "ladder": document["ladder"],
         "rows": rows,
         "curves": [
@@ -39,6 +41,20 @@ def comparison(document: Record) -> Section | None:
         ],
     }
     return Section("comparison", "Classical against Bayesian", values)
+
+
+def _apart(rows: Sequence[Record]) -> str:
+    """Say in two sentences how far the methods lie apart."""
+    ratios = [float(row["width_ratio"]) for row in rows if row.get("width_ratio") is not None]
+    shifts = [abs(float(row["shift"])) for row in rows if row.get("shift") is not None]
+    if not ratios or not shifts:
+        return ""
+    least, most = (bare(rounded(end(ratios), 2)) for end in (min, max))
+    wide = f"{least} times" if least == most else f"{least} to {most} times"
+    return (
+        f"Of the same family and kind, Bayesian intervals are {wide} as wide as classical ones. "
+        f"Their estimates lie at most {percentage(max(shifts), 2)} apart."
+    )
 
 
 _GATE = (

@@ -51,7 +51,8 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     """
     boundaries = plain(study.boundaries) if curves else []
     shown = distinct(boundaries, "environment")
-    windows = {name: window for name, window in study.zoom.items() if name in shown}
+    asked = study.scene.report.zoom
+    windows = {name: window for name, window in study.zoom.items() if name in shown and name in asked}
     document = {
         "schema": SCHEMA,
         "provenance": provenance(study),
@@ -125,8 +126,10 @@ def _located(record: Any, *names: str) -> dict[str, Any]:
 
 
 def _close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[str, Any]]:
-    """Evaluate the boundaries of the average user in each window."""
-    kinds = study.scene.inference.kinds[:1]
+    """Evaluate the boundaries that the page draws in each window."""
+    kinds = [kind for kind in ("user", *study.scene.inference.kinds) if kind in study.scene.inference.kinds][
+        :1
+    ]
     return [
         plain(record)
         for name, (low, high) in windows.items()

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from percept.errors import counted
+from percept.report.overview import overview
 from percept.report.select import METHODS, Record, distinct, matching
 
 #: Fewer subjects than this are called few.
@@ -18,6 +19,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
     """Count what a reader asks first."""
     intervals = document["intervals"]
     return {
+        "overview": overview(document),
         "references": list(_references(intervals)),
         "widths": _widths(intervals),
         "cautions": [

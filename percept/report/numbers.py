@@ -40,9 +40,26 @@ def rounded(value: float, digits: int = 5) -> str:
     return text.replace("-", "−")
 
 
+def bare(text: str) -> str:
+    """Drop zeros that end a decimal fraction."""
+    mantissa, times, power = text.partition(" ×")
+    return (mantissa.rstrip("0").removesuffix(".") if "." in mantissa else mantissa) + times + power
+
+
 def percentage(value: float, digits: int = 3) -> str:
-    """Write a fraction as a percentage."""
-    return f"{rounded(100 * value, digits)}\u202f%"
+    """Write a fraction as a percentage, a multiple from ten on; what is below a tenth of one is "< 0.1 %"."""
+    if 0 < abs(value) < 0.001:
+        return ("< " if value > 0 else "> −") + "0.1\u202f%"
+    if 10 <= abs(value) < math.inf:
+        return f"{bare(rounded(value, digits))}\u202f×"
+    return f"{bare(rounded(100 * value, digits))}\u202f%"
+
+
+def _bias(value: float) -> str:
+    """Write how far something lies from its reference: +38 %, −7.1 %, or 254 × the reference."""
+    if value >= 9:
+        return f"{bare(rounded(1 + value, 3))}\u202f×"
+    return ("+" if value > 0 and abs(value) >= 0.001 else "") + percentage(value, 2)
 
 
 def number(document: Any, pointer: str, *, digits: int = 5, style: str = "plain") -> Number:
@@ -60,11 +77,16 @@ def number(document: Any, pointer: str, *, digits: int = 5, style: str = "plain"
 
 
 def _written(value: float, digits: int, style: str) -> str:
-    """Write a number as "plain", "percent", "count", or "short": as somebody chose it."""
+    """Write a number: "fixed" keeps zeros at the end, "short" the digits that somebody chose."""
     if style == "count":
         return f"{value:,}".replace(",", "\u202f")
     if style == "short":
         return f"{value:.10g}".replace("-", "−")
     if style == "short percent":
         return f"{100 * value:.10g}\u202f%".replace("-", "−")
-    return percentage(value, digits) if style == "percent" else rounded(float(value), digits)
+    if style == "bias":
+        return _bias(float(value))
+    if style == "percent":
+        return percentage(value, digits)
+    text = rounded(float(value), digits)
+    return text if style == "fixed" else bare(text)

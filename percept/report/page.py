@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -19,12 +19,18 @@ if TYPE_CHECKING:
     from percept.report.figures.canvas import Drawing
 
 _PACKAGE = "percept.report"
+_TITLE = "Realistic performance boundaries"
 #: What stands on a page where there is no number.
 _NO_NUMBER = Markup('<span class="none">–</span>')
 
 
-def render_page(document: Mapping[str, Any], plots: Mapping[str, Drawing], *, date: str) -> str:
-    """Render the page of a document; each of its numbers knows its pointer into report.json."""
+def render_page(
+    document: Mapping[str, Any], plots: Mapping[str, Drawing], *, date: str, files: Collection[str] = ()
+) -> str:
+    """Render the page of a document; each of its numbers knows its pointer into report.json.
+
+    Of the files that stand in the page's folder, its tables link to their own.
+    """
 
     def written(pointer: str, *, digits: int = 5, style: str = "plain") -> Markup:
         shown = number(document, pointer, digits=digits, style=style)
@@ -36,6 +42,9 @@ def render_page(document: Mapping[str, Any], plots: Mapping[str, Drawing], *, da
     environment.filters = {**environment.filters, "embedded": _embedded, "symbols": _symbols}
     return environment.get_template("page.html.j2").render(
         document=document,
+        words=document["provenance"]["scene"]["report"],
+        files=files,
+        title=document["provenance"]["scene"]["report"].get("title") or _TITLE,
         sections=build_sections(document),
         date=date,
         n=written,

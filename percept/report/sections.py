@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from percept.report.basis import (
@@ -16,6 +16,7 @@ from percept.report.basis import (
     skipped,
     worst_curve,
 )
+from percept.report.overview import digits_of, summary
 from percept.report.select import (
     KINDS,
     METHODS,
@@ -30,7 +31,6 @@ from percept.report.select import (
     matching,
     pointed,
 )
-from percept.study.basics import NAMES
 
 _COLUMNS = (
     ("classical", "normal"),
@@ -46,7 +46,6 @@ _SHAPES = {
     "pointwise": "quantiles of draws of |Z_h|, at each ω for itself",
 }
 _LAWS = {"weber": "Weber, w·|Z|", "offset": "Weber with offset, c + w·|Z|", "power": "power law, w·|Z|^p"}
-_MEANINGS = {"c": "c, offset (N·s/m)", "w": "w, slope", "p": "p, exponent"}
 
 
 def build_sections(document: Record) -> list[Section]:
@@ -58,60 +57,60 @@ def build_sections(document: Record) -> list[Section]:
     return [section for build in order if (section := build(document)) is not None]
 
 
-def summary(document: Record) -> Section:
-    """Return what the few sentences to quote need."""
-    values = {
-        "data": document["data"],
-        "parameters": [NAMES[name] for name in document["data"]["parameters"]],
-        "references": _references(document),
-        "widths": _widths(document),
-        "coupling": document["coupling"],
-        "law": _law(document),
-        "cautions": document["summary"]["cautions"],
-        "gate": (document["diagnostics"] or {}).get("gate"),
-    }
-    return Section("summary", "Summary", values)
-
-
-def _widths(document: Record) -> list[Record]:
-    """Return, per parameter, the widths of one kind and method: the next user's, Bayesian if there is one."""
-    rows = pointed(document["summary"]["widths"], "/summary/widths")
-    preferred = (
-        first(
-            matching(rows, parameter=parameter),
-            kind=("user", "mean", "share"),
-            method=("bayesian", "classical"),
-            family=families_of(document),
-        )
-        for parameter in NAMES
-    )
-    return [{**row, "name": NAMES[row["parameter"]]} for row in preferred if row is not None]
-
-
-def _references(document: Record) -> list[dict[str, Any]]:
-    """Return the counts of references inside their intervals; families that agree share a sentence."""
-    sentences: dict[Any, dict[str, Any]] = {}
-    for row in pointed(document["summary"]["references"], "/summary/references"):
-        outside = tuple((cell["environment"], cell["parameter"]) for cell in row["outside"])
-        key = (row["method"], row["level"], row["inside"], row["of"], outside)
-        sentences.setdefault(key, {**row, "families": []})["families"].append(row["family"])
-    return list(sentences.values())
-
-
-def _law(document: Record) -> Record | None:
-    """Return the law to quote: the best predictor for the average user, Bayesian if there is one."""
-    laws = (document["band"] or {}).get("laws") or ()
-    preferred = first(laws, kind=KINDS, method=("bayesian", "classical"), family=families_of(document))
-    if preferred is None:
-        return None
-    alike = matching(laws, **{name: preferred[name] for name in ("kind", "method", "family")})
-    return min(alike, key=lambda law: (law["left_out_error"] is None, law["left_out_error"]))
-
-
 def intervals(document: Record) -> Section | None:
-    """Return tables of both methods beside each other, with the sentence each kind and method carries."""
+    """Return a matrix per quantity in the study's family, and everything else in tables to open."""
     tables = interval_tables(document)
-    return Section("intervals", "Intervals of the adjustments", {"tables": tables}) if tables else None
+    if not tables:
+        return None
+    rows = pointed(document["intervals"], "/intervals")
+    marginal = matching(rows, joint="marginal")
+    values = {
+        "matrices": [
+            _matrix(matching(marginal, parameter=name), families_of(document))
+            for name in distinct(marginal, "parameter")
+        ],
+        "tables": tables,
+        "sentences": _sentences(rows),
+    }
+    return Section("intervals", "Intervals of the adjustments", values)
+
+
+def _matrix(rows: list[Record], families: Sequence[str]) -> dict[str, Any]:
+    """Return a row per environment and a column per kind and method, in the first family each has."""
+    columns = [
+        {"kind": kind, "method": method}
+        for kind in KINDS
+        for method in METHODS
+        if matching(rows, kind=kind, method=method)
+    ]
+    shown = [
+        (
+            environment,
+            [first(matching(rows, environment=environment, **column), family=families) for column in columns],
+        )
+        for environment in distinct(rows, "environment")
+    ]
+    used = {cell["family"] for _, cells in shown for cell in cells if cell}
+    return {
+        "title": _PARAMETERS[rows[0]["parameter"]],
+        "parameter": rows[0]["parameter"],
+        "unit": rows[0]["unit"],
+        "family": ", else ".join(family for family in families if family in used),
+        "columns": columns,
+        "rows": [
+            {
+                "environment": environment,
+                "reference": next(f"{cell['pointer']}/reference" for cell in cells if cell),
+                "cells": [cell and _cell(cell) for cell in cells],
+            }
+            for environment, cells in shown
+        ],
+    }
+
+
+def _cell(row: Record) -> dict[str, Any]:
+    limits = row["lower"], row["upper"]
+    return {"pointer": row["pointer"], "digits": [digits_of(limit, *limits) for limit in limits]}
 
 
 def interval_tables(document: Record) -> list[dict[str, Any]]:
@@ -146,7 +145,6 @@ def _interval_table(rows: list[Record]) -> dict[str, Any]:
             for environment in distinct(rows, "environment")
             for kind in _ordered(KINDS, rows, "kind")
         ],
-        "sentences": _sentences(rows),
     }
 
 
@@ -157,28 +155,25 @@ def _ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[s
 
 
 def _sentences(rows: list[Record]) -> list[dict[str, Any]]:
-    """Return what each kind and method covers, each sentence once, with the families that carry it."""
-    return [
-        {
-            "kind": kind,
-            "method": method,
-            "families": sorted(distinct(carried, "family"), reverse=True),
-            "environments": _told_apart(carried, same),
-            "covers": covers,
-        }
-        for kind in KINDS
-        for method in METHODS
-        if (same := matching(rows, kind=kind, method=method))
-        for covers in distinct(same, "covers")
-        if (carried := matching(same, covers=covers))
-    ]
-
-
-def _told_apart(carried: list[Record], same: list[Record]) -> list[str]:
-    """Environments of a sentence, where others of the same families have another one."""
-    families = {row["family"] for row in carried}
-    sentences = {row["covers"] for row in same if row["family"] in families}
-    return distinct(carried, "environment") if len(sentences) > 1 else []
+    """Return what each kind and method covers, each sentence once, with what it holds for."""
+    found = []
+    for kind in KINDS:
+        for method in METHODS:
+            same = matching(rows, kind=kind, method=method)
+            for covers in distinct(same, "covers"):
+                carried = matching(same, covers=covers)
+                where = {f"{row['parameter']} of {row['environment']}": None for row in carried}
+                alike = {row["covers"] for row in same if row["family"] == carried[0]["family"]}
+                found.append(
+                    {
+                        "kind": kind,
+                        "method": method,
+                        "families": sorted(distinct(carried, "family"), reverse=True),
+                        "where": list(where) if len(alike) > 1 else [],
+                        "covers": covers,
+                    }
+                )
+    return found
 
 
 def boundaries(document: Record) -> Section | None:
@@ -188,7 +183,9 @@ def boundaries(document: Record) -> Section | None:
         return None
     names = distinct(records, "environment")
     values = {
-        "environments": [_environment(document, index, name) for index, name in enumerate(names, start=1)],
+        "environments": [_environment(document, name) for name in names],
+        "quantities": " and ".join(distinct(document["intervals"], "parameter")),
+        "figures": ["ratios", *(f"ratios_{index}" for index in range(1, 1 + len(names)))],
         "shapes": [{"name": name, "meaning": _SHAPES[name]} for name in _ordered(_SHAPES, records, "shape")],
         "curves": [curves for name in names if (curves := _curves(document, name)) is not None],
         "coupled": any(record.get("coupled") is not None for record in records),
@@ -197,7 +194,7 @@ def boundaries(document: Record) -> Section | None:
     return Section("boundaries", "Realistic performance boundaries", values)
 
 
-def _environment(document: Record, index: int, name: str) -> dict[str, Any]:
+def _environment(document: Record, name: str) -> dict[str, Any]:
     labels = ("kind", "method", "family", "joint", "shape")
     errors = {
         tuple(record[label] for label in labels): f"{record['pointer']}/error"
@@ -214,12 +211,7 @@ def _environment(document: Record, index: int, name: str) -> dict[str, Any]:
         if record["environment"] == name
     ]
     rows.sort(key=lambda row: (KINDS.index(row["kind"]), METHODS.index(row["method"])))
-    return {
-        "name": name,
-        "figures": [f"boundary_{index}_{view}" for view in ("range", "zoom")],
-        "wide": f"boundary_{index}_ratio",
-        "rows": rows,
-    }
+    return {"name": name, "rows": rows}
 
 
 def _inside(record: Record) -> dict[str, bool | None]:
@@ -340,22 +332,46 @@ def band(document: Record) -> Section | None:
     family = family_of(document)
     rows = matching(pointed(record["rows"], "/band/rows"), family=family)
     laws = matching(pointed(record.get("laws"), "/band/laws"), family=family)
+    statements = matching(pointed(record.get("statements"), "/band/statements"), family=family)
     values = {
         "rows": _by_method(rows),
-        "laws": [
-            {
-                **law,
-                "name": _LAWS.get(law["model"], law["model"]),
-                "values": [
-                    {"meaning": _MEANINGS.get(name, name), "pointer": f"{law['pointer']}/parameters/{name}"}
-                    for name in law["parameters"]
-                ],
-            }
-            for law in laws
-        ],
+        "laws": {name: _LAWS.get(name, name) for name in distinct(laws, "model")},
+        "law_rows": [_law_row(alike) for alike in _by_kind_and_method(laws)],
         "family": family,
-        "statements": matching(pointed(record.get("statements"), "/band/statements"), family=family),
+        "statements": [
+            {"statement": name, "pointers": [row["pointer"] for row in matching(statements, statement=name)]}
+            for name in distinct(statements, "statement")
+        ],
+        "stated": [
+            {"kind": row["kind"], "method": row["method"]}
+            for row in matching(statements, statement=statements[0]["statement"] if statements else None)
+        ],
         "trend": pointed(record.get("kappa"), "/band/kappa"),
         "methods": _ordered(METHODS, rows, "method"),
     }
     return Section("band", "Band against impedance", values)
+
+
+def _by_kind_and_method(records: list[Record]) -> list[list[Record]]:
+    """Group records by kind and method, in the order of the page."""
+    groups = (matching(records, kind=kind, method=method) for kind in KINDS for method in METHODS)
+    return [group for group in groups if group]
+
+
+def _law_row(laws: list[Record]) -> dict[str, Any]:
+    """Return the laws of one kind and method, each with its parameters and what it says."""
+    return {
+        "kind": laws[0]["kind"],
+        "method": laws[0]["method"],
+        "cells": {
+            law["model"]: {
+                "pointer": law["pointer"],
+                "sentence": law["sentence"],
+                "values": [
+                    {"name": name, "pointer": f"{law['pointer']}/parameters/{name}"}
+                    for name in law["parameters"]
+                ],
+            }
+            for law in laws
+        },
+    }

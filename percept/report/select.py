@@ -16,6 +16,7 @@ Record = Mapping[str, Any]
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
 EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
+KIND_NAMES = {"mean": "average user", "user": "next user", "share": "share of users"}
 METHODS = ("classical", "bayesian")
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 

@@ -139,7 +139,7 @@ def _latex(document: Mapping[str, Any], table: Record, label: str) -> str:
 
 
 def _latex_number(document: Mapping[str, Any], pointer: str) -> str:
-    text = number(document, pointer).text
+    text = number(document, pointer, style="fixed").text
     if text == "–":
         return "--"
     mantissa, _, power = text.partition(" × 10")

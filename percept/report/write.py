@@ -88,7 +88,8 @@ def write_report(
 
         plots = draw_all(drawings(document), folder / "figures", formats=formats)
         step("page")
-        page = render_page(document, plots, date=date or datetime.date.today().isoformat())
+        files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
+        page = render_page(document, plots, date=date or datetime.date.today().isoformat(), files=files)
         (folder / "report.html").write_text(page, encoding="utf-8")
         if pdf:
             step("pdf")

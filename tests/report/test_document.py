@@ -69,14 +69,14 @@ def test_close_views_and_readings_are_evaluated_anew(classical):
     (record,) = [
         row
         for row in classical["close"]
-        if (row["environment"], row["family"], row["shape"]) == ("VE1", "normal", "corner")
+        if (row["environment"], row["family"], row["shape"]) == ("VE1", "normal", "envelope")
     ]
     omega = np.array(record["omega"])
     assert (omega[0], omega[-1]) == (9.89, 10.11)
     exact = abs(haptics.perceived_impedance(omega, device, ve1, period, coupling=coupling))
     # Coupled and plain reference are 1e-5 apart in the paper's Fig. 7b: nothing is interpolated there.
     assert record["coupled"] == pytest.approx(exact, rel=1e-12)
-    assert {row["kind"] for row in classical["close"]} == {"mean"}
+    assert {row["kind"] for row in classical["close"]} == {"user"}
     assert {tuple(row["omega"]) for row in classical["readings"]} == {(10.0,)}
     assert {row["environment"] for row in classical["readings"]} == set(classical["data"]["environments"])
 
@@ -101,12 +101,20 @@ def test_widths_are_relative_to_the_reference(classical):
 
 
 def test_what_has_no_reference_or_limit_is_not_counted(classical):
-    nothing = {"boundaries": [], "passivity": None, "data": {"doubts": []}}
+    nothing = {
+        "boundaries": [],
+        "passivity": None,
+        "coupling": None,
+        "data": {"doubts": []},
+        "provenance": {"scene": {}},
+    }
     document = {"intervals": [dict(row) for row in classical["intervals"]], **nothing}
     for row in document["intervals"]:
         row["reference"] = None if row["environment"] == "VE1" else row["reference"]
     assert {row["of"] for row in findings(document)["references"]} == {8}
-    assert findings({"intervals": [], **nothing}) == {"references": [], "widths": [], "cautions": []}
+    empty = findings({"intervals": [], **nothing})
+    assert empty.pop("overview") == {"rows": [], "realism": [], "sentences": []}
+    assert empty == {"references": [], "widths": [], "cautions": []}
 
 
 def test_a_summary_and_a_scene_without_device_are_documents_too():

@@ -11,16 +11,16 @@ from matplotlib.figure import Figure
 
 from percept import haptics
 from percept.errors import UsageError
-from percept.report.figures.canvas import COLOURS, Drawing, panels
-from percept.report.figures.curves import Limits, draw_magnitude, draw_ratio, draw_stability
+from percept.report.figures.canvas import COLOURS, Drawing, common_range, panels
+from percept.report.figures.curves import Limits, draw_magnitude, draw_ratio, draw_stability, ratio_range
+from percept.report.figures.from_curves import boundary_drawings
 from percept.report.figures.from_document import (
-    boundary_drawings,
     design_drawings,
     drawings,
     interval_drawings,
     law_curve,
 )
-from percept.report.figures.marks import Bar, Widths, draw_band, draw_design, draw_intervals
+from percept.report.figures.marks import Bar, Widths, beyond_range, draw_band, draw_design, draw_intervals
 from percept.report.figures.output import draw_all, drawn
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -44,14 +44,25 @@ def file(drawing, form="svg"):
     return drawn(drawing, [form])[0][form]
 
 
-def test_every_environment_has_its_three_views(found):
-    views = {f"boundary_{i}_{view}" for i in range(1, 4) for view in ("range", "zoom", "ratio")}
-    assert found.keys() == views | {"intervals_k", "intervals_b", "stability", "design", "band"}
+def test_there_is_a_figure_of_everything_with_data(found):
+    curves = {"boundaries", "boundaries_close", "ratios", "stability", "design"}
+    assert found.keys() == curves | {"overview", "intervals_k", "intervals_b", "band"}
+
+
+def test_more_environments_make_more_figures_of_ratios(classical):
+    document = copy.deepcopy(classical)
+    document["boundaries"] = [
+        {**row, "environment": f"{row['environment']}{again}"}
+        for row in document["boundaries"]
+        for again in "ab"
+    ]
+    names = [drawing.name for drawing in boundary_drawings({**document, "zoom": {}})]
+    assert names == ["boundaries", "ratios_1", "ratios_2"]
 
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
 def test_the_same_drawing_gives_the_same_bytes(found, form):
-    once, again = (file(found["boundary_1_zoom"], form) for _ in range(2))
+    once, again = (file(found["boundaries_close"], form) for _ in range(2))
     assert once == again
     assert once.startswith({"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}[form])
 
@@ -69,7 +80,7 @@ def test_embedded_fonts_in_a_pdf(found):
 
 
 def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
-    drawing = found["boundary_2_ratio"]
+    drawing = found["ratios"]
     text = inline(drawing)
     root = ET.fromstring(text)
     assert root.tag == f"{SVG}svg"
@@ -102,7 +113,7 @@ def test_hostile_names_are_drawn_as_text(both):
             row["environment"] = row["environment"].replace("VE1", HOSTILE)
     document["zoom"][HOSTILE] = document["zoom"]["VE1"]
     by_name = {drawing.name: drawing for drawing in drawings(document)}
-    for name in ("intervals_k", "boundary_1_range"):
+    for name in ("overview", "intervals_k", "boundaries"):
         text = inline(by_name[name])
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
@@ -148,7 +159,7 @@ def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apa
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     _, two = interval_drawings(both)
     assert "; each classical above Bayesian; below them the subjects. " in two.description
-    assert two.description.endswith(" Classical limits are lognormal.")
+    assert " Classical limits are lognormal." in two.description
     document = copy.deepcopy(classical)
     for row in (*document["intervals"], *document["data"]["cells"]):
         if (row["environment"], row["parameter"]) == ("VE1", "b"):
@@ -156,13 +167,13 @@ def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     k, b = interval_drawings(document)
     assert "Bayesian" not in k.description
     assert "reference is 0" not in k.description
-    assert b.description.endswith("Only in the tables, since their reference is 0: VE1.")
+    assert "Only in the tables, since their reference is 0: VE1." in b.description
     figure = Figure()
     b.draw(figure)
     (legend,) = figure.legends
     # The first environment, which has no bars, is not the one that names them.
     assert [text.get_text() for text in legend.get_texts()] == [
-        "classical, mean", "classical, user", "classical, share", "one subject",
+        "average user, classical", "next user, classical", "share of users, classical", "one subject",
     ]  # fmt: skip
 
 
@@ -264,50 +275,50 @@ def test_crossed_corner_curves_make_one_band():
     assert high.get_ydata().tolist() == [3.0, 2.0, 3.0]
 
 
-def test_ratios_are_over_the_reference_and_turn_logarithmic_when_wide():
+def test_ratios_are_over_the_reference_and_an_arrow_marks_what_leaves_the_axis():
     ax = axes()
-    draw_ratio(ax, OMEGA, [LIMITS], np.full(3, 2.0), np.full(3, 4.0))
+    draw_ratio(ax, OMEGA, [LIMITS], np.full(3, 2.0), np.full(3, 4.0), limits=(0.4, 4.0))
     assert ax.get_lines()[0].get_ydata().tolist() == [0.5, 1.0, 1.5]
     assert ax.get_lines()[-1].get_ydata().tolist() == [2.0, 2.0, 2.0]
-    assert ax.get_yscale() == "linear"
+    assert ax.get_ylim() == pytest.approx((0.4 / 1.06, 4.0 * 1.06))
+    assert not ax.texts
     wide = axes()
     limits = Limits("c", "classical", OMEGA, np.zeros(3), np.full(3, 100.0), np.ones(3))
-    draw_ratio(wide, OMEGA, [limits], np.ones(3))
-    assert wide.get_yscale() == "log"
-    assert 0 < wide.get_ylim()[0] < 100 < wide.get_ylim()[1]
+    draw_ratio(wide, OMEGA, [limits], np.ones(3), limits=(0.4, 4.0))
+    assert [text.get_text() for text in wide.texts] == ["▲ 100", "▼ 0"]
 
 
-@pytest.mark.parametrize(
-    ("factor", "cut"),
-    [(1.0, ""), (2e4, "mean, user, share"), (0.5e-4, "")],
-)
-def test_a_caption_says_where_an_axis_ends_before_the_curves(classical, factor, cut):
-    document = copy.deepcopy(classical)
-    for row in document["boundaries"]:
-        row["upper"] = [factor * value for value in row["upper"]]
-    found = {one.name: one for one in drawings(document)}["boundary_1_ratio"]
-    said = f" Cut off below 0.0001 and above 10000: {cut}; boundaries.csv has all of it." if cut else ""
-    assert found.description.partition("the reference through the coupling.")[2] == said
-    figure = Figure()
-    found.draw(figure)
-    # Of limits far below the reference all is seen: their axis is not logarithmic.
-    assert all((ax.get_ylim()[1] > 1e4) == bool(cut) for ax in figure.axes)
+def test_an_axis_holds_what_most_need_and_one_far_out_does_not_flatten_the_rest():
+    # Half need 1 on either side: three times that is shown, where anybody needs it.
+    assert common_range([-1.0, -1.0, -9.0], [1.0, 1.0, 1.5], about=0.0) == (-3.0, 1.5)
+    assert common_range([1.0, -np.inf, 1.0], [4.0, 4.0, np.inf], about=2.0) == (-1.0, 8.0)
+    pair = Limits("c", "classical", OMEGA, np.full(3, 0.5), np.full(3, 2.0), np.ones(3))
+    far = Limits("c", "classical", OMEGA, np.zeros(3), np.full(3, 1e9), np.ones(3))
+    assert ratio_range([[pair], [pair], [far]]) == pytest.approx((0.125, 8.0))
 
 
-def test_bars_span_their_limits_and_a_negative_one_runs_to_the_edge():
+def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
     ax = axes()
     bars = [
-        Bar("A", "mean", "classical", 0.5, 2.0, 1.0),
+        Bar("A", "mean", "classical", 0.55, 2.0, 1.0),
         Bar("A", "user", "classical", -1.0, 4.0, 1.0),
         Bar("B", "mean", "bayesian", 0.8, 1.6, 1.1),
+        Bar("C", "mean", "bayesian", 0.8, 1e4, 1.1),
+        Bar("D", "mean", "bayesian", 0.8, 1.6, 1.1),
     ]
-    draw_intervals(ax, ["A", "B"], bars, [np.array([0.9, 1.2]), np.empty(0)], log=True)
+    draw_intervals(ax, ["A", "B", "C", "D"], bars, [np.array([0.9, 1.2])], log=True)
     spans = [tuple(line.get_xdata()) for line in ax.get_lines() if len(line.get_xdata()) == 2]
-    assert (0.5, 2.0) in spans
+    assert (0.55, 2.0) in spans
     assert (0.8, 1.6) in spans
+    left, right = ax.get_xlim()
     (clipped,) = [span for span in spans if span[1] == 4.0]
-    assert 0 < clipped[0] < ax.get_xlim()[0]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["A", "B"]
+    assert left < clipped[0] < 0.8
+    (far,) = [span for span in spans if span[1] > 4.0]
+    assert far[1] < right < 100.0
+    assert [text.get_text() for text in ax.texts] == ["-1", "10000"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["A", "B", "C", "D"]
+    assert beyond_range(bars)
+    assert not beyond_range(bars[2:3])
 
 
 def test_bands_and_laws_are_drawn_where_they_are():
@@ -336,16 +347,25 @@ def test_a_power_law_is_drawn_with_its_exponent():
 @pytest.mark.parametrize(
     ("kinds", "whom"),
     [
-        (("mean", "user", "share"), "the average user"),
-        (("user", "share"), "the next user"),
+        (("mean", "user", "share"), "the next user"),
+        (("mean", "share"), "the average user"),
         (("share",), "a share of all users"),
     ],
 )
 def test_the_caption_of_boundaries_says_whom_they_are_for(classical, kinds, whom):
     document = copy.deepcopy(classical)
     document["boundaries"] = [row for row in document["boundaries"] if row["kind"] in kinds]
-    words = next(one for one in boundary_drawings(document) if one.name == "boundary_1_range")
-    assert words.description.startswith(f"Limits that feel like VE1 to {whom}, ")
+    words = next(one for one in boundary_drawings(document) if one.name == "boundaries")
+    assert words.description.startswith(f"What {whom} takes for the reference ")
+
+
+def test_both_methods_are_drawn_in_one_family_and_one_shape(both):
+    (drawing,) = [one for one in boundary_drawings(both) if one.name == "boundaries"]
+    figure = Figure()
+    drawing.draw(figure)
+    labels = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+    assert {"Bayesian, envelope (lognormal)", "classical, envelope (lognormal)"} <= labels
+    assert not [label for label in labels if "corner" in label or "(normal" in label]
 
 
 def test_the_map_shades_every_interval_of_every_line():

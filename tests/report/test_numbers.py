@@ -49,8 +49,28 @@ def test_forms(value, text):
     assert rounded(value) == expected
 
 
-def test_percentage_has_a_narrow_space():
-    assert percentage(0.6472) == "64.7\u202f%"
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.6472, "64.7\u202f%"),
+        (0.5, "50\u202f%"),
+        (0.0, "0\u202f%"),
+        (0.0004, "< 0.1\u202f%"),
+        (-0.0004, "> −0.1\u202f%"),
+        (257.0, "257\u202f×"),
+        (float("inf"), "∞\u202f%"),
+    ],
+)
+def test_percentages_are_small_numbers(value, text):
+    assert percentage(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.381, "+38\u202f%"), (-0.0711, "−7.1\u202f%"), (252.4, "253\u202f×"), (0.0, "0\u202f%")],
+)
+def test_a_bias_has_its_sign(value, text):
+    assert number({"a": value}, "/a", style="bias").text == text
 
 
 DOCUMENT = {"rows": [{"lower": 10.808, "upper": "inf", "none": None, "n": 12345, "level": 0.99, "a/b": 2}]}
@@ -67,6 +87,8 @@ DOCUMENT = {"rows": [{"lower": 10.808, "upper": "inf", "none": None, "n": 12345,
         ("/rows/0/level", "short percent", "99\u202f%", "0.99"),
         ("/rows/0/level", "short", "0.99", "0.99"),
         ("/rows/0/a~1b", "short", "2", "2"),
+        ("/rows/0/a~1b", "fixed", "2.0000", "2"),
+        ("/rows/0/a~1b", "plain", "2", "2"),
     ],
 )
 def test_a_number_knows_its_pointer_and_all_its_digits(pointer, style, text, exact):

@@ -30,12 +30,20 @@ def document(classical, request):
 def test_laws_of_the_band_stand_where_their_pointers_say(document):
     values = section(document, "band")
     assert values["family"] == document["provenance"]["scene"]["inference"]["family"]
-    assert values["laws"]
+    assert values["law_rows"]
     labels = ("method", "kind", "family", "model")
-    for law in values["laws"]:
-        known = at(document, law["pointer"])
-        assert [known[name] for name in labels] == [law[name] for name in labels]
-        assert law["family"] == values["family"]
+    for row in values["law_rows"]:
+        for model, law in row["cells"].items():
+            wanted = [row["method"], row["kind"], values["family"], model]
+            assert [at(document, law["pointer"])[name] for name in labels] == wanted
+            assert {value["name"] for value in law["values"]} == set(
+                at(document, law["pointer"])["parameters"]
+            )
+    for row in values["statements"]:
+        for column, pointer in zip(values["stated"], row["pointers"], strict=True):
+            found = at(document, pointer)
+            assert found["statement"] == row["statement"]
+            assert {name: found[name] for name in column} == column
 
 
 def test_realism_stands_where_its_pointers_say(document):
@@ -57,9 +65,12 @@ def test_environments_are_told_apart_where_their_intervals_say_different_things(
     document = copy.deepcopy(classical)
     for row in document["intervals"]:
         row["covers"] = "one thing" if row["environment"] == "VE1" else "another"
-    (table, *_) = section(document, "intervals")["tables"]
-    told = {one["covers"]: one["environments"] for one in table["sentences"] if one["kind"] == "mean"}
-    assert told == {"one thing": ["VE1"], "another": ["VE2", "VE3", "VE4", "VE5"]}
+    sentences = section(document, "intervals")["sentences"]
+    told = {one["covers"]: one["where"] for one in sentences if one["kind"] == "mean"}
+    assert told == {
+        "one thing": ["k of VE1", "b of VE1"],
+        "another": [f"{name} of VE{index}" for name in ("k", "b") for index in range(2, 6)],
+    }
 
 
 @pytest.mark.parametrize("step", [1, -1])

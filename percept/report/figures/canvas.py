@@ -13,7 +13,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.textpath import text_to_path
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them apart as well.
 # The names are those of the page's style sheet, where the dark page has its own values.
@@ -42,6 +42,7 @@ class Drawing:
     size: tuple[float, float]  # Width and height, mm
     draw: Callable[[Figure], None]  # Draws on an empty matplotlib Figure
     svg: str = ""  # ``<svg>`` element for a page
+    formats: tuple[str, ...] = ()  # Of the files written
 
 
 def panels(
@@ -73,6 +74,24 @@ def panels(
         )
         for index in range(count)
     ]
+
+
+#: An axis shows what most groups need on either side, and this many times that at most.
+_GENEROUS = 3.0
+
+
+def common_range(lows: ArrayLike, highs: ArrayLike, *, about: float) -> tuple[float, float]:
+    """Return the ends of an axis for groups of marks about a value: no group flattens the others.
+
+    Each end is that of the widest group, or `_GENEROUS` times as far out as half of the groups need.
+    """
+    ends = []
+    for sign, sides in ((-1.0, lows), (1.0, highs)):
+        out = np.maximum(sign * (np.asarray(sides, dtype=float) - about), 0.0)
+        # An infinite end is cut off like any other that lies far out.
+        out = np.where(np.isfinite(out), out, np.finfo(float).max)
+        ends.append(about + sign * min(out.max(), _GENEROUS * float(np.median(out)) or out.max()))
+    return ends[0], ends[1]
 
 
 def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:

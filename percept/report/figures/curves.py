@@ -11,13 +11,9 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
-from percept.report.figures.canvas import COLOURS, log_scale
+from percept.report.figures.canvas import COLOURS, common_range, log_scale
 
 FloatArray = NDArray[np.float64]
-#: Ratios to the reference that an axis shows at most: few subjects let limits run away.
-SHOWN_RATIOS = (1e-4, 1e4)
-#: A larger ratio than this asks for a logarithmic axis.
-_LINEAR = 8.0
 _REFERENCE = (0, (7, 3))
 _COUPLED = (0, (2.5, 1.5))
 # Long and short dashes as in the paper's Fig. 4; more couplings go on with other patterns.
@@ -64,46 +60,60 @@ def draw_magnitude(
 def draw_ratio(
     ax: Axes,
     omega: FloatArray,
-    limits: Sequence[Limits],
+    pairs: Sequence[Limits],
     reference: FloatArray,
     coupled: FloatArray | None = None,
+    *,
+    limits: tuple[float, float],
 ) -> None:
-    """Draw boundaries divided by the reference's abs(Z_h), over the whole range."""
-    ratios = _ratios(limits)
+    """Draw boundaries divided by the reference's abs(Z_h); an arrow marks what leaves the axis."""
+    ratios = _ratios(pairs)
     _draw_limits(ax, ratios)
     ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
     if coupled is not None:
         _draw_coupled(ax, omega, coupled / reference)
     log_scale(ax, "x", plain=True)
+    ax.set_yscale("log", nonpositive="clip")
+    ax.minorticks_off()
+    low, high = limits
+    ax.set_ylim(low / 1.06, high * 1.06)
+    steps = [tick for tick in _TICKS if low / 1.05 <= tick <= high * 1.05]
+    ax.set_yticks(steps, [f"{tick:g}" for tick in steps])
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("ω (rad/s)")
-    values = _positive(ratios)
-    if values.max(initial=0.0) > _LINEAR:
-        # A boundary may reach zero, which has no place on a log axis.
-        ax.set_yscale("log", nonpositive="clip")
-        least, most = SHOWN_RATIOS
-        ax.set_ylim(max(min(values.min(), 1.0), least) / 1.3, min(max(values.max(), 1.0), most) * 1.3)
-        ax.yaxis.minorticks_off()
-    else:
-        ax.locator_params(axis="y", nbins=6)
+    if not ratios:
+        return
+    farthest = {
+        "▲": max(float(np.max(pair.upper)) for pair in ratios),
+        "▼": min(float(np.min(pair.lower)) for pair in ratios),
+    }
+    for arrow, value in farthest.items():
+        if not low <= value <= high:
+            up = arrow == "▲"
+            said = "∞" if not np.isfinite(value) else f"{value:.2g}" if value < 100 else f"{value:.0f}"
+            ax.text(
+                0.98, 0.97 if up else 0.03, f"{arrow} {said}", transform=ax.transAxes, ha="right",
+                va="top" if up else "bottom", fontsize=6.5, color=COLOURS["ink"],
+            )  # fmt: skip
 
 
-def beyond_axis(limits: Sequence[Limits]) -> bool:
-    """Say whether `draw_ratio` cuts some of the curves off."""
-    values = _positive(_ratios(limits))
-    least, most = SHOWN_RATIOS
-    return bool(values.max(initial=0.0) > _LINEAR and (values.min() < least or values.max() > most))
+_TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+
+
+def ratio_range(groups: Sequence[Sequence[Limits]]) -> tuple[float, float]:
+    """Return the common axis of boundaries over their references, each group a panel."""
+    ratios = [_ratios(group) for group in groups]
+    lows = [min(float(np.min(pair.lower)) for pair in group) for group in ratios]
+    highs = [max(float(np.max(pair.upper)) for pair in group) for group in ratios]
+    with np.errstate(divide="ignore"):
+        low, high = common_range(np.log(np.maximum(lows, 0.0)), np.log(highs), about=0.0)
+    return float(np.exp(low)), float(np.exp(high))
 
 
 def _ratios(limits: Sequence[Limits]) -> list[Limits]:
     return [
         replace(pair, lower=pair.lower / pair.reference, upper=pair.upper / pair.reference) for pair in limits
     ]
-
-
-def _positive(limits: Sequence[Limits]) -> FloatArray:
-    values = np.concatenate([np.empty(0), *(curve for pair in limits for curve in (pair.lower, pair.upper))])
-    return values[np.isfinite(values) & (values > 0)]
 
 
 def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:

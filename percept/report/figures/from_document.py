@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,15 +11,8 @@ from numpy.typing import NDArray
 
 from percept.errors import counted
 from percept.report.figures.canvas import Drawing, legend_below, panels, row_labels
-from percept.report.figures.curves import (
-    SHOWN_RATIOS,
-    Limits,
-    beyond_axis,
-    draw_magnitude,
-    draw_ratio,
-    draw_stability,
-)
-from percept.report.figures.marks import Bar, Widths, draw_band, draw_design, draw_intervals
+from percept.report.figures.from_curves import boundary_drawings, stability_drawings
+from percept.report.figures.marks import Bar, Widths, beyond_range, draw_band, draw_design, draw_intervals
 from percept.report.select import (
     KINDS,
     METHOD_NAMES,
@@ -28,7 +20,6 @@ from percept.report.select import (
     Record,
     array,
     distinct,
-    each_by_itself,
     families_of,
     first,
     matching,
@@ -36,8 +27,6 @@ from percept.report.select import (
 
 FloatArray = NDArray[np.float64]
 _PARAMETERS = {"k": "stiffness k", "b": "damping b"}
-_KINDS = {"mean": "average user", "user": "next user", "share": "share of users"}
-_WHOM = {"mean": "the average user", "user": "the next user", "share": "a share of all users"}
 _BARS = {
     "mean": "average user (thick bar, mark at the estimate)",
     "user": "next user",
@@ -48,19 +37,62 @@ _LAWS = {"weber": "Weber", "offset": "Weber with offset", "power": "power law"}
 _LEAST_MARGIN, _MOST_MARGIN = 18.0, 52.0
 # Between a label and the axis, and to the edge of the figure, mm; other viewers' lettering may be wider.
 _MARGIN_BESIDE = 4.0
-_BOUNDARY_TITLE, _MAP_TITLE = 62.0, 38.0  # widths, mm
+_MAP_TITLE = 38.0  # width, mm
 _MAP_COLUMNS = 3
 
 
 def drawings(document: Record) -> list[Drawing]:
     """Return every figure of a document in the order of the page; nothing is drawn yet."""
     return [
+        *overview_drawings(document),
         *interval_drawings(document),
         *boundary_drawings(document),
-        *_stability_drawings(document["coupling"]),
+        *stability_drawings(document["coupling"]),
         *design_drawings(document),
         *_band_drawings(document),
     ]
+
+
+def overview_drawings(document: Record) -> list[Drawing]:
+    """Return the figure of the first screen: a panel per quantity, with the average and the next user."""
+    intervals = matching(document["intervals"], joint="marginal")
+    bars = {name: _bars(document, name, ("mean", "user")) for name in distinct(intervals, "parameter")}
+    bars = {name: some for name, some in bars.items() if some}
+    if not bars:
+        return []
+    environments = distinct(intervals, "environment")
+    families = families_of(document)
+
+    def draw(figure: Figure) -> None:
+        labels, width = row_labels(environments, most=_MOST_MARGIN - _MARGIN_BESIDE)
+        left = max(_LEAST_MARGIN, width + _MARGIN_BESIDE)
+        axes = panels(figure, len(bars), left=left, bottom=17, gap=left)
+        for ax, (name, some) in zip(axes, bars.items(), strict=True):
+            draw_intervals(ax, environments, some, [], log=families[0] == "lognormal", labels=labels)
+            ax.set_title(_PARAMETERS[name].capitalize(), loc="left")
+            ax.set_xlabel("adjusted / reference")
+        legend_below(axes[0], columns=4)
+
+    both = len({bar.method for some in bars.values() for bar in some}) == 2
+    return [
+        Drawing(
+            "overview",
+            "What users set, divided by the reference",
+            "Thick: the average user, with a mark at the estimate. Thin: the next user."
+            + (" Each classical bar stands above the Bayesian one." if both else "")
+            + f" Dashed: the reference.{_classical(intervals, families)}"
+            + _cut(some for some in bars.values()),
+            (175.0, 26.0 + (9.0 if both else 6.5) * len(environments)),
+            draw,
+        )
+    ]
+
+
+def _cut(groups: Iterable[Sequence[Bar]]) -> str:
+    """Say that an arrow ends a bar, where one does."""
+    return " An arrow with a value ends a bar that leaves the axis." * any(
+        beyond_range(bars) for bars in groups
+    )
 
 
 def interval_drawings(document: Record) -> list[Drawing]:
@@ -71,18 +103,24 @@ def interval_drawings(document: Record) -> list[Drawing]:
     return [drawing for drawing in figures if drawing is not None]
 
 
-def _interval_drawing(document: Record, parameter: str) -> Drawing | None:
+def _bars(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]:
+    """Return the bars of a quantity in the study's family, or in the other where it has none."""
     rows = matching(document["intervals"], parameter=parameter, joint="marginal")
-    environments = distinct(rows, "environment")
     families = families_of(document)
-    bars = [
+    return [
         bar
-        for environment in environments
-        for kind in KINDS
+        for environment in distinct(rows, "environment")
+        for kind in kinds
         for method in METHODS
         if (row := first(matching(rows, environment=environment, kind=kind, method=method), family=families))
         and (bar := _bar(row)) is not None
     ]
+
+
+def _interval_drawing(document: Record, parameter: str) -> Drawing | None:
+    rows = matching(document["intervals"], parameter=parameter, joint="marginal")
+    environments = distinct(rows, "environment")
+    families, bars = families_of(document), _bars(document, parameter, KINDS)
     if not bars:
         return None
     values = [_values(document, environment, parameter) for environment in environments]
@@ -98,8 +136,8 @@ def _interval_drawing(document: Record, parameter: str) -> Drawing | None:
     return Drawing(
         f"intervals_{parameter}",
         f"Intervals of {name}, divided by the reference",
-        _interval_caption(rows, bars, values, families),
-        (130.0, 26.0 + 17.0 * len(environments)),
+        _interval_caption(rows, bars, values, families) + _cut([bars]),
+        (150.0, 26.0 + 14.0 * len(environments)),
         draw,
     )
 
@@ -142,155 +180,6 @@ def _classical(rows: list[Record], families: Sequence[str]) -> str:
     }
     said = ", where there are none ".join(family for family in families if family in present)
     return f" Classical limits are {said}." if said else ""
-
-
-def boundary_drawings(document: Record) -> list[Drawing]:
-    """Return three figures per environment: whole range, close view, every kind over the reference."""
-    return [
-        drawing
-        for index, environment in enumerate(distinct(document["boundaries"], "environment"), start=1)
-        for drawing in _boundary_views(document, environment, f"boundary_{index}")
-    ]
-
-
-def _boundary_views(document: Record, environment: str, name: str) -> list[Drawing]:
-    rows = [row for row in matching(document["boundaries"], environment=environment) if each_by_itself(row)]
-    coupled = rows[0].get("coupled") is not None
-    coupling = " and the reference through the coupling" if coupled else ""
-    whom = next(_WHOM[kind] for kind in KINDS if matching(rows, kind=kind))
-    limits = _paper_limits(rows)
-    views = [
-        Drawing(
-            f"{name}_range",
-            f"{environment}: boundary of |Z_h| over the whole range",
-            f"Limits that feel like {environment} to {whom}, with the reference{coupling}."
-            + (" On this scale the curves can hardly be told apart." if _close(limits) else ""),
-            (85.0, 74.0),
-            lambda figure: _draw_curves(figure, rows[0], limits, environment, log=True),
-        )
-    ]
-    near = matching(document["close"], environment=environment)
-    if near:
-        low, high = document["zoom"][environment]
-        window = f"{low:g} to {high:g} rad/s"
-        views.append(
-            Drawing(
-                f"{name}_zoom",
-                f"{environment}: close view, {window}",
-                f"The same limits, the reference{coupling}, on linear axes.",
-                (85.0, 74.0),
-                lambda figure: _draw_curves(
-                    figure, near[0], _paper_limits(near), f"{environment}, {window}", log=False
-                ),
-            )
-        )
-    by_kind = {kind: alike for kind in KINDS if (alike := _like_limits(rows, kind, families_of(document)))}
-    views.append(
-        Drawing(
-            f"{name}_ratio",
-            f"{environment}: limits divided by the reference's |Z_h|",
-            "One family and one shape for each kind. Dashed, at 1: the reference"
-            + ("; dotted: the reference through the coupling." if coupled else ".")
-            + _cut(by_kind),
-            (175.0, 64.0),
-            lambda figure: _draw_ratios(figure, rows[0], by_kind),
-        )
-    )
-    return views
-
-
-def _close(limits: list[Limits]) -> bool:
-    """Say whether every limit lies within a fifth of the reference."""
-    return all(
-        np.abs(np.log(np.maximum(curve, np.finfo(float).tiny) / pair.reference)).max() < np.log(1.2)
-        for pair in limits
-        for curve in (pair.lower, pair.upper)
-    )
-
-
-def _cut(by_kind: Mapping[str, list[Limits]]) -> str:
-    """Say where axes end before the curves do."""
-    cut = [kind for kind, limits in by_kind.items() if beyond_axis(limits)]
-    least, most = SHOWN_RATIOS
-    where = f"below {least:g} and above {most:g}: {', '.join(cut)}"
-    return f" Cut off {where}; boundaries.csv has all of it." if cut else ""
-
-
-def _paper_limits(rows: list[Record]) -> list[Limits]:
-    """Return the paper's corner curves, and the Bayesian curves of the same kind."""
-    preferred = (
-        ("bayesian", ("lognormal", "normal"), ("pointwise", "envelope", "corner")),
-        ("classical", ("normal", "lognormal"), ("corner", "envelope")),
-    )
-    chosen = [
-        first(matching(rows, method=method), kind=KINDS, family=families, shape=shapes)
-        for method, families, shapes in preferred
-    ]
-    return [_limits(row) for row in chosen if row is not None]
-
-
-def _like_limits(rows: list[Record], kind: str, families: Sequence[str]) -> list[Limits]:
-    """Return the boundaries of both methods in one family and one shape."""
-    for shape in ("envelope", "pointwise", "corner"):
-        alike = matching(rows, kind=kind, shape=shape)
-        chosen = [first(matching(alike, method=method), family=families) for method in reversed(METHODS)]
-        if any(chosen):
-            limits = [_limits(row) for row in chosen if row is not None]
-            # One legend serves all kinds.
-            return [replace(pair, label=pair.label.replace(f" {kind},", "")) for pair in limits]
-    return []
-
-
-def _limits(row: Record) -> Limits:
-    label = f"{METHOD_NAMES[row['method']]} {row['kind']}, {row['shape']} ({row['family']})"
-    curves = (array(row[name]) for name in ("omega", "lower", "upper", "reference"))
-    return Limits(label, row["method"], *curves)
-
-
-def _reference(row: Record) -> tuple[FloatArray, FloatArray | None]:
-    coupled = row.get("coupled")
-    return array(row["reference"]), None if coupled is None else array(coupled)
-
-
-def _draw_curves(figure: Figure, row: Record, limits: list[Limits], title: str, *, log: bool) -> None:
-    (ax,) = panels(figure, right=5, bottom=28)
-    draw_magnitude(ax, array(row["omega"]), limits, *_reference(row), log=log)
-    ax.set_title(row_labels([title], most=_BOUNDARY_TITLE)[0][0], loc="left")
-    legend_below(ax, columns=1)
-
-
-def _draw_ratios(figure: Figure, row: Record, by_kind: Mapping[str, list[Limits]]) -> None:
-    axes = panels(figure, len(by_kind), bottom=20)
-    for ax, (kind, limits) in zip(axes, by_kind.items(), strict=True):
-        draw_ratio(ax, array(row["omega"]), limits, *_reference(row))
-        ax.set_title(f"{kind}: {_KINDS[kind]}", loc="left")
-    axes[0].set_ylabel("|Zₕ| / reference")
-    legend_below(axes[0], columns=2)
-
-
-def _stability_drawings(coupling: Record | None) -> list[Drawing]:
-    """Return the stability criterion over ω (Fig. 4)."""
-    if not coupling or not coupling.get("bound"):
-        return []
-    label = "this coupling"
-    omega, binding = array(coupling["omega"]), coupling["binding_omega"]
-    inside = binding is not None and omega[0] <= float(binding) <= omega[-1]
-
-    def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18, top=3)
-        admittance = {label: array(coupling["admittance"])}
-        marks = {label: float(binding)} if inside else None
-        draw_stability(ax, omega, array(coupling["bound"]), admittance, binding=marks)
-
-    return [
-        Drawing(
-            "stability",
-            "Stability of the coupling over the angular frequency",
-            "Re 1/Z_c of the coupling and the lower bound it has to stay above (Eq. 10).",
-            (120.0, 80.0),
-            draw,
-        )
-    ]
 
 
 def design_drawings(document: Record) -> list[Drawing]:

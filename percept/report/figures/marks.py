@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, MM, log_scale, row_labels, shade_boxes
-from percept.report.select import KINDS, METHOD_NAMES, METHODS
+from percept.report.figures.canvas import COLOURS, MM, common_range, log_scale, row_labels, shade_boxes
+from percept.report.select import KIND_NAMES, KINDS, METHOD_NAMES, METHODS
 
 FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float, float]
@@ -46,20 +46,22 @@ def draw_intervals(
     """Draw a group of bars per environment: kinds by thickness, methods by colour and mark."""
     row = {environment: -index for index, environment in enumerate(environments)}
     present = [method for method in METHODS if any(bar.method == method for bar in bars)]
-    ends = np.array([edge for bar in bars for edge in (bar.lower, bar.upper)], dtype=float)
-    log = log and bool((ends > 0).any())
-    ends = ends[np.isfinite(ends) & ((ends > 0) | (not log))]
+    kinds = [kind for kind in KINDS if any(bar.kind == kind for bar in bars)]
+    log = log and any(bar.upper > 0 for bar in bars)
+    left, right = _ends(bars, log=log)
     for bar in bars:
-        y = row[bar.environment] + _offset(bar.kind, bar.method, present)
-        low = ends.min() / 2 if log and bar.lower <= 0 else bar.lower
+        y = row[bar.environment] + _offset(kinds.index(bar.kind), bar.method, len(kinds), present)
         ax.plot(
-            [low, bar.upper],
+            [max(bar.lower, left), min(bar.upper, right)],
             [y, y],
             color=COLOURS[bar.method],
             linewidth=_THICKNESS[bar.kind],
-            label=f"{METHOD_NAMES[bar.method]}, {bar.kind}",
+            label=f"{KIND_NAMES[bar.kind]}, {METHOD_NAMES[bar.method]}",
         )
-        if bar.kind == "mean":
+        for value, edge, side in ((bar.lower, left, "left"), (bar.upper, right, "right")):
+            if value != min(max(value, left), right):
+                _point_beyond(ax, edge, y, value, side, COLOURS[bar.method])
+        if bar.kind == "mean" and left <= bar.estimate <= right:
             ax.plot(
                 [bar.estimate],
                 [y],
@@ -69,7 +71,7 @@ def draw_intervals(
                 markeredgecolor=COLOURS[bar.method],
                 linestyle="none",
             )
-    for environment, subjects in zip(environments, values, strict=True):
+    for environment, subjects in zip(environments, values, strict=False):
         ax.plot(
             subjects,
             np.full(len(subjects), row[environment] - 0.42),
@@ -82,19 +84,59 @@ def draw_intervals(
     ax.axvline(1.0, color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
     if log:
         log_scale(ax, "x", plain=True)
-        # Over three decades labels between the powers of ten would touch.
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if ends.max() < 1e3 * ends.min() else (1,)))
-        ax.set_xlim(ends.min() / 1.15, ends.max() * 1.15)
+        # As many labels as fit: over three decades those between the powers of ten would touch.
+        span = right / left
+        subs = (1, 1.2, 1.5, 2, 3, 5, 7) if span < 5 else (1, 2, 5) if span < 1e3 else (1,)
+        ax.xaxis.set_major_locator(LogLocator(subs=subs))
+        ax.set_xlim(left / 1.03, right * 1.03)
+    else:
+        ax.set_xlim(left - 0.02 * (right - left), right + 0.02 * (right - left))
     ax.set_yticks(list(row.values()), environments if labels is None else labels)
     ax.set_ylim(-len(environments) + 0.4, 0.6)
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", length=0)
 
 
-def _offset(kind: str, method: str, present: Sequence[str]) -> float:
-    step = 0.72 / (len(KINDS) * len(present))
-    rank = KINDS.index(kind) * len(present) + present.index(method)
-    return 0.38 - step * rank
+def _ends(bars: Sequence[Bar], *, log: bool) -> tuple[float, float]:
+    """Return the ends of the axis: one environment far out does not flatten the rest."""
+    sides = np.array(
+        [
+            (
+                min(bar.lower for bar in bars if bar.environment == name),
+                max(bar.upper for bar in bars if bar.environment == name),
+            )
+            for name in dict.fromkeys(bar.environment for bar in bars)
+        ]
+    )
+    if not log:
+        low, high = common_range(sides[:, 0], sides[:, 1], about=1.0)
+        return low - 0.02 * (high - low), high + 0.02 * (high - low)
+    with np.errstate(divide="ignore"):
+        low, high = common_range(*np.log(np.maximum(sides, 0.0)).T, about=0.0)
+    return float(np.exp(low)), float(np.exp(high))
+
+
+def beyond_range(bars: Sequence[Bar], *, log: bool = True) -> bool:
+    """Say whether some bar leaves the axis."""
+    left, right = _ends(bars, log=log and any(bar.upper > 0 for bar in bars))
+    return any(bar.lower < left or bar.upper > right for bar in bars)
+
+
+def _point_beyond(ax: Axes, edge: float, y: float, value: float, side: str, colour: str) -> None:
+    """Mark a bar that goes on beyond the axis, with the value it ends at."""
+    said = "∞" if not np.isfinite(value) else f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
+    ax.plot([edge], [y], marker={"left": "<", "right": ">"}[side], markersize=3, color=colour, clip_on=False)
+    over = {"left": 3, "right": -3}[side]
+    ax.annotate(
+        said, (edge, y), xytext=(over, 0), textcoords="offset points", ha=side, va="center", fontsize=5.4,
+        bbox={"facecolor": COLOURS["paper"], "edgecolor": "none", "pad": 0.4},
+    )  # fmt: skip
+
+
+def _offset(rank: int, method: str, kinds: int, present: Sequence[str]) -> float:
+    """Return where in its row a bar stands: kinds from top to bottom, methods within a kind."""
+    step = 0.72 / (kinds * len(present))
+    return 0.38 - step * (rank * len(present) + present.index(method))
 
 
 @dataclass(frozen=True, eq=False)

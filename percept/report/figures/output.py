@@ -92,7 +92,7 @@ def draw_all(
         for form, content in files.items():
             folder.mkdir(exist_ok=True)
             (folder / f"{drawing.name}.{form}").write_bytes(content)
-        plots[drawing.name] = dataclasses.replace(drawing, svg=svg)
+        plots[drawing.name] = dataclasses.replace(drawing, svg=svg, formats=tuple(files))
     return plots
 
 

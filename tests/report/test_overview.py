@@ -1,0 +1,132 @@
+"""The first screen: each sentence and each number against the rest of the document."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import pytest
+
+from percept.report.overview import digits_of, overview
+from percept.report.select import first, matching
+
+
+def document(rows, *, realism=(), coupling=None):
+    """A document of intervals (environment, mean lower, estimate, upper, user lower, upper) around 10."""
+    intervals = [
+        {
+            "environment": name, "parameter": "k", "unit": "N/m", "reference": 10.0, "joint": "marginal",
+            "method": "classical", "family": "lognormal", "kind": kind,
+            "lower": lower, "upper": upper, "estimate": estimate,
+        }
+        for name, low, estimate, high, user_low, user_high in rows
+        for kind, lower, upper in (("mean", low, high), ("user", user_low, user_high))
+    ]  # fmt: skip
+    found = None if coupling is None and not realism else {"realism": list(realism), **(coupling or {})}
+    return {"intervals": intervals, "coupling": found, "provenance": {"scene": {}}}
+
+
+def felt(name, direct, coupled=None, margin=-0.1):
+    labels = {"environment": name, "kind": "user", "shape": "envelope", "joint": "marginal"}
+    return labels | {
+        "method": "classical", "family": "lognormal", "share_inside_uncoupled": direct,
+        "margin_uncoupled": margin, "share_inside_coupled": coupled, "margin_coupled": margin,
+    }  # fmt: skip
+
+
+SOFT, HARD, NONE = ("A", 12, 15, 18, 5, 40), ("B", 8, 8.7, 9.5, 6, 12), ("C", 9, 10.1, 11, 7, 14)
+
+
+def test_biases_are_said_where_the_interval_leaves_the_reference_out():
+    said = overview(document([SOFT, HARD, NONE]))["sentences"]
+    assert said[0] == "Stiffness is set 50 % too high in A and 13 % too low in B."
+    assert overview(document([NONE, ("D", 9, 10, 11, 8, 12)]))["sentences"][0] == (
+        "Stiffness shows no clear bias in any of 2 environments."
+    )
+    assert overview(document([SOFT]))["sentences"][0] == "Stiffness is set 50 % too high."
+    twice = overview(document([SOFT, ("D", 1100, 2530, 4000, 5, 6)]))["sentences"][0]
+    assert twice == "Stiffness is set 50 % to 253 times too high in A and D."
+
+
+def test_more_than_five_names_are_counted():
+    rows = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(6)] + [NONE]
+    assert overview(document(rows))["sentences"][0] == "Stiffness is set 50 % too high in 6 of 7."
+
+
+def test_what_feels_real_is_said_through_the_coupling_where_there_is_one():
+    margin = {"margin": 0.3157, "verdict": "unstable"}
+    realism = [felt("A", 1.0, 1.0), felt("B", 1.0, 0.4), felt("C", 1.0, 0.0)]
+    said = overview(document([SOFT], realism=realism, coupling=margin))["sentences"]
+    assert said[1] == (
+        "Through the coupling, A stays inside the next user’s boundary; B leaves it at some frequencies; "
+        "C is outside it at every frequency."
+    )
+    assert said[2] == "The coupling is unstable: the device has 32 % of the damping the coupling needs."
+    direct = overview(document([SOFT], realism=[felt("A", 0.0), felt("B", 0.0)]))["sentences"]
+    assert direct[1] == "Rendered directly, A and B are outside the next user’s boundary at every frequency."
+    stable = overview(document([SOFT], coupling={"margin": 1.4, "verdict": "stable"}))["sentences"]
+    assert "The coupling is stable: the device has 1.4 times the damping the coupling needs." in stable
+    reason = "A measured device's poles cannot be checked."
+    measured = overview(document([SOFT], coupling={"margin": 1.4, "verdict": "stable", "reason": reason}))
+    assert measured["sentences"][1].endswith("needs. The device is measured, so its poles cannot be checked.")
+
+
+def test_without_a_device_the_next_user_s_range_is_said():
+    said = overview(document([SOFT, HARD]))["sentences"]
+    assert said[-1] == (
+        "The next user sets stiffness to 0.6 to 1.2 times the reference (B, the narrowest) and "
+        "0.5 to 4 times the reference (A, the widest)."
+    )
+
+
+def test_a_departure_is_the_fraction_by_which_the_boundary_is_left():
+    found = overview(document([SOFT], realism=[felt("A", 0.5, 1.0, margin=-math.log(1.58))]))
+    assert found["realism"][0]["directly"] == {"inside": 0.5, "departure": pytest.approx(0.58)}
+    inside = overview(document([SOFT], realism=[felt("A", 1.0, margin=0.2)]))
+    assert inside["realism"][0]["directly"]["departure"] == 0.0
+
+
+def test_a_reference_of_zero_has_no_bias():
+    made = document([SOFT])
+    for row in made["intervals"]:
+        row["reference"] = 0.0
+    (row,) = overview(made)["rows"]
+    assert row["bias"] is row["bias_lower"] is row["user_upper_ratio"] is None
+    assert row["estimate"] == 15
+
+
+def test_rows_are_the_bayesian_intervals_of_the_study_s_family(both):
+    shown = both["summary"]["overview"]
+    assert len(shown["rows"]) == 2 * 3
+    for row in shown["rows"]:
+        alike = matching(
+            both["intervals"], joint="marginal", method="bayesian", family="lognormal",
+            environment=row["environment"], parameter=row["parameter"],
+        )  # fmt: skip
+        mean, user = (first(matching(alike, kind=kind)) for kind in ("mean", "user"))
+        assert row["estimate"] == mean["estimate"]
+        assert row["bias"] == mean["estimate"] / mean["reference"] - 1
+        assert (row["bias_lower"], row["bias_upper"]) == (
+            mean["lower"] / mean["reference"] - 1,
+            mean["upper"] / mean["reference"] - 1,
+        )
+        assert (row["user_lower"], row["user_upper"]) == (user["lower"], user["upper"])
+
+
+def test_a_withheld_fit_leaves_the_classical_numbers(both):
+    made = copy.deepcopy(both)
+    made["intervals"] = matching(made["intervals"], method="classical")
+    assert {row["method"] for row in overview(made)["rows"]} == {"classical"}
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "digits"),
+    [
+        (13.8, (6.0, 30.0), 3),
+        (983.0, (833.0, 1160.0), 3),
+        (43500.0, (43400.0, 43600.0), 5),
+        (0.0, (0.0, 1.0), 4),
+    ],
+)
+def test_digits_end_near_a_hundredth_of_the_half_width(value, limits, digits):
+    assert digits_of(value, *limits) == digits
