@@ -154,7 +154,7 @@ def _ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[s
     return [name for name in names if name in present]
 
 
-def _sentences(rows: list[Record]) -> list[dict[str, Any]]:
+def _sentences(rows: Sequence[Record]) -> list[dict[str, Any]]:
     """Return what each kind and method covers, each sentence once, with what it holds for."""
     found = []
     for kind in KINDS:
