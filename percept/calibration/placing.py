@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from typing import Any
 
 import emcee
@@ -48,7 +49,7 @@ def _missing() -> Design:
     return Design(_REFERENCES[:4], trials)
 
 
-#: The six kinds of study that are calibrated.
+#: The kinds of study that are calibrated. Their order decides their seeds.
 SBC_DESIGNS: dict[str, Design] = {
     "balanced": Design.balanced(_REFERENCES, subjects=10),
     "trials": Design.balanced(_REFERENCES[:3], subjects=8, trials=3),
@@ -56,7 +57,12 @@ SBC_DESIGNS: dict[str, Design] = {
     "one parameter": Design.balanced(_REFERENCES[:4, :1], subjects=8, parameters=("k",)),
     "one environment": Design.balanced(_REFERENCES[2:3], subjects=8),
     "three subjects": Design.balanced(_REFERENCES[:3], subjects=3),
+    "weak scatter": Design.balanced(_REFERENCES, subjects=10, trials=3),
+    "thirty environments": Design.balanced(np.geomspace([10.0, 0.1], [5e4, 50.0], 30), subjects=8),
 }
+#: Priors of truths and fits, where they are not the defaults. A twentieth of the scatter between trials: the
+#: data can hardly tell the scatter between subjects from none.
+_PRIORS = {"weak scatter": Priors(log_s_mean=math.log(0.005))}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -99,7 +105,8 @@ def place_study(plan: SbcPlan, index: int) -> Placed:
     own = np.random.SeedSequence(plan.seed, spawn_key=(list(SBC_DESIGNS).index(plan.design), index))
     truth_seed, run_seed, draw_seed = own.spawn(3)
     rng = np.random.default_rng(truth_seed)
-    truth = draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
+    priors = _PRIORS.get(plan.design, Priors())
+    truth = draw_environments(draw_hyperparameters(design, priors, rng), design, rng)
     responses = draw_responses(truth, design, rng)
     statistics = from_trials(
         responses.y,
@@ -113,7 +120,6 @@ def place_study(plan: SbcPlan, index: int) -> Placed:
     # One more user in every environment.
     noise = rng.standard_normal(truth.beta.shape)
     user = truth.beta + np.einsum("jpq,jq->jp", np.linalg.cholesky(truth.cov_u + truth.cov_w), noise)
-    priors = Priors()
     if plan.fault == "prior":
         priors = dataclasses.replace(priors, log_s_sd=0.1 * priors.log_s_sd)
     model = (_WithoutJacobian if plan.fault == "jacobian" else Pooled)(CollapsedDensity(statistics, priors))

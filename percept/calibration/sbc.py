@@ -176,9 +176,14 @@ def calibrate_designs(
 
 
 def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLike[str]) -> None:
-    """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it)."""
+    """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it).
+
+    Verdicts on other designs that the folder holds already stay.
+    """
     to = Path(directory)
     to.mkdir(parents=True, exist_ok=True)
+    together = {(one.design, one.fault): one for one in (*_read_calibrations(to / "sbc.json"), *found)}
+    found = list(together.values())
     rows = [{**dataclasses.asdict(one), "outside": list(one.outside)} for one in found]
     (to / "sbc.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     total = sum(one.fits for one in found)
@@ -192,6 +197,18 @@ def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLik
         "failed and give no ranks. With few fits only large errors show.\n\n"
     )
     (to / "sbc.md").write_text(head + sbc_markdown(found), encoding="utf-8")
+
+
+def _read_calibrations(path: Path) -> list[Calibration]:
+    """Verdicts of an earlier call; none without a file."""
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    found = []
+    for row in rows:
+        del row["outside"]
+        quantities = (Uniformity(**(q | {"below": tuple(q["below"])})) for q in row.pop("quantities"))
+        lists = {name: tuple(row.pop(name)) for name in ("reasons", "lower", "upper")}
+        found.append(Calibration(**row, **lists, quantities=tuple(quantities)))
+    return found
 
 
 def sbc_markdown(found: Sequence[Calibration]) -> str:

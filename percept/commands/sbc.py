@@ -15,7 +15,9 @@ EXAMPLE = "percept sbc --fits 1000 --out reports/calibration"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("--fits", type=int, default=100, metavar="N", help="fits per design (100)")
-    parser.add_argument("--designs", nargs="+", metavar="NAME", help="designs (all six)")
+    parser.add_argument(
+        "--designs", nargs="+", metavar="NAME", help="designs (all); verdicts on others in DIR stay"
+    )
     parser.add_argument("--fault", default="none", metavar="NAME", help="a deliberate error to catch (none)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the studies (1)")
     add_worker_arguments(parser)

@@ -89,14 +89,32 @@ def test_every_level_of_the_model_is_placed():
     assert all(0 < value < 1 for value in placed.values.values())
 
 
-def test_designs_are_the_six_kinds_of_study():
+def test_designs_are_the_kinds_of_study():
     assert SBC_DESIGNS["trials"].repeated
     assert (SBC_DESIGNS["missing cells"].trials == 0).any()
     assert SBC_DESIGNS["one parameter"].parameters == ("k",)
     assert len(SBC_DESIGNS["one environment"].environments) == 1
     assert len(SBC_DESIGNS["three subjects"].subjects) == 3
     assert (SBC_DESIGNS["balanced"].trials == 1).all()
-    assert len(SBC_DESIGNS) == 6
+    assert SBC_DESIGNS["weak scatter"].repeated
+    assert len(SBC_DESIGNS["thirty environments"].environments) == 30
+    assert len(SBC_DESIGNS) == 8
+
+
+def test_truths_of_weak_scatter_are_a_twentieth_of_the_trials(monkeypatch):
+    """Medians over studies: the ratio of s to s_e is lognormal about 1/20 with log SD sqrt(2)."""
+    ratios = []
+
+    def stop(truth, design, rng):
+        ratios.append(truth.hyper.s / truth.hyper.s_e)
+        raise StopIteration
+
+    monkeypatch.setattr(placing, "draw_responses", stop)
+    for index in range(200):
+        with pytest.raises(StopIteration):
+            place_study(SbcPlan(design="weak scatter"), index)
+    # 400 values: their mean log has a standard error of sqrt(2/400).
+    assert abs(np.log(ratios).mean() - np.log(1 / 20)) < 4.5 * np.sqrt(2 / 400)
 
 
 def test_uniform_values_pass_and_one_bent_quantity_is_named():
@@ -214,6 +232,21 @@ def test_report_says_how_many_and_what(tmp_path):
     (row,) = json.loads((tmp_path / "sbc.json").read_text())
     assert row["outside"] == []
     assert row["quantities"][0]["below"] == list(found.quantities[0].below)
+
+
+def test_verdicts_on_other_designs_stay(tmp_path):
+    found = [
+        judge_places(SbcPlan(design=name), uniform_places(20, ["rho_w"], seed))
+        for seed, name in enumerate(("balanced", "trials", "balanced"))
+    ]
+    write_calibrations(found[:2], tmp_path)
+    write_calibrations(found[2:], tmp_path)
+    rows = json.loads((tmp_path / "sbc.json").read_text())
+    assert [row["design"] for row in rows] == ["balanced", "trials"]
+    assert [tuple(row["quantities"][0]["below"]) for row in rows] == [
+        one.quantities[0].below for one in (found[2], found[1])
+    ]
+    assert "40 studies" in (tmp_path / "sbc.md").read_text()
 
 
 def test_plans_refuse_nonsense():
