@@ -206,8 +206,8 @@ def _read_calibrations(path: Path) -> list[Calibration]:
     for row in rows:
         del row["outside"]
         quantities = (Uniformity(**(q | {"below": tuple(q["below"])})) for q in row.pop("quantities"))
-        lists = {name: tuple(row.pop(name)) for name in ("reasons", "lower", "upper")}
-        found.append(Calibration(**row, **lists, quantities=tuple(quantities)))
+        row |= {name: tuple(row[name]) for name in ("reasons", "lower", "upper")}
+        found.append(Calibration(**row, quantities=tuple(quantities)))
     return found
 
 

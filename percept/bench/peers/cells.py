@@ -20,7 +20,9 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Statistics
 
-_CHAINS, _TUNE, _DRAWS = 4, 1000, 5000
+_CHAINS, _TUNE, _DRAWS = 4, 2000, 10_000
+#: Shorter steps than by default: divergences would bias what percept is compared with.
+_ACCEPTANCE = 0.95
 #: Draws per chain below which there are no limits.
 _FEWEST = 100
 #: What the limits need.
@@ -109,7 +111,7 @@ def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> dict[
     # A thread per chain, whatever the processors: a run that is cut short then has draws of every chain.
     sampler = nutpie.sample(
         compiled, draws=_DRAWS, tune=_TUNE, chains=_CHAINS, cores=_CHAINS, seed=seed,
-        progress_bar=False, save_warmup=False, blocking=False,
+        target_accept=_ACCEPTANCE, progress_bar=False, save_warmup=False, blocking=False,
     )  # fmt: skip
     try:
         tree = sampler.wait(timeout=seconds)

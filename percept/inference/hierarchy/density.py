@@ -64,7 +64,7 @@ class CollapsedDensity:
         self.layout = Layout(statistics, self.priors, options or Options())
         self.regression = LocationProblem(statistics, self.layout, self.priors)
         self.information: InformationProblem | None = None
-        if self.layout.subject_effect and len(statistics.patterns) >= max(2, self.layout.environments // 4):
+        if self.layout.trend and len(statistics.patterns) > 1:
             self.information = InformationProblem(statistics.patterns, self.regression.trend)
         trials = sum(p.subjects * p.trials.sum() for p in statistics.patterns)
         self._constant = statistics.constant - 0.5 * _LOG_2PI * len(statistics.parameters) * float(trials)

@@ -1,4 +1,4 @@
-"""Locations by their information: the form for studies where many subjects have a pattern of their own.
+"""Locations by their information: the form for studies of several patterns of counts.
 
 Given the scales, subject i adds to the information on beta
 
@@ -33,8 +33,10 @@ from percept.inference.hierarchy.statistics import Pattern
 Array = NDArray[np.float64]
 #: Least part of a pivot that subtraction may leave: log determinants then err by 1e-8 at the most.
 _KEPT = 1e-7
-#: Numbers in one temporary of a pass: what is made on the way stays in the processor's cache.
-_PASS = 1 << 16
+#: Draws of a pass: more cost the processor's cache, fewer cost calls.
+_MOST_DRAWS, _FEWEST_DRAWS = 128, 8
+#: Numbers in a temporary of a pass, over cells and over the matrix of the locations.
+_CELLS, _MATRIX = 1 << 17, 1 << 22
 
 
 class InformationProblem:
@@ -71,9 +73,9 @@ class InformationProblem:
     @property
     def draws_per_pass(self) -> int:
         """Draws worked on at once."""
-        environments, groups = self.cell.shape
-        numbers = environments * (groups + self.row_group.size) + (environments * len(self.mean)) ** 2
-        return max(8, _PASS // numbers)
+        cells = len(self.cell) * (self.cell.shape[1] + self.row_group.size)
+        most = min(_CELLS // cells, _MATRIX // self.centre.size**2, _MOST_DRAWS)
+        return max(most, _FEWEST_DRAWS)
 
 
 def _scatter_rows(
@@ -93,15 +95,14 @@ class Information:
     """Locations at W sets of scales: the density of the cell means, and on demand the law of beta."""
 
     def __init__(self, problem: InformationProblem, scales: Scales, kinds: Block) -> None:
-        assert scales.shared is not None
         assert scales.tau is not None
         self._problem = problem
         self._size, self._environments = problem.centre.shape
         self._cells = _padded(kinds)[problem.cell]  # entries (J, G, W)
         self._precisions = self._cells.inverse()
         self._known = self._precisions.total()
-        left = sum_of(scales.shared.inverse(), self._known).inverse()
-        self._outer = scales.shared + self._known.inverse()
+        self._outer = None if scales.shared is None else scales.shared + self._known.inverse()
+        left = None if scales.shared is None else sum_of(scales.shared.inverse(), self._known).inverse()
         self._tau = np.concatenate([np.broadcast_to(t, (self._environments, t.size)) for t in scales.tau]).T
         matrix, right, before = self._normal_equations(_dense(kinds.inverse()), left)
         self._factor = _cholesky(matrix)
@@ -110,36 +111,39 @@ class Information:
         self.sound = (pivots * pivots >= _KEPT * before).all(axis=1)
         self._latents = _solve_upper(self._factor, _solve_lower(self._factor, right))
         self.mean: Vector = tuple(self._of_latents(self._latents))
-        subjects = scales.shared.log_determinant() - left.log_determinant()
-        determinants = problem.count @ kinds.log_determinant() + problem.weight @ subjects
+        determinants = problem.count @ kinds.log_determinant()
+        if scales.shared is not None and left is not None:
+            subjects = scales.shared.log_determinant() - left.log_determinant()
+            determinants = determinants + problem.weight @ subjects
         distance = np.einsum("wq,wq->w", self._latents, self._latents) + self._distance()
         self.log_density = problem.constant - 0.5 * (determinants + distance) - np.log(pivots).sum(axis=1)
 
-    def _normal_equations(self, precision: Array, left: Block) -> tuple[Array, Array, Array]:
+    def _normal_equations(self, precision: Array, left: Block | None) -> tuple[Array, Array, Array]:
         """Precision of the latents (delta/tau, then alpha and gamma over their prior SDs), its right-hand
         side, and its diagonal before anything was subtracted.
         """  # noqa: D205
         problem, size = self._problem, self._size
         width = precision.shape[-1]
         count = size * self._environments
-        padded = np.concatenate([precision, np.zeros((size, size, 1, width))], axis=2)[:, :, problem.cell]
-        root = np.sqrt(problem.weight)[:, None]
-        # P_ij times the factor of T_i: what the subject effects take away is a sum of outer products.
-        taken = np.stack(
-            [
-                sum(padded[:, q] * (root * part) for q, part in enumerate(column))
-                for column in left.factor_columns()
-            ]
-        )  # (P, P, J, G, W)
-        taken = taken.transpose(4, 1, 2, 0, 3).reshape(width, count, -1)
         own = problem.in_environment * problem.count @ precision  # (P, P, J, W)
-        data = (problem.value.transpose(0, 2, 1) @ precision).sum(axis=1)  # (P, G, W)
-        pulled = np.stack(left.apply(tuple(data)))
-        per_kind = (problem.value @ problem.weight)[..., None] - problem.member @ (
-            problem.weight[:, None] * pulled
-        )
+        per_kind = (problem.value @ problem.weight)[..., None]
+        information = np.zeros((width, count, count))
+        if left is not None:
+            padded = np.concatenate([precision, np.zeros((size, size, 1, width))], axis=2)[:, :, problem.cell]
+            root = np.sqrt(problem.weight)[:, None]
+            # P_ij times the factor of T_i: what the subject effects take away is a sum of outer products.
+            taken = np.stack(
+                [
+                    sum(padded[:, q] * (root * part) for q, part in enumerate(column))
+                    for column in left.factor_columns()
+                ]
+            )  # (P, P, J, G, W)
+            taken = taken.transpose(4, 1, 2, 0, 3).reshape(width, count, -1)
+            information = -taken @ taken.transpose(0, 2, 1)
+            data = (problem.value.transpose(0, 2, 1) @ precision).sum(axis=1)  # (P, G, W)
+            pulled = np.stack(left.apply(tuple(data)))
+            per_kind = per_kind - problem.member @ (problem.weight[:, None] * pulled)
         target = problem.in_environment @ (precision * per_kind).sum(axis=1)
-        information = -taken @ taken.transpose(0, 2, 1)
         at = np.arange(self._environments)
         for p in range(size):
             for q in range(size):
@@ -180,6 +184,8 @@ class Information:
     def _squares(self, apart: Vector, groups: NDArray[np.intp] | slice) -> Array:
         """r'V_g⁻¹r of vectors with entries (J, R, W) or (J, R, 1), each of its group g: shape (R, W)."""
         cells, precisions = self._cells[:, groups], self._precisions[:, groups]
+        if self._outer is None:
+            return np.asarray(sum(np.einsum("jrw,jrw->rw", part, part) for part in cells.whiten(apart)))
         mean = weighted_mean(precisions, self._known[groups], apart, axis=0)
         inside = tuple(r - m for r, m in zip(apart, mean, strict=True))
         whitened = (*cells.whiten(inside), *(part[None] for part in self._outer[groups].whiten(mean)))

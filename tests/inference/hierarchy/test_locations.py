@@ -1,32 +1,38 @@
-"""The two forms of the location regression are the same model."""
+"""The two forms of the locations' law are the same model."""
 
 import numpy as np
 import pytest
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.least_squares import factor
+from percept.inference.hierarchy.information import Information
+from percept.inference.hierarchy.regression import factor
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import designs
 
 
-@pytest.fixture(params=["balanced", "k only", "unequal trials", "missing cells", "many patterns"])
-def density(request):
-    return CollapsedDensity(designs.study(request.param, np.random.default_rng(4)).statistics)
+@pytest.fixture(params=["unequal trials", "missing cells", "many patterns", "one environment each"])
+def study(request):
+    return designs.study(request.param, np.random.default_rng(4))
 
 
-def both_forms(density, scales, **options):
-    for form in (True, False):
-        density.regression.by_environment = form
-        yield density.regression.build(scales, density.cell_blocks(scales), **options)
-
-
-def test_density_is_the_same_in_both_forms(density):
+@pytest.mark.parametrize("subject_effect", [True, False])
+def test_density_and_conditional_are_the_same_in_both_forms(study, subject_effect):
+    density = CollapsedDensity(study.statistics, options=Options(subject_effect=subject_effect))
+    assert density.information is not None
     points = np.random.default_rng(1).normal(size=(30, density.dimension))
-    values = []
-    for form in (True, False):
-        density.regression.by_environment = form
-        values.append(density(points))
-    np.testing.assert_allclose(*values, rtol=1e-11)
+    scales = density.layout.scales(np.ascontiguousarray(points.T))
+    by_information, law = density(points), density.locations(scales)
+    assert isinstance(law, Information)
+    density.information = None
+    np.testing.assert_allclose(density(points), by_information, rtol=1e-10)
+    orthogonal = density.locations(scales)
+    for first, second in zip(law.mean, orthogonal.mean, strict=True):
+        np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-12)
+    for first, second in zip(*(one.covariance.diagonal() for one in (law, orthogonal)), strict=True):
+        np.testing.assert_allclose(first, second, rtol=1e-8)
+    rows = np.random.default_rng(3).normal(size=(2, 2 * len(study.x)))
+    for first, second in zip(law.trend(rows), orthogonal.trend(rows), strict=True):
+        np.testing.assert_allclose((first**2).sum(axis=0), (second**2).sum(axis=0), rtol=1e-8)
 
 
 def test_merging_a_single_pattern_changes_nothing():
@@ -42,32 +48,6 @@ def test_merging_a_single_pattern_changes_nothing():
     assert found[0][0] == found[1][0] - 2
     np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-11)
     np.testing.assert_allclose(found[0][2], found[1][2], rtol=1e-10)
-
-
-def test_conditional_is_the_same_in_both_forms(density):
-    scales = density.layout.scales(np.random.default_rng(2).normal(size=(density.dimension, 10)))
-    laws = []
-    for form in (True, False):
-        density.regression.by_environment = form
-        laws.append(density.locations(scales))
-    for first, second in zip(laws[0].mean, laws[1].mean, strict=True):
-        np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-12)
-    for first, second in zip(*(law.covariance.diagonal() for law in laws), strict=True):
-        np.testing.assert_allclose(first, second, rtol=1e-9)
-
-
-def test_the_form_with_fewer_latents_is_taken():
-    rng = np.random.default_rng(0)
-    few = CollapsedDensity(designs.study("balanced", rng).statistics)
-    many = CollapsedDensity(designs.study("many patterns", rng).statistics)
-    assert not few.regression.by_environment
-    assert len(many.statistics.patterns) > len(many.statistics.environments)
-    assert many.regression.by_environment
-    for density in (few, many):
-        scales = density.layout.scales(rng.normal(size=(density.dimension, 2)))
-        chosen = density.regression.by_environment
-        sizes = dict(zip((True, False), (len(p.columns) for p in both_forms(density, scales)), strict=True))
-        assert sizes[chosen] == min(sizes.values())
 
 
 def test_without_subject_effect_u_is_gone_from_the_population():
