@@ -12,12 +12,8 @@ from percept.haptics.records import AnyDevice, Device, TabulatedDevice
 
 # A table may leave out this fraction of the range up to Nyquist at either end.
 _COVERED = 1e-3
-# Nearer to an end of a range, as a fraction of it, a minimum is the end itself.
-_AT_END = 1e-9
-_GOLDEN = (np.sqrt(5) - 1) / 2
-# Narrowings to a relative 1e-10 of a bracket; a minimum is flat, so its value is off by 1e-20.
-_NARROWINGS = 48
-# With sixteen points at once a bracket shrinks to 2/17: eleven rounds are worth as many narrowings.
+# With sixteen points at once a bracket shrinks to 2/17, in eleven rounds to a relative 6e-11;
+# a minimum is flat, so its value is off by the square of that.
 _POINTS = 16
 _ROUNDS = 11
 # Newton's error is squared by the next step: after one so short the root is exact.
@@ -63,40 +59,13 @@ def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArr
     return omega[omega <= nyquist]
 
 
-def dips_and_peaks(curve: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
-    """Return the ω (N,) between the ends of an increasing grid where a curve has local minima and maxima."""
-    dips, peaks = local_minima(curve, grid), local_minima(lambda omega: -curve(omega), grid)
-    omega = np.union1d(dips, peaks)
-    return omega[(omega > (1 + _AT_END) * grid[0]) & (omega < (1 - _AT_END) * grid[-1])]
-
-
 def local_minima(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
     """Return where `function` has a local minimum, one x for each dip seen on an increasing grid."""
     seen = function(grid)
     padded = np.concatenate([[np.inf], seen, [np.inf]])
     dips = np.flatnonzero((seen <= padded[:-2]) & (seen <= padded[2:]) & np.isfinite(seen))
     low, high = grid[np.maximum(dips - 1, 0)], grid[np.minimum(dips + 1, grid.size - 1)]
-    return golden_section(function, low, high)
-
-
-def golden_section(
-    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
-) -> FloatArray:
-    """Return a minimum of `function` inside each bracket (low, high), by one new point at a time.
-
-    Rounding sets where a smooth curve turns: another search would agree to half the digits only.
-    """
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left, at_right = function(left), function(right)
-    for _ in range(_NARROWINGS):
-        falls = at_left <= at_right
-        low, high = np.where(falls, low, left), np.where(falls, right, high)
-        # One of the two inner points is kept; only the other is new.
-        new = np.where(falls, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-        at_new = function(new)
-        left, right = np.where(falls, new, right), np.where(falls, left, new)
-        at_left, at_right = np.where(falls, at_new, at_right), np.where(falls, at_left, at_new)
-    return (low + high) / 2
+    return section_minimum(function, low, high)
 
 
 def section_minimum(

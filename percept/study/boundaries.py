@@ -36,6 +36,11 @@ class Range:
     upper: float  # rad/s
     omega: Array | None = None  # The grid asked for, rad/s
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Both ends, rad/s."""
+        return self.lower, self.upper
+
     @classmethod
     def of(cls, omega: ArrayLike | Range) -> Range:
         """Take a grid (M,) as it is, rad/s; UsageError unless it is positive and increases."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,14 +12,14 @@ from scipy import special
 
 from percept import haptics
 from percept.boundary.curves import depth_membership, magnitude_membership
-from percept.boundary.realism import Displayed, Populations, Realism, realism
+from percept.boundary.realism import Populations, Realism, realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.haptics import Coupling, TabulatedDevice
-from percept.haptics.search import covers_range, dips_and_peaks, search_grid
+from percept.haptics.search import covers_range
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable
-from percept.study.basics import Array, Skipped, Stream, generator, thin
+from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.device import Setup
 from percept.study.regions import Region
 
@@ -32,8 +31,6 @@ Realisms = dict[tuple[str, bool], Realism]
 _LABELS = ("environment", "method", "kind", "family", "joint")
 # Frequencies that Llewellyn's criterion is drawn at, and that couplings are designed at.
 _STABILITY_POINTS, _DESIGN_POINTS = 400, 81
-# Realism starts from these, and takes up to so many.
-_REALISM_POINTS, _MOST = 80, 4096
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -168,6 +165,9 @@ def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
                 "coupled": coupled,
                 "magnitude": magnitude,
                 "plane": plane,
+                "magnitude_error": found.magnitude_error,
+                "plane_error": found.plane_error,
+                "draws": found.draws,
                 "stable_and_realistic": None if both is None else magnitude * both,
                 "stable_and_realistic_plane": None if both is None else plane * both,
             }
@@ -218,56 +218,10 @@ def populations(fit: Fit, asked: InferenceTable) -> dict[str, Populations]:
     return {e: Populations(*zip(low, high, strict=True)) for e, low, high in pairs}
 
 
-def study_realism(setup: Setup, fit: Fit, asked: InferenceTable, omega: Array) -> Realisms:
-    """Judge every reference, without and through the coupling, at as many frequencies as it takes.
-
-    Some of the frequencies given are judged first, and the dips and peaks of abs(Z_h) as displayed. All
-    intervals are then halved until no probability throughout the range moves by more than its Monte Carlo
-    error, or up to 4096 frequencies.
-    """
+def study_realism(setup: Setup, fit: Fit, asked: InferenceTable, within: tuple[float, float]) -> Realisms:
+    """Judge every reference, without and through the coupling, at every frequency of a range, rad/s."""
     return {
-        (environment, coupled): found
+        (environment, coupled): realism(setup.display(environment, coupled=coupled), users, *within)
         for environment, users in populations(fit, asked).items()
-        for coupled, found in zip((False, True), _refined(setup, environment, users, omega), strict=False)
+        for coupled in (False, True)[: 1 + (setup.coupling is not None)]
     }
-
-
-def _refined(setup: Setup, environment: str, users: Populations, omega: Array) -> list[Realism]:
-    """Judge one reference at `omega`, at dips and peaks, and at as many more frequencies as it takes."""
-    omega = thin(omega, _REALISM_POINTS)
-    turns = _turns(setup, environment, float(omega[0]), float(omega[-1]))
-    grid = np.unique(np.concatenate([omega, *turns]))
-    judged = _judged(setup, environment, users, grid)
-    while grid.size < _MOST:
-        before, grid = judged, np.union1d(grid, np.sqrt(grid[:-1] * grid[1:]))
-        judged = _judged(setup, environment, users, grid)
-        first, second = (
-            np.array([(one.magnitude_throughout, one.plane_throughout) for one in found])
-            for found in (before, judged)
-        )
-        draws = users.stiffness[0].size
-        # Where all draws agree the error counts as one draw.
-        error = np.maximum(np.sqrt(second * (1.0 - second) / draws), 1.0 / draws)
-        if (np.abs(first - second) <= error).all():
-            break
-    return judged
-
-
-def _turns(setup: Setup, environment: str, lower: float, upper: float) -> Iterator[Array]:
-    """Where abs(Z_h) as displayed has its dips and peaks between two frequencies, rad/s."""
-    fine = search_grid(setup.device, setup.period, *setup.resonances(environment))
-    fine = np.unique([lower, *fine[(fine > lower) & (fine < upper)], upper])
-    for coupled in (False, True)[: 1 + (setup.coupling is not None)]:
-        yield dips_and_peaks(partial(setup.curve, environment, coupled=coupled), fine)
-
-
-def _judged(setup: Setup, environment: str, users: Populations, omega: Array) -> list[Realism]:
-    """Judge one reference at frequencies (M,), rad/s, without and, if there is one, through the coupling."""
-    reference = setup.references[environment]
-    direct = (np.full(omega.shape, float(value)) for value in (reference.stiffness, reference.damping))
-    displayed = [Displayed(omega, setup.curve(environment, omega, coupled=False), *direct)]
-    if setup.coupling is not None:
-        shown = haptics.effective_impedance(omega, reference, setup.coupling, setup.period)
-        curve = setup.curve(environment, omega, coupled=True)
-        displayed.append(Displayed(omega, curve, shown.stiffness, shown.damping))
-    return realism(displayed, users, setup.device, setup.period, hold=setup.hold)

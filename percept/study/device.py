@@ -12,6 +12,7 @@ from percept import haptics
 from percept.boundary.records import Shape
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, Coupling, Device, Environment, TabulatedDevice
+from percept.haptics.forms import Display
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable, Scene
 from percept.study.basics import Array, Skipped, thin
@@ -36,6 +37,11 @@ class Setup:
     hold: str  # "average" (Eq. 8) or "true"
     references: Mapping[str, Environment]  # By environment
     coupling: Coupling | None = None
+
+    def display(self, environment: str, *, coupled: bool) -> Display:
+        """Return a reference as it is displayed, without or through the coupling."""
+        coupling = self.coupling if coupled else None
+        return Display(self.device, self.references[environment], self.period, coupling, self.hold)
 
     def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
         """abs(Z_h) of a reference at frequencies (M,), rad/s, without or through the coupling, N·s/m."""

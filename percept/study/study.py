@@ -331,7 +331,7 @@ class Study:
         """
         if self.setup is None or self._passed is None:
             return {}
-        return study_realism(self.setup, self._passed, self.scene.inference, self.omega)
+        return study_realism(self.setup, self._passed, self.scene.inference, self.frequencies.ends)
 
     @cached_property
     def coupling_design(self) -> dict[str, haptics.CouplingDesign]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept import Study, haptics
+from percept import Scene, Study, haptics
 from percept.haptics import magnitude_envelope
 from percept.study.coupling import populations, study_coupling
 from percept.study.device import Setup
@@ -68,12 +68,9 @@ def test_realism_throughout_is_that_of_a_fine_grid(fitted: Study) -> None:
         for coupled in (False, True):
             shown = setup.curve(environment, omega, coupled=coupled)[:, None]
             true = float(((limits[0] <= shown) & (shown <= limits[1])).all(axis=0).mean())
-            error = max(np.sqrt(true * (1.0 - true) / users.stiffness[0].size), 1.0 / users.stiffness[0].size)
             found = fitted.realism[environment, coupled]
-            assert abs(found.magnitude_throughout - true) < error
-            assert found.magnitude_throughout <= found.magnitude.min()
-            assert found.omega.shape == found.magnitude.shape == found.plane.shape
-            assert (np.diff(found.omega) > 0).all()
+            # Of the draws that leave, the grid misses a few.
+            assert true - 0.3 * found.magnitude_error - 1e-12 <= found.magnitude_throughout <= true
             if environment == "VE2":
                 assert found.magnitude_throughout == pytest.approx(0.49, abs=0.03)
 
@@ -97,3 +94,12 @@ def test_a_measured_device_is_stable_with_a_word_on_its_poles() -> None:
         without = study_coupling(setup, [], [], {}, read_at=10.0)
         assert without.verdict == verdict
         assert "poles" not in without.reason
+
+
+def test_no_grid_moves_a_probability(fitted: Study) -> None:
+    coarse = fitted.scene.to_dict()
+    coarse["frequency"]["points"] = 5
+    study = Study(fitted.sessions, Scene.from_tables(coarse))
+    study.fit = fitted.fit  # the same posterior, not sampled again
+    for key, found in fitted.realism.items():
+        assert dataclasses.asdict(study.realism[key]) == dataclasses.asdict(found)

@@ -1,0 +1,132 @@
+"""Verdicts over a range of ω: against grids, 50-digit arithmetic, and cases known in closed form."""
+
+import numpy as np
+import pytest
+
+from percept.haptics import Coupling, Device, Environment, Mode, TabulatedDevice, effective_impedance
+from percept.haptics.containment import ON_LIMIT, Boxes, departures
+from percept.haptics.forms import Display, Squares, product, total
+from percept.haptics.shown import shown_range
+from tests.haptics.scenes import LOWER, PERIOD, UPPER, Scene, box, contradiction, scenes
+
+OMEGA = np.geomspace(LOWER, UPPER, 20_000)
+
+
+def test_no_point_of_a_grid_contradicts_a_verdict():
+    every = list(scenes(20, 11))
+    found = [contradiction(scene, OMEGA) for scene in every]
+    assert [wrong for wrong, _ in found if wrong] == []
+    planted = {scene.planted for scene in every}
+    assert planted == {"", "excursion", "tie"}
+    # Excursions that the grid misses are the point.
+    assert any(outside == 0 for _, outside in found)
+
+
+def test_the_largest_departure_is_that_of_a_fine_grid():
+    for scene in scenes(6, 3):
+        found, seen = scene.judged(), float(scene.on_grid(OMEGA).max())
+        assert found.largest[0] == pytest.approx(scene.in_fifty_digits(float(found.omega[0])), abs=1e-11)
+        assert seen <= found.bound[0]
+        assert found.bound[0] - found.largest[0] <= 1.01 * max(ON_LIMIT, 1e-4 * abs(found.largest[0]))
+
+
+def test_a_spike_of_a_table_between_close_rows_is_seen():
+    omega = np.array([0.1, 10.0, 10.0001, 10.0002, 100.0])
+    limits = box((900.0, 1100.0), (0.5, 4.0))
+    # Above its limits in damping alone, the display leaves only where the device's own damping is large.
+    for spike, verdict in ((0.0, "inside"), (300.0, "inside"), (1000.0, "outside")):
+        table = TabulatedDevice(omega, np.array([5, 5, 5 + spike, 5, 5], dtype=complex))
+        display = Display(table, Environment(1000.0, 6.0), PERIOD)
+        found = departures(display, limits, LOWER, 50.0)
+        assert found.verdict() == verdict
+    assert 10.0 < found.omega[0] < 10.0002
+    assert Scene(display, limits, "").in_fifty_digits(float(found.omega[0])) > 0
+
+
+def test_a_rigid_device_on_one_corner_s_curve_is_marginal_throughout():
+    display = Display(Device(1.0, 5.0), Environment(1100.0, 4.0), PERIOD)
+    found = departures(display, box((900.0, 1100.0), (0.5, 4.0)), LOWER, UPPER)
+    assert found.verdict() == "marginal"
+    assert abs(found.largest[0]) < ON_LIMIT
+
+
+def test_searches_together_are_those_one_by_one():
+    rng = np.random.default_rng(4)
+    k, b = np.sort(rng.uniform(500, 1500, (2, 40)), axis=0), np.sort(rng.uniform(0, 9, (2, 40)), axis=0)
+    boxes = Boxes((k[0], k[1]), (b[0], b[1]))
+    device, own = Device(1.0, 5.0, (Mode(0.1, 300.0, 0.05),)), Environment(1000.0, 3.0)
+    couplings = Coupling(rng.uniform(1e3, 1e5, 40), rng.uniform(1, 100, 40))
+    shared = departures(Display(device, own, PERIOD), boxes, LOWER, UPPER)
+    each = departures(Display(device, own, PERIOD, couplings), boxes, LOWER, UPPER)
+    quick = departures(Display(device, own, PERIOD, couplings), boxes, LOWER, UPPER, throughout=True)
+    np.testing.assert_array_equal(quick.largest > ON_LIMIT, each.largest > ON_LIMIT)
+    assert 0 < (each.largest > 0).sum() < 40
+    for i in range(40):
+        one = Coupling(float(couplings.stiffness[i]), float(couplings.damping[i]))
+        alone = boxes.some(np.array([i]))
+        for found, coupling in ((shared, None), (each, one)):
+            single = departures(Display(device, own, PERIOD, coupling), alone, LOWER, UPPER)
+            assert found.largest[i] == pytest.approx(single.largest[0], rel=2e-4)
+            assert found.verdict(i) == single.verdict()
+
+
+def test_corner_curves_that_cross_leave_nothing_inside():
+    display = Display(Device(1.0, 5.0), Environment(1000.0, 3.0), PERIOD)
+    limits = (np.array([900.0]), np.array([1100.0])), (np.array([2.0]), np.array([4.0]))
+    assert departures(display, Boxes(*limits), LOWER, UPPER).verdict() == "inside"
+    assert departures(display, Boxes(*limits, corners=True), LOWER, UPPER).verdict() == "outside"
+    assert departures(display, Boxes(*limits, corners=True), LOWER, 1.0).verdict() == "inside"
+
+
+def test_a_mass_of_the_environment_belongs_to_what_users_adjust():
+    """Through a coupling so stiff that it hides nothing, a reference is as far inside as directly."""
+    own = Environment(1000.0, 3.0, 0.7)
+    limits = box((900.0, 1100.0), (2.0, 4.0))
+    direct = departures(Display(Device(1.0, 5.0), own, PERIOD), limits, LOWER, UPPER)
+    through = departures(Display(Device(1.0, 5.0), own, PERIOD, Coupling(1e12, 1.0)), limits, LOWER, UPPER)
+    assert direct.verdict() == through.verdict() == "inside"
+    assert through.largest[0] == pytest.approx(direct.largest[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.4])
+def test_forms_are_the_squares_they_stand_for(mass):
+    own, coupling = Environment(800.0, 2.0, mass), Coupling(5e3, 12.0)
+    for device in (
+        Device(1.0, 5.0, (Mode(0.1, 300.0, 0.05),)),
+        TabulatedDevice(np.array([1.0, 9.0]), np.array([4 + 2j, 7 - 3j])),
+    ):
+        for hold in ("average", "true"):
+            display = Display(device, own, PERIOD, coupling, hold)
+            ends = np.array([[3.0], [3.0 * (1 + 1e-9)]])
+            table = Squares.of(display, ends)
+            scene = Scene(display, box((700.0, 700.0), (6.0, 6.0)), "")
+            if mass:
+                continue
+            below = table.damping * 36 + table.across * 6 + table.stiffness * 700**2 - table.along * 700
+            ratio = (table.shown + table.device) / (below + table.device)
+            # With one point for a box the departure is the ratio's logarithm, up or down.
+            assert 0.5 * np.abs(np.log(ratio)).max() == pytest.approx(scene.in_fifty_digits(3.0), rel=1e-6)
+
+
+def test_products_and_sums_of_forms_are_those_of_polynomials():
+    t = np.linspace(0, 1, 7)
+
+    def at(form):
+        n = len(form) - 1
+        return sum(row[0] * (1 - t) ** (n - i) * t**i for i, row in enumerate(form))
+
+    first, second = np.array([[1.0], [-2.0], [0.5]]), np.array([[3.0], [4.0]])
+    np.testing.assert_allclose(at(product(first, second)), at(first) * at(second), atol=1e-14)
+    np.testing.assert_allclose(at(total(first, second)), at(first) + at(second), atol=1e-14)
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.5, 20.0])
+def test_extremes_of_what_a_coupling_shows(mass):
+    display = Display(Device(1.0, 5.0), Environment(5e3, 3.0, mass), PERIOD, Coupling(2e4, 6.0))
+    omega = np.geomspace(LOWER, UPPER, 400_001)
+    shown = effective_impedance(omega, display.environment, display.coupling, PERIOD)
+    k = shown.stiffness + mass * (2 / PERIOD * np.tan(omega * PERIOD / 2)) ** 2
+    for found, seen in zip(shown_range(display, LOWER, UPPER), (k, shown.damping), strict=True):
+        assert found[0] <= seen.min() * (1 + 1e-12)
+        assert found[1] >= seen.max() * (1 - 1e-12)
+        np.testing.assert_allclose(found, (seen.min(), seen.max()), rtol=1e-4)
