@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
-from percept.haptics.containment import ON_LIMIT, Boxes, departures
+from percept.haptics.containment import ON_LIMIT, Boxes, departures, shown_range
 from percept.haptics.forms import Display
-from percept.haptics.shown import shown_range
 from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]

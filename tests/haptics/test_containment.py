@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from percept.haptics import Coupling, Device, Environment, Mode, TabulatedDevice, effective_impedance
-from percept.haptics.containment import ON_LIMIT, Boxes, departures
+from percept.haptics.containment import ON_LIMIT, Boxes, departures, shown_range
 from percept.haptics.forms import Display, Squares, product, total
-from percept.haptics.shown import shown_range
 from tests.haptics.scenes import LOWER, PERIOD, UPPER, Scene, box, contradiction, scenes
 
 OMEGA = np.geomspace(LOWER, UPPER, 20_000)
