@@ -30,6 +30,6 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if not arguments.quiet:
         for claim in written.claims:
-            print(f"{claim.verdict:<16}{claim.paper}")
+            print(f"{claim.verdict:<18}“{claim.quote}”")
     print(written.page)
     return 0

@@ -22,7 +22,9 @@ from percept.haptics import (
     magnitude_envelope,
     max_coupling_stiffness,
 )
+from percept.haptics.search import section_minimum
 from percept.reproduce.published import Array, Published, Wall
+from percept.reproduce.squares import Square, felt_square
 
 BoolArray = NDArray[np.bool_]
 
@@ -30,6 +32,7 @@ BoolArray = NDArray[np.bool_]
 MASSES = np.geomspace(0.01, 30.0, 71)
 DAMPINGS = np.geomspace(0.05, 50.0, 61)
 _POINTS = 9  # Over a window of at most 13 % of its frequency
+_RIDGE = 801  # Masses one percent apart: the window of Fig. 7b, squared, is four times as wide
 _RANGE = 31  # Over the perceivable range
 # Dampings of the trade-off, N·s/m, and the least one looked at, found to a thousandth.
 _DAMPINGS = np.geomspace(0.5, 60.0, 11)
@@ -69,6 +72,11 @@ def _both_inside(found: Curves) -> BoolArray:
     return np.asarray(inside.all(axis=-1))
 
 
+def coupled_inside(found: Curves) -> BoolArray:
+    """Say where the coupled curve stays between the boundaries."""
+    return np.asarray(((found.lower <= found.coupled) & (found.coupled <= found.upper)).all(axis=-1))
+
+
 def _either_side(found: Curves) -> BoolArray:
     return np.asarray(((found.coupled < found.lower) & (found.upper < found.direct)).all(axis=-1))
 
@@ -97,18 +105,10 @@ def panels(published: Published) -> tuple[Panel, ...]:
     )
 
 
-def over_devices(
-    published: Published,
-    panel: Panel,
-    mass: Array,
-    damping: Array,
-    *,
-    omega: Array | None = None,
-) -> BoolArray:
+def over_devices(published: Published, panel: Panel, mass: Array, damping: Array) -> BoolArray:
     """Say for which devices a panel's statement is true over its window."""
     mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
-    if omega is None:
-        omega = np.linspace(*panel.window, _POINTS)
+    omega = np.linspace(*panel.window, _POINTS)
     return panel.true_of(curves(published, panel.wall, omega, Device(mass, damping)))
 
 
@@ -122,6 +122,41 @@ def environments_inside(published: Published, mass: Array, damping: Array) -> ND
         felt = published.felt(omega, wall.environment, device=device, coupling=published.tuned)
         count += ((lower <= felt) & (felt <= upper)).all(axis=-1)
     return count
+
+
+def panel_squares(published: Published, wall: Wall, device: Device | None = None) -> list[Square]:
+    """Return the squares of a panel's four curves: direct, coupled, at the lower and at the upper limits."""
+    device, period = published.device if device is None else device, published.period
+    ends = zip(wall.stiffness, wall.damping, strict=True)
+    return [
+        felt_square(device, wall.k, wall.b, period),
+        felt_square(device, wall.k, wall.b, period, coupling=published.tuned),
+        *(felt_square(device, k, b, period) for k, b in ends),
+    ]
+
+
+def widest_change(published: Published, panel: Panel, device: Device | None = None) -> tuple[float, Device]:
+    """Return the largest change of |Z_h| by the coupling, over the band's width, and the device it is with.
+
+    Both are the largest in the window. The band is narrow where its two curves cross in the window: a ridge
+    across all devices, found on a fine grid of masses for each damping and climbed from there.
+    """
+    omega = np.linspace(*panel.window, _POINTS)
+
+    def closeness(mass: Array, damping: Array) -> Array:
+        found = curves(published, panel.wall, omega, Device(mass, damping))
+        change = np.abs(found.coupled / found.direct - 1).max(axis=-1)
+        band = ((found.upper - found.lower) / found.direct).max(axis=-1)
+        return np.asarray(-change / band)
+
+    if device is not None:
+        return -float(closeness(np.array(device.mass), np.array(device.damping))), device
+    masses, dampings = np.geomspace(MASSES[0], MASSES[-1], _RIDGE), np.append(0.0, DAMPINGS[::6])
+    best = closeness(masses, dampings[:, None]).argmin(axis=1)
+    low, high = masses[np.maximum(best - 1, 0)], masses[np.minimum(best + 1, _RIDGE - 1)]
+    mass = section_minimum(lambda mass: closeness(mass, dampings), low, high)
+    row = int((found := closeness(mass, dampings)).argmin())
+    return -float(found[row]), Device(float(mass[row]), float(dampings[row]))
 
 
 def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float | None:

@@ -34,8 +34,6 @@ Array = NDArray[np.float64]
 THEORETICAL = Coupling(110e3, 100.0)
 #: Section 3.1: so many subjects are said to represent everybody.
 ENOUGH_SUBJECTS = 30
-#: Section 4 as printed, (k_e in N/m, b_e in N·s/m): from very low to very high impedance.
-TEXT_REFERENCES = ((10.0, 0.1), (10.0, 0.1), (10e3, 10.0), (25e3, 25.0), (50e3, 50.0))
 #: Where Fig. 7 looks closely, rad/s.
 LOOKED_AT = 10.0
 
@@ -160,9 +158,14 @@ class Published:
         """Return what a reference is through the tuned coupling, at the ω where Fig. 7 looks closely."""
         return effective_impedance(LOOKED_AT, wall.environment, self.tuned, self.period)
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """The perceivable range, rad/s."""
+        return self.scene.frequency.lower, self.scene.frequency.upper
+
     def omega(self, points: int = 241) -> Array:
         """Return ω over the perceivable range, rad/s, shape (points,), evenly on a logarithmic scale."""
-        return np.geomspace(self.scene.frequency.lower, self.scene.frequency.upper, points)
+        return np.geomspace(*self.span, points)
 
 
 def load_published(table: str | Path | None = None, scene: str | Path | None = None) -> Published:
@@ -195,7 +198,7 @@ def dataset(name: str) -> Path:
     return inside if inside.is_file() else Path(__file__).resolve().parents[2] / "datasets" / name
 
 
-Verdict = Literal["holds", "holds only if", "does not hold"]
+Verdict = Literal["holds", "holds only if", "does not hold", "cannot be judged"]
 
 
 @dataclass(frozen=True)
@@ -216,39 +219,45 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Claim:
-    """A claim of the paper and its verdict."""
+class Judgement:
+    """A verdict and what it rests on."""
+
+    verdict: Verdict  # Follows from the cases the sentence speaks of
+    condition: str  # What "only if" asks for, or what a judgement would need; empty otherwise
+    finding: str
+    margin: Quantity | None  # By how much the verdict is decided; None where it is not
+    numbers: tuple[Quantity, ...]  # What else it rests on
+
+
+def judged(
+    *,
+    cases: Iterable[bool],
+    condition: str = "",
+    finding: str,
+    margin: Quantity,
+    numbers: Iterable[Quantity] = (),
+) -> Judgement:
+    """Judge a sentence: it holds if it is true in all cases, does not if in none, else on a condition."""
+    true = [bool(case) for case in cases]
+    verdict: Verdict = "holds" if all(true) else "holds only if" if any(true) else "does not hold"
+    return Judgement(
+        verdict, condition if verdict == "holds only if" else "", finding, margin, tuple(numbers)
+    )
+
+
+def unjudged(*, needs: str, finding: str, numbers: Iterable[Quantity] = ()) -> Judgement:
+    """Leave a sentence open that no published number could refute, and say what a judgement needs."""
+    return Judgement("cannot be judged", needs, finding, None, tuple(numbers))
+
+
+@dataclass(frozen=True)
+class Claim(Judgement):
+    """A sentence of the paper and its verdict."""
 
     name: str  # Short, unique
     place: str  # Where in the paper
-    paper: str  # What it says, in our words
-    verdict: Verdict  # Follows from the cases it speaks of
-    condition: str  # What "only if" asks for; empty otherwise
-    finding: str
-    margin: Quantity  # By how much the verdict is decided
-    numbers: tuple[Quantity, ...]  # What else it rests on
+    quote: str  # The sentence, or the part of it that is judged, as printed
     source: str  # The function or command that gives the numbers
-
-    @classmethod
-    def judged(
-        cls,
-        name: str,
-        *,
-        place: str,
-        paper: str,
-        cases: Iterable[bool],
-        condition: str = "",
-        finding: str,
-        margin: Quantity,
-        numbers: Iterable[Quantity] = (),
-        source: str,
-    ) -> Claim:
-        """Make a claim that holds if it is true in all cases, does not if in none, else on a condition."""
-        true = [bool(case) for case in cases]
-        verdict: Verdict = "holds" if all(true) else "holds only if" if any(true) else "does not hold"
-        if verdict != "holds only if":
-            condition = ""
-        return cls(name, place, paper, verdict, condition, finding, margin, tuple(numbers), source)
 
 
 def listed(names: Sequence[str]) -> str:

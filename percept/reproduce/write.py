@@ -6,11 +6,12 @@ import datetime
 import hashlib
 import platform
 import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import metadata
+from importlib import metadata, resources
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -24,69 +25,13 @@ from percept.reproduce import claims_coupling as coupling
 from percept.reproduce import claims_figures as figures
 from percept.reproduce import claims_table as table
 from percept.reproduce.devices import Adapted, TradeOff, adapted_couplings, trade_off
-from percept.reproduce.published import Claim, Published
+from percept.reproduce.published import Claim, Published, Verdict, unjudged
 from percept.sessions.values import UNITS
 
 PAGE = "reproduction.html"
-SCHEMA = "percept-reproduction/1"
+SCHEMA = "percept-reproduction/2"
 
-_ORDER = (
-    coupling.theoretical_coupling,
-    coupling.tuned_coupling,
-    coupling.worst_case,
-    coupling.one_coupling,
-    table.substitution,
-    table.reprinted,
-    table.reference_inside,
-    table.users_covered,
-    table.thirty_subjects,
-    table.normal_values,
-    table.joint_level,
-    table.published_limits_suffice,
-    coupling.direct_rendering,
-    table.environments_in_text,
-    table.mass_left_out,
-    figures.upper_above,
-    figures.like_shapes,
-    figures.free_motion,
-    figures.one_device,
-    figures.coupling_unnoticed,
-    figures.middle_impedance,
-    figures.high_impedance,
-    coupling.other_environments,
-    coupling.suits_high,
-    coupling.always_smaller,
-    figures.discrimination,
-    figures.magnitude_suffices,
-    figures.window_suffices,
-    table.perceivable_range,
-    coupling.affects_realism,
-    table.felt_and_rendered,
-)
-
-#: Statements of the paper that its published numbers cannot decide, and why.
-_UNJUDGED = {
-    "Peaks above 300 rad/s come from the device’s flexible modes (Figs 4 and 7).": (
-        "No mass, damping or mode of the device was published."
-    ),
-    "Nonlinear friction and the model of the operator’s hand are ignored (section 2.3).": (
-        "Neither was measured; absolute stability is judged with every passive hand."
-    ),
-    "Users recognise an environment outside its boundary as unreal (section 5).": (
-        "Subjects adjusted k and b; nobody was asked whether something felt real."
-    ),
-}
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
-_SECTIONS = (
-    ("verdicts", "Verdicts"),
-    ("table", "Table 1"),
-    ("claims", "Claim by claim"),
-    ("figures", "The figures"),
-    ("devices", "The device behind them"),
-    ("future", "A coupling that follows the environment"),
-    ("unjudged", "What cannot be judged"),
-    ("provenance", "Provenance"),
-)
 
 
 def judge_all(published: Published) -> list[Claim]:
@@ -102,7 +47,24 @@ def judge_all(published: Published) -> list[Claim]:
     list of Claim
         In the order of the paper, each with its verdict and the numbers it rests on.
     """
-    return [judge(published) for judge in _ORDER]
+    return [_judge(published, **entry) for entry in _sentences()["claim"]]
+
+
+def _sentences() -> dict[str, Any]:
+    """Read the sentences of the paper that are judged, and its misprints."""
+    text = resources.files("percept.reproduce").joinpath("claims.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def _judge(published: Published, *, name: str, place: str, quote: str, source: str, **open_: Any) -> Claim:
+    """Judge a sentence by the function of its name, or leave it open for the reason it comes with."""
+    if open_:
+        judgement = unjudged(**open_)
+    else:
+        function = name.replace("-", "_")
+        module = next(one for one in (coupling, figures, table) if hasattr(one, function))
+        judgement = getattr(module, function)(published)
+    return Claim(**vars(judgement), name=name, place=place, quote=quote, source=source)
 
 
 @dataclass(frozen=True)
@@ -147,7 +109,7 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
     with filled_folder(out_dir, last=PAGE) as folder:
         texts = {
             "claims.json": dumps(document),
-            "claims.csv": _claims_csv(claims),
+            "claims.csv": _claims_csv(document["claims"]),
             "table1.csv": _table_csv(document["table"]),
         }
         for name, text in texts.items():
@@ -162,7 +124,6 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
             document=document,
             claims=claims,
             by_name={claim.name: claim for claim in claims},
-            sections=_SECTIONS,
             date=date or datetime.date.today().isoformat(),
         )
         (folder / PAGE).write_text(page, encoding="utf-8")
@@ -170,11 +131,11 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
 
 
 def symbols(text: str) -> Markup:
-    """Set indices as indices: Z_h, Z_h_vc, b_d and their like; the rest is escaped."""
+    """Set indices, percentages and minus signs as they are read; the rest is escaped."""
     found = re.sub(
         r"\b([Zkbm])_(h_vc|eff|[hecd])(?![a-z])",
         lambda match: f"{match[1]}<sub>{match[2].replace('_', ',')}</sub>",
-        str(escape(text)),
+        re.sub(r"(?<=[ (])-(?=\d)", "−", re.sub(r"(?<=\d)%", " %", str(escape(text)))),
     )
     return Markup(found.replace("k_cT", "k<sub>c</sub>T"))
 
@@ -200,13 +161,11 @@ def _document(
             "coupling": {"stiffness": published.tuned.stiffness, "damping": published.tuned.damping},
             "period": published.period,
         },
-        "counts": {
-            verdict: verdicts.count(verdict) for verdict in ("holds", "holds only if", "does not hold")
-        },
+        "counts": {verdict: verdicts.count(verdict) for verdict in get_args(Verdict)},
         "claims": [{"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)],
         "table": _table(published),
         "future": _future(published, adapted, trade),
-        "unjudged": [{"says": says, "why": why} for says, why in _UNJUDGED.items()],
+        "misprints": _sentences()["misprint"],
     }
     return dict(plain(document))
 
@@ -215,10 +174,6 @@ def _table(published: Published) -> list[dict[str, Any]]:
     limits, moments = published.limits, published.moments
     user = prediction_interval(moments, level=limits.level)
     share = tolerance_interval(moments, level=limits.level)
-
-    def cell(values: Any, at: tuple[int, ...]) -> float:
-        return float(np.asarray(values)[at])
-
     rows = []
     cells = np.ndindex(len(limits.environments), len(limits.parameters))
     for at, (name, parameter, lower, upper) in zip(cells, table.limits_printed(published), strict=True):
@@ -233,10 +188,10 @@ def _table(published: Published) -> list[dict[str, Any]]:
                 "upper_printed": str(limits.upper[i][p]),
                 "lower": lower,
                 "upper": upper,
-                "mean": cell(moments.mean, at),
-                "sd": cell(moments.sd, at),
-                "user": [cell(user.lower, at), cell(user.upper, at)],
-                "share": [cell(share.lower, at), cell(share.upper, at)],
+                "mean": float(np.asarray(moments.mean)[at]),
+                "sd": float(np.asarray(moments.sd)[at]),
+                "user": [float(np.asarray(end)[at]) for end in (user.lower, user.upper)],
+                "share": [float(np.asarray(end)[at]) for end in (share.lower, share.upper)],
             }
         )
     return rows
@@ -268,23 +223,14 @@ def _future(published: Published, adapted: Adapted, trade: TradeOff) -> dict[str
     }
 
 
-def _claims_csv(claims: Sequence[Claim]) -> str:
+def _claims_csv(claims: Sequence[dict[str, Any]]) -> str:
     """Return the claims as CSV: one row each, its numbers with all their digits."""
     rows = []
-    for number, claim in enumerate(claims, start=1):
-        told = ("name", "place", "paper", "verdict", "condition", "finding")
-        others = (f"{one.name} = {one.value!r} {one.unit}".rstrip() for one in claim.numbers)
-        rows.append(
-            {
-                "number": number,
-                **{name: getattr(claim, name) for name in told},
-                "margin_name": claim.margin.name,
-                "margin": float(claim.margin.value),
-                "margin_unit": claim.margin.unit,
-                "numbers": "; ".join(others),
-                "source": claim.source,
-            }
-        )
+    for claim in claims:
+        margin = claim["margin"] or {"name": "", "value": None, "unit": ""}
+        others = (f"{one['name']} = {one['value']!r} {one['unit']}".rstrip() for one in claim["numbers"])
+        about = {"margin_name": margin["name"], "margin": margin["value"], "margin_unit": margin["unit"]}
+        rows.append({**claim, **about, "numbers": "; ".join(others)})
     return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
 
 
