@@ -172,7 +172,8 @@ def test_damping_asked_for_by_a_scan(k, b, form, claims):
 
 
 def test_two_couplings_with_one_eq_10_and_one_stable_pole():
-    z = np.exp(1j * np.linspace(1e-3, np.pi - 1e-3, 1001))
+    # Nearer to DC, z − 1 loses the digits of this plain arithmetic.
+    z = np.exp(1j * np.linspace(0.05, np.pi - 1e-3, 1001))
     own, mirrored = (b + k / ((z - 1) / (T * z)) for k, b in ((50e3, 100.0), (-50e3, 150.0)))
     np.testing.assert_allclose((1 / own).real, (1 / mirrored).real, rtol=1e-12)
     assert np.roots([150.0, -100.0]) == pytest.approx([100 / 150])
