@@ -151,7 +151,7 @@ def _everywhere(published: Published, panel: Panel) -> BoolArray:
 def _mass_limits(published: Published, panel: Panel) -> tuple[float, float]:
     """Return the largest mass a panel's statement allows, kg: the least and the most over all dampings."""
     found = []
-    for damping in (0.0, *DAMPINGS[::6]):
+    for damping in (0.0, *DAMPINGS[::12]):
         fits = partial(over_devices, published, panel, damping=np.array(damping))
         found.append(largest(fits, MASSES) or 0.0)
     return min(found), max(found)

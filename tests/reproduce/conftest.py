@@ -1,9 +1,12 @@
+import json
 from dataclasses import replace
 from decimal import Decimal
+from types import SimpleNamespace
 
 import pytest
 
-from percept.reproduce import judge_all, load_published
+from percept.cli import main
+from percept.reproduce import load_published
 from percept.reproduce.published import Published
 
 
@@ -13,8 +16,19 @@ def published():
 
 
 @pytest.fixture(scope="session")
-def claims(published):
-    return {claim.name: claim for claim in judge_all(published)}
+def written(tmp_path_factory):
+    """The folder the command writes."""
+    folder = tmp_path_factory.mktemp("reproduction") / "out"
+    assert main(["reproduce", "--out", str(folder), "--quiet"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def claims(written):
+    """The claims the command writes, by name."""
+    text = (written / "claims.json").read_text(encoding="utf-8")
+    document = json.loads(text, object_hook=lambda table: SimpleNamespace(**table))
+    return {claim.name: claim for claim in document.claims}
 
 
 @pytest.fixture(scope="session")

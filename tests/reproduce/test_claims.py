@@ -284,14 +284,11 @@ def test_the_mass_left_out_is_a_root_in_fifty_digits(published, claims):
     found = claims["mass-left-out"].margin.value
     with mpmath.workdps(50):
         root = mpmath.findroot(difference, (found * 0.9999, found * 1.0001))
-    wall = published.walls[1]
-    first = None
-    for mass in np.arange(0.0, 12.0, 1e-3):
-        ends = [felt(10.0, SCENE, k, b, mass=mass) for k, b in zip(wall.stiffness, wall.damping, strict=True)]
-        direct, coupled = (felt(10.0, SCENE, wall.k, wall.b, how, mass) for how in (False, True))
-        if not min(ends) <= coupled < direct <= max(ends):
-            first = mass
-            break
+    wall, masses = published.walls[1], np.arange(0.0, 12.0, 1e-3)
+    ends = [felt(10.0, SCENE, k, b, mass=masses) for k, b in zip(wall.stiffness, wall.damping, strict=True)]
+    direct, coupled = (felt(10.0, SCENE, wall.k, wall.b, how, masses) for how in (False, True))
+    kept = READINGS["7d"](np.minimum(*ends), np.maximum(*ends), direct, coupled)
+    first = masses[kept.argmin()]
     assert first - 1e-3 <= found <= first
     assert found == pytest.approx(float(root), rel=1e-10)
 
@@ -383,7 +380,7 @@ def test_the_largest_change_is_where_the_band_is_equal_at_both_ends_of_the_windo
 
     def change_over_band(m, b_d, omega):
         low, high, direct, coupled = four(omega, (m, b_d), panel.wall)
-        return abs(coupled / direct - 1).max() / ((high - low) / direct).max()
+        return abs(coupled / direct - 1).max(axis=0) / ((high - low) / direct).max(axis=0)
 
     def uneven(m, b_d):
         low, high = (felt(ends, (m, b_d), panel.wall.stiffness[i], panel.wall.damping[i]) for i in (0, 1))
@@ -397,8 +394,8 @@ def test_the_largest_change_is_where_the_band_is_equal_at_both_ends_of_the_windo
     assert found["largest change over the band’s width"] == pytest.approx(peaks[-1], rel=1e-4)
     assert found["mass with the largest"] == pytest.approx(mass, rel=1e-5)
     rng = np.random.default_rng(2)
-    tried = zip(rng.uniform(0, 30, 2000), rng.uniform(0, 50, 2000), strict=True)
-    assert max(change_over_band(m, b, fine[::20]) for m, b in tried) <= peaks[-1]
+    tried = change_over_band(rng.uniform(0, 30, 5000), rng.uniform(0, 50, 5000), fine[::20, None])
+    assert tried.max() <= peaks[-1]
 
 
 def test_a_flexible_mass_by_newton_s_laws(claims):
@@ -417,8 +414,9 @@ def test_a_flexible_mass_by_newton_s_laws(claims):
 
 
 def test_realism_spoilt_by_the_coupling_by_a_dense_scan(published, claims):
-    s, _ = parts(RANGE)
-    gain, half = np.cos(RANGE * T / 2), RANGE * T / 2
+    omega = RANGE[::5]
+    s, _ = parts(omega)
+    gain, half = np.cos(omega * T / 2), omega * T / 2
     rate, spoilt = s.imag, 0
     for wall, ((k_low, k_high), (b_low, b_high)) in zip(published.walls, published.next_user, strict=True):
         for mass in (0.0, *devices.MASSES[::14]):
@@ -434,7 +432,7 @@ def test_realism_spoilt_by_the_coupling_by_a_dense_scan(published, claims):
                 [np.hypot(b - across, (k - along) / rate) for b in (b_low, b_high) for k in (k_low, k_high)],
                 axis=0,
             )
-            direct, coupled = (felt(RANGE, (mass, 5.0), wall.k, wall.b, how) for how in (False, True))
+            direct, coupled = (felt(omega, (mass, 5.0), wall.k, wall.b, how) for how in (False, True))
             kept, lost = ((low <= one) & (one <= high) for one in (direct, coupled))
             spoilt += kept.all() and not lost.all()
     assert claims["affects-realism"].margin.value == spoilt

@@ -18,14 +18,6 @@ COMMITTED = Path(__file__).resolve().parents[2] / "reports" / "hbfd"
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
-    """The folder the command writes."""
-    folder = tmp_path_factory.mktemp("reproduction") / "out"
-    assert main(["reproduce", "--out", str(folder), "--quiet"]) == 0
-    return folder
-
-
-@pytest.fixture(scope="module")
 def document(written):
     return json.loads((written / "claims.json").read_text(encoding="utf-8"))
 
