@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +16,17 @@ from percept.sessions.records import IDS, MASS, Exclusion, Notice, Place, Proble
 TRIAL = [*IDS, "trial"]
 #: From this ratio of adjustments to references on, either way, a unit is doubted.
 _OTHER_UNIT = 100.0
+#: What N/mm is in N/m: the slip of units there is.
+_THOUSAND = 1000.0
 #: A value as many times the median of its environment, or as small a part of it, is hardly ever a person's.
 _GROSS = 30.0
 #: Subjects an environment needs for its median to say anything of one of them.
 _FEWEST = 3
-#: Gross errors of a parameter that are named one by one.
+#: Values below this share of all are few.
+_FEW = 0.05
+#: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
+_ENOUGH = 4
+#: Findings of a kind that are named one by one.
 _NAMED = 5
 
 
@@ -51,13 +57,18 @@ def settle_references(
         settled = np.where(np.isnan(given), first, given)
         earlier.update((str(n), v) for n, v in zip(names, settled.tolist(), strict=True) if v == v)
         expected = settled[codes]
-        for row in problems.first(np.flatnonzero(~np.isnan(values) & (values != expected))):
+        wrong = np.flatnonzero(~np.isnan(values) & (values != expected))
+        for row in wrong if len(wrong) <= _NAMED else wrong[~pd.Series(codes[wrong]).duplicated()]:
             source = "an earlier row" if np.isnan(given[codes[row]]) else "the scene"
+            others = int((codes[wrong] == codes[row]).sum())
+            rows = f"; {others} rows have another, here the first" if len(wrong) > _NAMED else ""
             problems.add(
-                f"environment {shown([names[codes[row]]])} has the reference {expected[row]!s} in {source}.",
+                f"environment {shown([names[codes[row]]])} has the reference {expected[row]!s} in "
+                f"{source}{rows}.",
                 column=column,
                 value=float(values[row]),
-                hint="An environment has one reference; correct it, or name the environments apart.",
+                hint="An environment has one reference; correct it, or name the environments apart, as "
+                'environment = ["…", "…"] in [columns] does.',
                 **place(int(row)),
             )
         if column == MASS:
@@ -83,30 +94,43 @@ def in_order(environments: Sequence[str], references: pd.DataFrame, listed: Iter
     return tuple(sorted(environments, key=keys.__getitem__))
 
 
-def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems) -> None:
+def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems, *, numbered: bool) -> None:
     """Find rows that stand twice for one subject, session, environment and trial."""
-    again = table.duplicated(TRIAL).to_numpy()
-    if not again.any():
-        return
-    first = table.drop_duplicates(TRIAL)[TRIAL].assign(at=lambda t: t.index).set_index(TRIAL)["at"]
-    for at in problems.first(np.flatnonzero(again)):
-        trial = tuple(table[c].iloc[at] for c in TRIAL)
-        origin = place(int(first.loc[trial]))
-        add_duplicate(trial, f"{origin.get('file')}:{origin.get('row')}", place(int(at)), problems)
+    again = np.flatnonzero(table.duplicated(TRIAL).to_numpy())
+
+    def where(at: int) -> str:
+        origin = place(int(np.flatnonzero((table[TRIAL] == table[TRIAL].iloc[at]).all(axis=1))[0]))
+        return f"{origin.get('file')}:{origin.get('row')}"
+
+    tell_duplicates(table, again.tolist(), where, place, problems, numbered=numbered)
 
 
-def add_duplicate(
-    trial: Sequence[object], where: str, place: Mapping[str, object], problems: Problems
+def tell_duplicates(
+    table: pd.DataFrame,
+    again: Sequence[int],
+    where: Callable[[int], str],
+    place: Place,
+    problems: Problems,
+    *,
+    numbered: bool,
 ) -> None:
-    """Record a trial that stands twice, and where it stands already."""
-    subject, session, environment = (shown([str(name)]) for name in trial[:3])
-    problems.add(
-        f"subject {subject}, session {session}, environment {environment}, trial {trial[3]} stands already "
-        f"in {where}.",
-        hint='Name the trial column in [columns]; for a row per event declare [sessions] keep = "last"; else '
-        "remove one row.",
-        **place,
-    )
+    """Record trials that stand twice: a few one by one, many as one problem with its size."""
+    few = numbered and len(again) <= _NAMED
+    rows = f"{len(again):,} of {len(table):,} rows ({len(again) / max(len(table), 1):.1%})"
+    hint = 'Number the trials by the order of their rows: [sessions] trial = "order".'
+    if numbered:
+        hint = "Remove one row, or name the column that numbers the trials in [columns]. " + hint
+    # Of trials without numbers it would keep one a cell, and drop the repeats that were asked about.
+    event = f"keep {len(table) - len(again):,} rows" if numbered else "need a column of trials"
+    hint += f' If rows are events of a trial, [sessions] keep = "last" would {event}.'
+    for at in again if few else again[:1]:
+        subject, session, environment, trial = (str(table[c].iloc[at]) for c in TRIAL)
+        cell = f"subject {shown([subject])}, session {shown([session])}, environment {shown([environment])}"
+        text = f"{cell}, trial {trial} stands already in {where(at)}."
+        if not few:
+            what = "trial" if numbered else "environment, and no column numbers their trials"
+            text = f"{rows} repeat a subject, session and {what}. The first: {text}"
+        problems.add(text, hint=hint, **place(int(at)))
 
 
 def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
@@ -177,7 +201,10 @@ def check_units(
 def check_plausible(
     table: pd.DataFrame, parameters: Iterable[str], declared: Set[str], place: Place, problems: Problems
 ) -> list[Notice]:
-    """Refuse adjustments whose median ratio to their references is at least 100, or at most 1/100."""
+    """Refuse adjustments whose median ratio to their references is at least 100, or at most 1/100.
+
+    A file whose own ratio is about a thousand times the others' is refused too: one machine wrote N/mm.
+    """
     notices: list[Notice] = []
     for p in parameters:
         adjusted, reference = (table[f"{p}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref"))
@@ -186,6 +213,20 @@ def check_plausible(
             at, value = int(known[0]), float(adjusted[known[0]])
             ratio = typical_ratio(adjusted[known], reference[known])
             notices += check_units(p, ratio, declared, place(at), problems, value=value)
+            logs = pd.Series(np.log(adjusted[known] / reference[known]))
+            by_file = np.exp(logs.groupby(table["file"].to_numpy()[known]).median())
+            for file, own in by_file.items() if len(by_file) > 1 else ():
+                if not _THOUSAND / 3 < max(own / ratio, ratio / own) < _THOUSAND * 3:
+                    continue
+                text = f"{p}_adj is {own:.3g} times {p}_ref at the median of this file, and {ratio:.3g} times"
+                text += " over all files: the units of the file seem to differ by a thousand."
+                at = int(known[np.argmax(table["file"].to_numpy()[known] == file)])
+                if {f"{p}_adj", f"{p}_ref"} <= declared:
+                    notices.append(Notice(text, column=f"{p}_adj"))
+                    continue
+                hint = f"Convert the file; where it is right, declare the units of {p}_adj and {p}_ref."
+                where = {"column": f"{p}_adj", "value": float(adjusted[at]), "hint": hint}
+                problems.add(text, **where, **place(at))
     return notices
 
 
@@ -223,13 +264,18 @@ def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> Counter[str]:
     )
 
 
-def screen(table: pd.DataFrame, parameters: Iterable[str], place: Place) -> Iterator[Notice]:
+def screen(
+    table: pd.DataFrame, parameters: Iterable[str], place: Place, pooled: Iterable[str] = ()
+) -> Iterator[Notice]:
     """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
     for p in parameters:
         yield from _gross_errors(table, p, place)
         yield from _without_logarithm(table, p, place)
+        yield from _at_the_end(table, p, place)
         yield from _never_moved(table, p)
     yield from _not_tried(table)
+    for column in pooled:
+        yield from _pooled(table, column)
 
 
 def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
@@ -256,11 +302,67 @@ def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator
 
 def _without_logarithm(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
     column = f"{parameter}_adj"
-    low = table.index[table[column] <= 0]
-    if len(low):
-        what = f"{counted(len(low), 'value')} of {parameter} {'is' if len(low) == 1 else 'are'}"
-        text = f"{what} zero or negative, here the first: the lognormal family, the default, takes none"
-        yield Notice(text, column=column, **place(low[0]))
+    values = table[column].dropna()
+    low = values[values <= 0]
+    if low.empty:
+        return
+    what = f"{_counted_share(len(low), len(values), parameter)} {'is' if len(low) == 1 else 'are'}"
+    text = f"{what} zero or negative, here the first. The lognormal family, the default, takes none. "
+    normal = 'family = "normal" in [inference]'
+    if (table.loc[low.index, f"{parameter}_ref"] <= 0).any():
+        text += (
+            f"References of zero or below have no ratio: use {normal} with scale in [model]. Where the zero "
+            f"of the scale is arbitrary, add one offset to {parameter}_ref and {column} in [columns]."
+        )
+    elif (low == 0).all() and len(low) <= _FEW * len(values):
+        least = float(values[values > 0].min())
+        rule = f'{{ column = "{column}", below = {least!r}, why = "no adjustment" }}'
+        text += f"So few zeros may be failed trials: [sessions] exclude = [{rule}] leaves them out and logs "
+        text += f"them. If people meant them, use {normal}."
+    else:
+        text += f"Leaving out this many biases what is left: use {normal}."
+    yield Notice(text, column=column, **place(low.index[0]))
+
+
+def _counted_share(count: int, total: int, parameter: str) -> str:
+    return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,})"
+
+
+def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
+    """Warn where more values equal the largest or least of all than the one next to it, by far."""
+    column = f"{parameter}_adj"
+    found = table[column].value_counts().sort_index()
+    values, counts = found.index.to_numpy(dtype=float), found.to_numpy()
+    for at, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
+        # Zeros are told already, whatever they come from.
+        if len(values) < 3 or counts[at] < max(_ENOUGH, _FEW * counts.sum(), 3 * counts[beside]):
+            continue
+        if values[at] > 0:
+            first = table.index[table[column] == values[at]][0]
+            yield Notice(
+                f"{_counted_share(int(counts[at]), int(counts.sum()), parameter)} equal the {which} of all, "
+                f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment lies {way} "
+                f'it, and the spread is too small. [sessions] exclude = [{{ column = "{column}", {way} '
+                f'= {float(values[beside])!r}, why = "end of the knob" }}] leaves them out and logs them.',
+                column=column,
+                **place(first),
+            )
+
+
+def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
+    """Say what becomes of groups that the analysis does not tell apart."""
+    levels = table.groupby(column, sort=False)["subject"].nunique()
+    if len(levels) < 2:
+        return
+    sizes = ", ".join(f"{shown([str(name)])} {counted(int(n), 'subject')}" for name, n in levels.items())
+    text = f"{len(levels)} groups ({sizes}) are pooled: "
+    if (table.groupby("subject", sort=False)[column].nunique() > 1).any():
+        text += "a subject's trials of every group count as repeats of one another. "
+        text += f'[study] factor = "{column}" contrasts them.'
+    else:
+        text += "every interval is of one population that holds them all. "
+        text += f'"percept compare FILE --by {column}" compares them.'
+    yield Notice(text, column=column)
 
 
 def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:

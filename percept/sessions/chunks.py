@@ -107,6 +107,7 @@ class _Cells:
         self.family: _Family = family
         self.parameters: Sequence[str] = ()
         self.references: dict[str, dict[str, float]] = {}
+        self.numbered = False
         self.visits = pd.DataFrame()
         # By visit, its trials as the bits of a whole number.
         self.seen: dict[tuple[str, ...], int] = {}
@@ -120,7 +121,7 @@ class _Cells:
         if self.parameters and self.parameters != parameters:
             hint = "Reduce them one by one."
             raise UsageError("the files do not have the same parameters.", file=table.name, hint=hint)
-        self.parameters = parameters
+        self.parameters, self.numbered = parameters, table.numbered
 
     def add(self, frame: pd.DataFrame, file: str) -> None:
         """Check and add one block."""
@@ -154,18 +155,19 @@ class _Cells:
             message = "trial numbers are negative or too large to be checked in blocks."
             hint = "Number the trials of each subject and environment 1, 2, 3 …"
             raise UsageError(message, column="trial", value=int(trials[at]), hint=hint, **place(at))
+        again: list[int] = []
         for visit, rows in visits.items():
             bits = np.zeros(int(trials[rows].max()) + 1, dtype=np.uint8)
             bits[trials[rows]] = 1
             if bits.sum() < len(rows):
-                checks.check_duplicates(frame, place, problems)
+                checks.check_duplicates(frame, place, problems, numbered=self.numbered)
                 return
             own = int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
             both = self.seen.get(visit, 0) & own
             self.seen[visit] = self.seen.get(visit, 0) | own
-            for row in rows if both else ():
-                if both >> int(trials[row]) & 1:
-                    checks.add_duplicate((*visit, trials[row]), "an earlier row", place(int(row)), problems)
+            again += [int(row) for row in rows if both >> int(trials[row]) & 1] if both else []
+        where = lambda at: "an earlier row"  # noqa: E731
+        checks.tell_duplicates(frame, sorted(again), where, place, problems, numbered=self.numbered)
 
     def _response(self, p: str, frame: pd.DataFrame, place: Place) -> npt.NDArray[np.float64]:
         adjusted, reference = (frame[f"{p}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref"))

@@ -124,12 +124,15 @@ class ColumnRule(Table):
         Dotted path into a JSON cell ("response.k"; a number picks from a list, -1 its last item).
     also : tuple of str
         Further columns of an id made of several: their texts follow, joined by hyphens.
+    offset : float
+        Added to the file's numbers, in their unit: for a scale whose zero is arbitrary.
     """
 
     name: Annotated[str, AfterValidator(_not_blank)]
     unit: str | None = None
     path: str | None = None
     also: Texts = ()
+    offset: Number = 0.0
 
 
 class ExcludeRule(Table):
@@ -277,10 +280,13 @@ class ReadOptions(SessionsTable):
         Whether a subject who lacks an environment that others have stays.
     sheet : str, optional
         Sheet of an Excel workbook; the first by default.
+    split : tuple of str
+        Columns of groups that the analysis tells apart; of the others a warning says that they are pooled.
     """
 
     columns: Columns = Field(default_factory=dict)
     environments: Environments = Field(default_factory=dict)
+    split: Texts = ()
 
     def __init__(self, /, **options: Any) -> None:
         try:
@@ -295,8 +301,9 @@ class ReadOptions(SessionsTable):
 
     def with_groups(self, groups: Iterable[str]) -> ReadOptions:
         """Return a copy that keeps further columns as groups of subjects; those it always has are no news."""
-        further = [name for name in groups if name not in CANONICAL]
-        return self.model_copy(update={"groups": tuple(dict.fromkeys([*self.groups, *further]))})
+        further = tuple(name for name in groups if name not in CANONICAL)
+        kept = tuple(dict.fromkeys([*self.groups, *further]))
+        return self.model_copy(update={"groups": kept, "split": (*self.split, *further)})
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:

@@ -66,6 +66,8 @@ class Sessions:
         `file` (index into `sources`) and `row` (physical line, the header being 1) of each row of `table`.
     listed : tuple of str
         Environments in the order in which the scene lists them.
+    pooled : tuple of str
+        Columns of groups that the analysis does not tell apart.
     """
 
     table: pd.DataFrame
@@ -76,6 +78,7 @@ class Sessions:
     counts: Mapping[str, int] = field(default_factory=dict)
     provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
     listed: tuple[str, ...] = ()
+    pooled: tuple[str, ...] = ()
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
@@ -157,7 +160,7 @@ class Sessions:
             known = index in self.provenance.index
             return dict(zip(("file", "row"), self.locate(index), strict=True)) if known else {}
 
-        return tuple(checks.screen(self.table, self.parameters, place))
+        return tuple(checks.screen(self.table, self.parameters, place, self.pooled))
 
     def locate(self, index: int) -> tuple[str, int]:
         """File name and physical row (the header being 1) of an observation, by its label in `table`."""
@@ -245,6 +248,7 @@ class Reading:
         self.notices: list[Notice] = []
         self.exclusions: list[Exclusion] = []
         self.counts: Counter[str] = Counter()
+        self.numbered = False  # Whether a column of any file numbers the trials
         self.declared_units = {name for references in options.environments.values() for name in references}
 
     def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
@@ -288,6 +292,7 @@ class Reading:
         """Take up what is known of a file once all of it is read."""
         self.sources.append(Source(table.name, sha256, table.counts["rows read"]))
         self.notices += table.notices
+        self.numbered |= table.numbered
         self.exclusions += table.exclusions
         self.counts.update(table.counts)
         self.declared_units |= table.declared_units
@@ -363,6 +368,9 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         counts=dict(reading.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
         listed=tuple(reading.options.environments),
+        pooled=tuple(
+            c for c in ("group", *reading.options.groups) if c in tidy and c not in reading.options.split
+        ),
     )
 
 
@@ -374,7 +382,7 @@ def _checked_trials(
     if options.trial == "order":
         table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
     checks.settle_references(table, options.environments, {}, parameters, place, problems)
-    checks.check_duplicates(table, place, problems)
+    checks.check_duplicates(table, place, problems, numbered=reading.numbered)
     reading.notices += checks.check_plausible(table, parameters, reading.declared_units, place, problems)
     problems.raise_if_any()
     table = reading.settled(table)

@@ -7,10 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from percept.errors import UsageError
+from percept.errors import PerceptError, UsageError
 
 IDS = ("subject", "session", "environment")
 #: Mass of an environment (Eq. 7): a reference that nobody adjusts.
@@ -20,6 +17,8 @@ TRIAL_COLUMNS = (*IDS, "k_ref", "b_ref", "trial", "k_adj", "b_adj")
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
 #: Problems that a message lists, and problems that are kept.
 _LISTED, _KEPT = 10, 1000
+#: Problems of one kind that are written out.
+_ALIKE = 3
 
 #: From a row's position in a table to its `file` and `row`.
 Place = Callable[[int], Mapping[str, Any]]
@@ -97,10 +96,27 @@ class ReadError(UsageError):
     def __str__(self) -> str:
         if self.total == 1:
             return str(self.problems[0])
-        lines = [f"{self.total} problems:", *(f"  {problem}" for problem in self.problems[:_LISTED])]
+        lines = [
+            f"{self.total} problems:",
+            *(f"  {line}" for line in summarised(self.problems, str)[:_LISTED]),
+        ]
         if self.total > _LISTED:
-            lines.append(f"  and {self.total - _LISTED} more")
+            lines.append("  percept validate lists them by kind")
         return "\n".join(lines)
+
+
+def summarised(problems: Sequence[PerceptError], line: Callable[[PerceptError], str]) -> list[str]:
+    """Give a line per problem; of a kind in one column of a file, three and how many more there are."""
+    kinds: dict[tuple[object, ...], list[PerceptError]] = {}
+    for problem in problems:
+        kinds.setdefault((problem.file, problem.column, problem.message), []).append(problem)
+    lines = []
+    for alike in kinds.values():
+        lines += [line(problem) for problem in alike[:_ALIKE]]
+        if more := alike[_ALIKE:]:
+            where = f"{more[0].file}, column {more[0].column!r}, rows {more[0].row} to {more[-1].row}"
+            lines.append(f"{where}: {len(more)} more of this kind")
+    return lines
 
 
 class Problems:
@@ -113,12 +129,6 @@ class Problems:
     def add(self, message: str, *, value: object = None, **place: Any) -> None:
         """Record one problem; the arguments are those of :class:`~percept.errors.UsageError`."""
         self.extend(UsageError(message, value=clip(value) if isinstance(value, str) else value, **place))
-
-    def first(self, rows: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-        """Give the rows whose problems are worth a record each, and count the others."""
-        kept = rows[:_KEPT]
-        self.total += len(rows) - len(kept)
-        return kept
 
     def extend(self, error: UsageError) -> None:
         """Record an error, or each problem of a :class:`ReadError`."""

@@ -55,6 +55,7 @@ class FileTable:
         ]
         if unused := unused_columns(header, self.found, options):
             self.notices.append(Notice(f"columns not used: {shown(unused)}", name))
+        self.numbered = "trial" in rules or any(slot.trial for slot in self.found.slots)
         self.declared_units = {c for c, rule in rules.items() if rule.unit is not None}
         self.parameters: set[str] = set()
         if self.form == "trials":
@@ -103,6 +104,12 @@ class FileTable:
                 events.append(self._last_events(data))
         if events:
             data = self._last_events({c: np.concatenate([e[c] for e in events]) for c in events[0]})
+            earlier, kept = self.counts["earlier event of a trial"], len(data["row"])
+            text = f'keep = "last" leaves out {earlier:,} of {earlier + kept:,} rows '
+            text += f"({earlier / max(earlier + kept, 1):.1%}) as earlier events of a trial"
+            if not self.numbered:
+                text += "; no column numbers the trials, so that of a subject in an environment one row stays"
+            self.notices.append(Notice(text, self.name))
             yield self._frame(self._within_limits(data))
         if self.form == "trials":
             self._check_paths()
@@ -269,8 +276,9 @@ class FileTable:
             data[c] = values.parse_numbers(
                 cells.tolist(), data["row"].tolist(), self._mark, self.problems, _MEND, **self._place(c)
             )
-        for c in (c for c in NUMBERS if c in data and self.found.rules[c].unit is not None):
-            data[c] = values.convert(data[c], self.found.rules[c].unit, c[0])
+        for c, rule in ((c, self.found.rules[c]) for c in NUMBERS if c in data):
+            if rule.unit is not None or rule.offset:
+                data[c] = values.convert(data[c] + rule.offset, rule.unit, c[0])
         if "trial" in data:
             trial = data["trial"]
             whole = (np.abs(trial) < _WHOLE) & (trial == np.round(trial))

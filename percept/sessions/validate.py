@@ -13,7 +13,7 @@ from percept.sessions.files import expand, load
 from percept.sessions.formats import open_blocks
 from percept.sessions.options import CANONICAL, ReadOptions
 from percept.sessions.read import read_sessions
-from percept.sessions.records import Exclusion, Notice, ReadError, Source
+from percept.sessions.records import Exclusion, Notice, ReadError, Source, summarised
 from percept.sessions.values import UNITS
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
@@ -100,12 +100,7 @@ def format_validation(record: Validation) -> str:
     lines += [f"notice: {notice}" for notice in record.notices]
     for e in record.exclusions:
         lines.append(f"left out: {f'{e.file}:{e.row}: ' if e.file else ''}subject {e.who}, {e.what}: {e.why}")
-    for problem in record.problems:
-        parts = (problem.file, problem.row, problem.column, problem.key)
-        place = ":".join(str(part) for part in parts if part is not None)
-        value = f" (found {problem.value!r})" if problem.value is not None else ""
-        hint = f" {problem.hint}" if problem.hint else ""
-        lines.append(f"{place + ': ' if place else ''}{problem.message}{value}{hint}")
+    lines += summarised(record.problems, _problem)
     if record.total > len(record.problems):
         lines.append(f"and {record.total - len(record.problems)} more problems")
     verdicts = (
@@ -114,6 +109,14 @@ def format_validation(record: Validation) -> str:
         counted(record.total, "problem"),
     )
     return "\n".join(map(printable, [*lines, verdicts[record.exit_code]]))
+
+
+def _problem(problem: PerceptError) -> str:
+    parts = (problem.file, problem.row, problem.column, problem.key)
+    place = ":".join(str(part) for part in parts if part is not None)
+    value = f" (found {problem.value!r})" if problem.value is not None else ""
+    hint = f" {problem.hint}" if problem.hint else ""
+    return f"{place + ': ' if place else ''}{problem.message}{value}{hint}"
 
 
 def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> str:

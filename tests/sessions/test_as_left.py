@@ -134,3 +134,75 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
     assert study.setup.references["a"].mass == 0.3
     assert found.environments == ("a",)
     assert "m_ref" in found.table
+
+
+def test_repeats_without_numbers_are_one_problem(tmp_path):
+    text = HEAD + "".join(
+        f"{s},{e},{k},{k + r}\n" for s in (1, 2) for e, k in (("a", 10), ("b", 20)) for r in range(9)
+    )
+    error = refusal(tmp_path, text)
+    assert error.total == 1
+    assert (error.file, error.row) == (str(tmp_path / "f.csv"), 3)
+    assert error.message.startswith(
+        "32 of 36 rows (88.9%) repeat a subject, session and environment, and no column "
+    )
+    assert '[sessions] trial = "order"' in error.hint
+    assert 'keep = "last" would need a column of trials' in error.hint
+    with pytest.raises(UsageError, match="32 of 36 rows"):
+        reduce_sessions(tmp_path / "f.csv")
+
+
+def test_many_duplicates_are_one_problem_and_few_are_named(tmp_path):
+    head = HEAD.replace("\n", ",trial\n")
+    few = refusal(tmp_path, head + "1,a,10,11,1\n2,a,10,11,1\n2,a,10,11,1\n")
+    assert [p.row for p in few.problems] == [4]
+    assert "subject '2', session '1', environment 'a', trial 1 stands already in" in few.message
+    many = refusal(tmp_path, head + "1,a,10,11,1\n" * 8 + "2,a,10,11,1\n")
+    assert many.total == 1
+    assert many.message.startswith("7 of 9 rows (77.8%) repeat a subject, session and trial.")
+    assert 'keep = "last" would keep 2 rows' in many.hint
+
+
+def test_many_rows_with_another_reference_are_one_problem(tmp_path):
+    text = HEAD + "1,a,10,11\n" + "".join(f"{s},a,20,21\n" for s in range(2, 12)) + "12,a,10,12\n"
+    error = refusal(tmp_path, text)
+    assert error.total == 1
+    assert (error.row, error.column, error.value) == (3, "k_ref", 20.0)
+    assert "has the reference 10.0 in an earlier row; 10 rows have another, here the first." in error.message
+    assert 'environment = ["…", "…"]' in error.hint
+
+
+def test_what_the_last_event_leaves_out_is_counted(tmp_path):
+    text = HEAD + "".join(f"{s},a,10,{10 + r}\n" for s in (1, 2) for r in range(25))
+    found = read(tmp_path, text, sessions={"keep": "last"})
+    (said,) = [str(notice) for notice in found.notices if "keep" in notice.text]
+    assert said == (
+        f'{tmp_path / "f.csv"}: keep = "last" leaves out 48 of 50 rows (96.0%) as earlier events of a trial; '
+        "no column numbers the trials, so that of a subject in an environment one row stays"
+    )
+
+
+def test_an_offset_moves_a_scale_whose_zero_is_arbitrary(tmp_path):
+    columns = {c: {"name": c, "offset": 5} for c in ("k_ref", "k_adj")}
+    found = read(tmp_path, HEAD + "1,a,-4,-3.5\n2,a,-4,-3\n", columns=columns)
+    assert found.table["k_ref"].tolist() == [1.0, 1.0]
+    assert found.table["k_adj"].tolist() == [1.5, 2.0]
+
+
+def test_one_file_in_another_unit_is_refused(tmp_path):
+    for s in range(1, 6):
+        factor = 1e-3 if s == 3 else 1.0
+        rows = [f"{s},{e},{k},{(k + s) * factor}" for e, k in (("a", 900), ("b", 4000))]
+        (tmp_path / f"s{s}.csv").write_text(HEAD + "\n".join(rows) + "\n")
+    with pytest.raises(UsageError) as caught:
+        read_sessions(tmp_path)
+    error = caught.value
+    assert (error.file, error.row, error.column) == (str(tmp_path / "s3.csv"), 2, "k_adj")
+    assert error.value == 0.903
+    assert (
+        "k_adj is 0.001 times k_ref at the median of this file, and 1 times over all files" in error.message
+    )
+    assert "declare the units" in error.hint
+    told = {c: {"name": c, "unit": "N/m"} for c in ("k_ref", "k_adj")}
+    found = read_sessions(tmp_path, columns=told)
+    assert any("differ by a thousand" in notice.text for notice in found.notices)

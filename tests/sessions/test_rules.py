@@ -140,7 +140,8 @@ def test_all_problems_of_a_file_are_reported_together(tmp_path):
     assert isinstance(error, ReadError)
     assert len(error.problems) == error.total == 16
     assert str(error).startswith("16 problems:")
-    assert "and 6 more" in str(error)
+    assert "column 'k_adj', rows 5 to 9: 5 more of this kind" in str(error)
+    assert str(error).endswith("percept validate lists them by kind")
     assert error.problems[0].row == 2
 
 
@@ -163,9 +164,11 @@ def test_duplicates_name_both_rows(tmp_path):
 
 
 def test_problems_beyond_a_thousand_are_counted(tmp_path):
-    error = refusal(tmp_path, HEAD + "1,a,10,1,1,11,1\n" * 1500)
+    error = refusal(tmp_path, HEAD + "".join(f"1,a,10,1,{t},x,1\n" for t in range(1499)))
     assert str(error).startswith("1499 problems:")
     assert (len(error.problems), error.total) == (1000, 1499)
+    assert str(error).count("\n") == 5
+    assert "column 'k_adj', rows 5 to 1001: 997 more of this kind" in str(error)
 
 
 def test_identical_files_are_found(tmp_path):

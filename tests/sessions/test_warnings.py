@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from percept import read_sessions
-from percept.sessions import Sessions, format_validation, validate
+from percept.sessions import ReadOptions, Sessions, format_validation, validate
 from tests import DATASETS
 
 HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj"
@@ -48,8 +48,9 @@ def test_two_subjects_say_nothing_of_each_other(tmp_path):
 def test_values_without_a_logarithm(tmp_path):
     rows = [*CLEAN, "5,soft,100,1,0,1.2", "5,hard,2000,10,-3,11"]
     assert warnings_of(tmp_path, rows) == [
-        "s.csv:10:k_adj: 2 values of k are zero or negative, here the first: the lognormal family, the "
-        "default, takes none"
+        "s.csv:10:k_adj: 2 values of k (20.0% of 10) are zero or negative, here the first. The lognormal "
+        "family, the default, takes none. Leaving out this many biases what is left: use family = "
+        '"normal" in [inference].'
     ]
 
 
@@ -86,7 +87,7 @@ def test_validate_says_them(tmp_path):
 
 
 def test_of_many_slips_the_first_are_named(tmp_path):
-    rows = [f"{s},hard,2000,10,{100_000 if s > 22 else 2200 + s},{9 + s / 40}" for s in range(1, 31)]
+    rows = [f"{s},hard,2000,10,{100_000 + s if s > 22 else 2200 + s},{9 + s / 40}" for s in range(1, 31)]
     found = warnings_of(tmp_path, rows)
     assert [text.partition(": ")[0] for text in found] == [f"s.csv:{row}:k_adj" for row in range(24, 29)] + [
         "k_adj"
@@ -120,3 +121,53 @@ def test_sessions_put_together_by_hand_have_no_places(tmp_path):
     (slip,) = Sessions(pd.DataFrame(rows, columns=names), "trials").warnings
     assert (slip.file, slip.row, slip.column) == (None, None, "k_adj")
     assert slip.text.startswith("subject '0' set k to 90000 in 'A', ")
+
+
+def zeros(tmp_path, values, reference="100"):
+    rows = [f"{s},soft,{reference},1,{value},{1 + s / 100}" for s, value in enumerate(values)]
+    return [text for text in warnings_of(tmp_path, rows) if "zero or negative" in text]
+
+
+def test_the_way_out_of_values_without_a_logarithm_fits_them(tmp_path):
+    some = [100 + s / 8 for s in range(30)]
+    (few,) = zeros(tmp_path, [*some, 0])
+    assert few.startswith("s.csv:32:k_adj: 1 value of k (3.2% of 31) is zero or negative, here the first.")
+    assert 'exclude = [{ column = "k_adj", below = 100.0, why = "no adjustment" }] leaves them out' in few
+    (many,) = zeros(tmp_path, [*some, *range(-5, 1)])
+    assert many.startswith("s.csv:32:k_adj: 6 values of k (16.7% of 36) are zero or negative")
+    assert many.endswith('Leaving out this many biases what is left: use family = "normal" in [inference].')
+    (arbitrary,) = zeros(tmp_path, [-3.0, -2.5, 4.0], reference="-2")
+    assert 'family = "normal" in [inference] with scale in [model]' in arbitrary
+    assert "add one offset to k_ref and k_adj in [columns]" in arbitrary
+
+
+def test_many_equal_extremes_are_the_end_of_the_knob(tmp_path):
+    free = [f"{s},soft,100,1,{100 + 7 * s % 60},{1 + s / 100}" for s in range(20)]
+    stuck = [f"{s},soft,100,1,160,{1 + s / 100}" for s in range(20, 26)]
+    assert warnings_of(tmp_path, free) == []
+    (said,) = warnings_of(tmp_path, [*free, *stuck])
+    assert said.startswith(
+        "s.csv:22:k_adj: 6 values of k (23.1% of 26) equal the largest of all, 160: the end of the knob?"
+    )
+    rule = '[sessions] exclude = [{ column = "k_adj", above = 159.0, why = "end of the knob" }]'
+    assert rule in said
+    path = tmp_path / "s.csv"
+    options = ReadOptions(exclude=[{"column": "k_adj", "above": 159.0, "why": "end of the knob"}])
+    assert read_sessions(path, options=options).counts["excluded: end of the knob"] == 6
+
+
+def test_groups_are_not_pooled_in_silence(tmp_path):
+    path = tmp_path / "s.csv"
+    rows = [f"{row},{'left' if row[0] < '3' else 'right'}" for row in CLEAN]
+    path.write_text("\n".join([HEADER + ",hand", *rows]) + "\n")
+    (said,) = read_sessions(path, options=ReadOptions(groups=["hand"])).warnings
+    assert str(said) == (
+        "hand: 2 groups ('left' 2 subjects, 'right' 2 subjects) are pooled: every interval is of one "
+        'population that holds them all. "percept compare FILE --by hand" compares them.'
+    )
+    assert read_sessions(path, options=ReadOptions().with_groups(["hand"])).warnings == ()
+    rows = [f"{row},{t},{hand}" for row in CLEAN for t, hand in enumerate(("left", "right"), 1)]
+    path.write_text("\n".join([HEADER + ",trial,hand", *rows]) + "\n")
+    (said,) = read_sessions(path, options=ReadOptions(groups=["hand"])).warnings
+    assert "a subject's trials of every group count as repeats of one another." in said.text
+    assert '[study] factor = "hand" contrasts them.' in said.text
