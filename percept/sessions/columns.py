@@ -9,7 +9,7 @@ from difflib import get_close_matches
 
 from percept.errors import UsageError
 from percept.sessions.options import CANONICAL, KEPT_COLUMNS, SUMMARY, ColumnRule, ReadOptions
-from percept.sessions.records import NUMBERS, shown
+from percept.sessions.records import NUMBERS, NoDataError, shown
 
 _WORDS = {
     "subject": "participant participant_id participant_private_id subject_nr subject_id subject_number subj "
@@ -226,7 +226,8 @@ def check_columns(
         if any("_ref" in name for name in missing):
             hint += " References can stand in [environments]."
         message = f"there is no column for {' and '.join(missing)}; the columns are {shown(header)}."
-        raise UsageError(message, file=file, row=1, column=missing[0].split(" ")[0], hint=hint)
+        kind = UsageError if present & {*NUMBERS} else NoDataError
+        raise kind(message, file=file, row=1, column=missing[0].split(" ")[0], hint=hint)
 
 
 def unused_columns(header: Sequence[str], found: Resolution, options: ReadOptions) -> list[str]:

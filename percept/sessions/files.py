@@ -18,6 +18,7 @@ from pathlib import Path, PurePath, PurePosixPath
 from typing import BinaryIO, NamedTuple, TextIO
 
 from percept.errors import UsageError
+from percept.sessions.records import NoDataError
 
 #: What tells a folder of results from one of sessions.
 _RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "leave_one_out.sha256", "batch.parquet")
@@ -37,10 +38,17 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16-le"),
     (codecs.BOM_UTF16_BE, "utf-16-be"),
 )
+_R = (rb"(RD[AX][23]\n|[XA]\n\0\0\0)", "an R data file, which only R opens",
+      "In R: write.csv(table, 'trials.csv').")  # fmt: skip
+#: Their compression may hide what is in them.
+_R_SUFFIXES = (".rda", ".rdata", ".rds")
 _BINARY = (
     (rb"\x80[\x02-\x05]", "a Python pickle (PsychoPy's .psydat), which is never opened",
      "Use the .csv that PsychoPy writes beside it."),
     (rb"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", "Save it as .xlsx, or as CSV in UTF-8."),
+    _R,
+    (rb"(MATLAB 5|\x89HDF)", "a MATLAB or HDF5 file", "In MATLAB: writetable(T, 'trials.csv')."),
+    (rb"(\$FL[23]|<stata_dta>)", "an SPSS or Stata file", "Export the data as CSV."),
     (rb"%PDF", "a PDF", "Use the table it was made from, as CSV."),
     (rb"SQLite format 3", "a database file", "Export the table from it as CSV."),
     (rb"(Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd)", "an archive in a format not read here",
@@ -82,6 +90,7 @@ class Expanded(NamedTuple):
     ignored: list[str]  # Files of folders whose suffix is not that of a table
     results: list[str]  # Folders below the given ones that percept has filled, whose tables are left out
     repeated: int = 0  # Times a file was named again
+    inside: frozenset[str] = frozenset()  # Files that a folder held, and nobody named
 
 
 def expand(paths: Sequence[str | Path]) -> Expanded:
@@ -89,6 +98,7 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
     if not paths:
         raise UsageError("no file was given.", hint="Name at least one session file or folder.")
     files: dict[str, str] = {}
+    unnamed: set[str] = set()
     ignored: list[str] = []
     results: list[str] = []
     repeated = 0
@@ -103,6 +113,7 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
         elif path.is_dir():
             inside = _inside(path)
             found = inside.files
+            unnamed.update(found)
             ignored += inside.ignored
             results += inside.results
             if not found:
@@ -121,7 +132,7 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
             own = name if name == "-" else str(Path(name).resolve())
             repeated += own in files
             files.setdefault(own, name)
-    return Expanded(list(files.values()), ignored, results, repeated)
+    return Expanded(list(files.values()), ignored, results, repeated, frozenset(unnamed))
 
 
 def is_pattern(text: str) -> bool:
@@ -338,9 +349,11 @@ def line_ends(text: str) -> int:
 
 def _refuse_binary(data: bytes, file: str) -> None:
     if not data:
-        raise UsageError("the file is empty.", file=file, hint="Leave it out, or export it again.")
+        raise NoDataError("the file is empty.", file=file, hint="Leave it out, or export it again.")
     for pattern, what, hint in _BINARY:
         if re.match(pattern, data):
+            if file.lower().endswith(_R_SUFFIXES):
+                what, hint = _R[1:]
             raise UsageError(f"this is {what}.", file=file, hint=hint)
 
 

@@ -12,9 +12,9 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions.columns import resolve
 from percept.sessions.files import Input, is_workbook, open_text
-from percept.sessions.grids import Block, Grid, text_blocks
+from percept.sessions.grids import Block, Grid, text_blocks, with_names
 from percept.sessions.options import ReadOptions
-from percept.sessions.records import Notice
+from percept.sessions.records import NoDataError, Notice
 
 _EXTRA = "Install what reads it: pip install 'percept[tables]'."
 
@@ -95,9 +95,14 @@ def _typed_grid(header: Sequence[str], columns: Iterable[Iterable[Any]], file: s
     cells = [[_text(value) for value in record] for record in zip(*columns, strict=True)]
     kept = [at for at, record in enumerate(cells) if any(cell.strip() for cell in record)]
     if not kept:
-        raise UsageError("there are no data below the header.", file=file, hint="Leave it out.")
+        raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
     blank = Counter({"blank line": len(cells) - len(kept)} if len(kept) < len(cells) else {})
-    return Grid([name.strip() for name in header], [cells[at] for at in kept], [at + 2 for at in kept], blank)
+    return Grid(
+        with_names([name.strip() for name in header]),
+        [cells[at] for at in kept],
+        [at + 2 for at in kept],
+        blank,
+    )
 
 
 def _text(value: Any) -> str:

@@ -16,7 +16,7 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import files
-from percept.sessions.records import clip
+from percept.sessions.records import NoDataError, clip
 
 Quoting = Literal["doubled", "backslash", "wrapped"]
 
@@ -34,6 +34,11 @@ _EXACT: Any = None if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) e
 _LONG = 300
 # Cells hold recordings of mouse tracks, beyond the module's 128 kB; a block bounds them.
 csv.field_size_limit(max(csv.field_size_limit(), 8 * files.BLOCK))
+
+
+def with_names(header: list[str]) -> list[str]:
+    """Name columns without a name, as R and pandas write an index, by their position: "column 1"."""
+    return [name or f"column {at}" for at, name in enumerate(header, 1)]
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,10 @@ class _MisfitError(UsageError):
         self.width = width
 
 
+class _EmptyError(_MisfitError, NoDataError):
+    """A header alone."""
+
+
 @dataclass
 class Layout:
     """How a file separates and quotes its cells, and its header."""
@@ -68,7 +77,7 @@ class Layout:
     def header(self) -> list[str]:
         """Column names, without surrounding space and an empty last one."""
         header = [name.strip() for name in self.names]
-        return header[:-1] if header[-1] == "" else header
+        return with_names(header[:-1] if header[-1] == "" else header)
 
     def grid(self, cells: list[list[str]], rows: list[int], *, last: bool) -> Grid:
         """Drop what is no data; hold the rest to one width, but for one empty trailing column."""
@@ -180,7 +189,8 @@ def _find_layout(
     if not text.strip():
         raise UsageError("the file has no header.", file=file, hint="Leave it out, or export it again.")
     fits: list[tuple[Layout, Grid]] = []
-    misfits: list[_MisfitError] = []
+    misfits: list[tuple[int, _MisfitError]] = []
+    first = next(line for line in text.splitlines() if line.strip())
     for candidate in [delimiter] if delimiter else [d for d in _DELIMITERS if d in text]:
         failed: list[_MisfitError] = []
         for quoting in _quotings(text):
@@ -191,7 +201,9 @@ def _find_layout(
             except _MisfitError as misfit:
                 failed.append(misfit)
         else:
-            misfits.append(max(failed, key=lambda misfit: misfit.width))
+            # Quotes may be wrong on any line: how a header splits says which delimiter was meant.
+            width = first.count(candidate)
+            misfits.append((width, max(failed, key=lambda misfit: misfit.width)))
     if len(fits) > 1:
         fits = [fit for fit in fits if resolves(fit[0].header)] or fits
     if len(fits) == 1:
@@ -201,7 +213,7 @@ def _find_layout(
         hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
         raise UsageError(f"the lines can be split by {names} alike.", file=file, hint=hint)
     if misfits:
-        raise max(misfits, key=lambda misfit: misfit.width)
+        raise max(misfits, key=lambda one: (one[0], one[1].width))[1]
     message = "this is not a table: no comma, semicolon, tab or bar separates its columns."
     hint = "Export it as CSV, or declare [sessions] delimiter."
     raise UsageError(message, file=file, row=first_row, hint=hint)
@@ -230,7 +242,7 @@ def _with_header(layout: Layout, text: str, first_row: int, *, last: bool) -> Gr
     grid = layout.grid(cells[start + 1 :], rows[start + 1 :], last=last)
     if not grid.cells:
         message = "there are no data below the header."
-        raise _MisfitError(len(layout.names), message, hint="Leave the file out.", **place)
+        raise _EmptyError(len(layout.names), message, hint="Leave the file out.", **place)
     return grid
 
 

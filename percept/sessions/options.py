@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
@@ -220,6 +221,18 @@ References = dict[Annotated[str, _one_of(REFERENCES)], Number]
 Environments = dict[str, Annotated[References, BeforeValidator(_reference_names)]]
 
 
+class FilesTable(Table):
+    """Which files of folders and archives are read: glob patterns of names, such as "*_trials.csv"."""
+
+    include: Texts = ()
+    exclude: Texts = ()
+
+    def wants(self, path: str) -> bool:
+        """Whether a file's name fits a pattern of `include`, if there are any, and none of `exclude`."""
+        fits = PurePath(path).match
+        return (not self.include or any(map(fits, self.include))) and not any(map(fits, self.exclude))
+
+
 class SessionsTable(Table):
     """The scene's [sessions]; every default is the strictest reading."""
 
@@ -234,6 +247,7 @@ class SessionsTable(Table):
     exclude: tuple[ExcludeRule, ...] = ()
     unfinished: Literal["keep", "exclude"] = "keep"
     sheet: Text | None = None
+    files: FilesTable = FilesTable()
 
     @model_validator(mode="after")
     def _trials_or_events(self) -> Self:
@@ -278,6 +292,8 @@ class ReadOptions(SessionsTable):
         What to leave out, counted and logged by reason.
     unfinished : {"keep", "exclude"}
         Whether a subject who lacks an environment that others have stays.
+    files : FilesTable
+        Which files of folders and archives are read.
     sheet : str, optional
         Sheet of an Excel workbook; the first by default.
     split : tuple of str

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from percept.errors import UsageError
+from percept.errors import UsageError, counted
 from percept.sessions import checks
 from percept.sessions.files import Input, expand, ids_from_name, load
 from percept.sessions.formats import frame_grid, open_blocks
@@ -27,6 +27,7 @@ from percept.sessions.records import (
     SUMMARY_COLUMNS,
     TRIAL_COLUMNS,
     Exclusion,
+    NoDataError,
     Notice,
     Place,
     Problems,
@@ -36,6 +37,8 @@ from percept.sessions.summary import check_summary
 from percept.sessions.table import FileTable
 
 _SPECIAL = re.compile(r'[",\r\n]')
+#: Suffixes of files of other kinds that are named.
+_KINDS = 6
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -247,6 +250,7 @@ class Reading:
         self.sources: list[Source] = []
         self.notices: list[Notice] = []
         self.exclusions: list[Exclusion] = []
+        self.left_out: list[NoDataError] = []
         self.counts: Counter[str] = Counter()
         self.numbered = False  # Whether a column of any file numbers the trials
         self.declared_units = {name for references in options.environments.values() for name in references}
@@ -256,20 +260,41 @@ class Reading:
         found = expand(paths)
         self.notices += [Notice("a folder of results is not read", file=folder) for folder in found.results]
         if found.ignored:
-            self.notices.append(
-                Notice(f"{len(found.ignored)} files of other kinds in the folders are not read")
+            kinds = ", ".join(
+                sorted({Path(name).suffix or Path(name).name for name in found.ignored})[:_KINDS]
             )
+            text = f"{counted(len(found.ignored), 'file')} of other kinds in the folders not read ({kinds})"
+            self.notices.append(Notice(text))
+        wants = self.options.files.wants
+        files = [name for name in found.files if name not in found.inside or wants(name)]
+        if len(files) < len(found.files):
+            left = counted(len(found.files) - len(files), "file")
+            self.notices.append(Notice(f"{left} in the folders left out by [sessions.files]"))
+        if not files:
+            message, hint = "no file in the folders fits include and exclude.", "Correct the patterns."
+            raise UsageError(message, key="sessions.files", hint=hint)
         if found.repeated:
             self.notices.append(Notice("a file that is named more than once is read once"))
-        for file in found.files:
+        for file in files:
             with self.problems.collecting():
                 for entry in load(file):
-                    with self.problems.collecting():
-                        sha256 = self._new(entry)
-                        named = ids_from_name(entry.path, self.options.filename, file=entry.name)
-                        with closing(open_blocks(entry, self.options, self.notices)) as blocks:
+                    if entry.path != file and not wants(entry.path):
+                        continue
+                    with (
+                        self.problems.collecting(),
+                        closing(open_blocks(entry, self.options, self.notices)) as blocks,
+                    ):
+                        try:
+                            named = ids_from_name(entry.path, self.options.filename, file=entry.name)
                             table = FileTable(entry.name, blocks, self.options, named, self.problems)
-                            yield table
+                        except NoDataError as error:
+                            # A file that was named is asked for; what a folder holds may be a companion.
+                            if error.column and file not in found.inside and entry.path == file:
+                                raise
+                            self.left_out.append(error)
+                            continue
+                        sha256 = self._new(entry)
+                        yield table
                         self._add(table, sha256)
 
     def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
@@ -299,7 +324,11 @@ class Reading:
 
     def refuse_nothing(self, frames: Sequence[pd.DataFrame]) -> None:
         """Raise the problems found, or that no row is left; notice environments that no row has."""
+        if not self.sources:
+            for error in self.left_out:
+                self.problems.extend(error)
         self.problems.raise_if_any()
+        self.notices += [Notice(f"left out: {error.message}", error.file) for error in self.left_out]
         if not any(map(len, frames)):
             left = ", ".join(f"{n} {why}" for why, n in self.counts.items())
             hint = f"Rows: {left}."

@@ -105,6 +105,10 @@ class ReadError(UsageError):
         return "\n".join(lines)
 
 
+class NoDataError(UsageError):
+    """A file without trials, as an aborted run or a tracker leaves; it is left out where others have them."""
+
+
 def summarised(problems: Sequence[PerceptError], line: Callable[[PerceptError], str]) -> list[str]:
     """Give a line per problem; of a kind in one column of a file, three and how many more there are."""
     kinds: dict[tuple[object, ...], list[PerceptError]] = {}

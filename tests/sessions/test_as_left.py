@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
+import zipfile
+
+import pandas as pd
 import pytest
 
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, read_sessions, reduce_sessions
+from percept.sessions import ReadOptions, Sessions, read_sessions, reduce_sessions
 from percept.study import Study
 
 HEAD = "subject,environment,k_ref,k_adj\n"
@@ -206,3 +212,107 @@ def test_one_file_in_another_unit_is_refused(tmp_path):
     told = {c: {"name": c, "unit": "N/m"} for c in ("k_ref", "k_adj")}
     found = read_sessions(tmp_path, columns=told)
     assert any("differ by a thousand" in notice.text for notice in found.notices)
+
+
+def test_unnamed_columns_are_named_by_their_position(tmp_path):
+    text = '"","subject","environment","k_ref","k_adj"\n' + "".join(
+        f'"{row}","1","a",10,1{row}\n' for row in (1, 2, 3)
+    )
+    found = read(tmp_path, text, columns={"trial": "column 1"})
+    assert found.table["trial"].tolist() == [1, 2, 3]
+    frame = pd.read_csv(tmp_path / "f.csv", dtype=str).rename(columns={"Unnamed: 0": ""})
+    assert Sessions.from_frame(
+        frame, options=ReadOptions(columns={"trial": "column 1"})
+    ).table["trial"].tolist() == [1, 2, 3]  # fmt: skip
+    error = refusal(tmp_path, text)
+    assert "no column numbers their trials" in error.message
+
+
+def folder(tmp_path):
+    for s in (1, 2, 3):
+        (tmp_path / f"s{s}_trials.csv").write_text(HEAD + f"{s},a,10,1{s}\n{s},b,20,2{s}\n")
+    return tmp_path
+
+
+def test_what_aborted_runs_and_trackers_leave_is_left_out_with_a_notice(tmp_path):
+    for name in ("s4_trials.csv", "s5_trials.csv"):
+        (folder(tmp_path) / name).write_text(HEAD)
+    (tmp_path / "s6_trials.csv").write_text("")
+    (tmp_path / "tracker.csv").write_text("time,x,y\n0.1,2,3\n")
+    (tmp_path / "notes.docx").write_text("")
+    (tmp_path / "raw.edf").write_text("")
+    found = read_sessions(tmp_path)
+    assert (found.counts["observations"], len(found.sources)) == (6, 3)
+    said = [str(notice).removeprefix(f"{tmp_path}/") for notice in found.notices]
+    assert said == [
+        "2 files of other kinds in the folders not read (.docx, .edf)",
+        "s4_trials.csv: left out: there are no data below the header.",
+        "s5_trials.csv: left out: there are no data below the header.",
+        "s6_trials.csv: left out: the file is empty.",
+        "tracker.csv: left out: there is no column for subject and environment and k_adj (or b_adj); "
+        "the columns are 'time', 'x', 'y'.",
+    ]
+
+
+def test_a_file_that_was_named_is_asked_for(tmp_path):
+    (folder(tmp_path) / "tracker.csv").write_text("time,x,y\n0.1,2,3\n")
+    with pytest.raises(UsageError) as caught:
+        read_sessions(tmp_path / "s1_trials.csv", tmp_path / "tracker.csv")
+    assert (caught.value.file, caught.value.row) == (str(tmp_path / "tracker.csv"), 1)
+    (tmp_path / "s4_trials.csv").write_text(HEAD)
+    found = read_sessions(tmp_path / "s1_trials.csv", tmp_path / "s4_trials.csv")
+    assert len(found.sources) == 1
+
+
+def test_where_no_file_holds_trials_every_one_is_named(tmp_path):
+    (tmp_path / "a.csv").write_text(HEAD)
+    (tmp_path / "b.csv").write_text("time,x\n1,2\n")
+    with pytest.raises(UsageError) as caught:
+        read_sessions(tmp_path)
+    assert [problem.file for problem in caught.value.problems] == [str(tmp_path / f"{n}.csv") for n in "ab"]
+    with pytest.raises(UsageError, match="2 problems"):
+        reduce_sessions(tmp_path)
+
+
+def test_files_of_a_folder_are_chosen_by_patterns(tmp_path):
+    (folder(tmp_path) / "practice.csv").write_text(HEAD + "9,a,10,19\n")
+    tables = {"include": ["*_trials.csv"], "exclude": ["s2*"]}
+    options = ReadOptions.from_mapping({"sessions": {"files": tables}})
+    found = read_sessions(tmp_path, options=options)
+    assert found.subjects == ("1", "3")
+    assert "2 files in the folders left out by [sessions.files]" in [str(n) for n in found.notices]
+    # A file that is named is read, whatever the patterns say.
+    assert read_sessions(tmp_path / "practice.csv", options=options).subjects == ("9",)
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
+        for name in ("practice.csv", "s1_trials.csv"):
+            archive.write(tmp_path / name, name)
+    assert read_sessions(tmp_path / "all.zip", options=options).subjects == ("1",)
+    with pytest.raises(UsageError) as caught:
+        read_sessions(tmp_path, options=ReadOptions(files={"include": ["*.dat"]}))
+    assert "no file in the folders fits include and exclude." in str(caught.value)
+
+
+def test_the_line_of_a_wrong_quote_is_that_of_the_delimiter_meant(tmp_path):
+    rows = ['"1";"a";10;"11,5"', '"2";"a";10;"12,5"', '"3";"a"x;10;"13,5"', '"4";"a";10;"14,5"']
+    error = refusal(tmp_path, "subject;environment;k_ref;k_adj\n" + "\n".join(rows) + "\n")
+    assert (error.row, error.file) == (4, str(tmp_path / "f.csv"))
+    assert "a quoted cell is not closed, or text follows its closing quote." in str(error)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "what"),
+    [
+        ("study.rda", gzip.compress(b"RDX3\nX\n"), "an R data file, which only R opens"),
+        ("study.RData", bz2.compress(b"RDX3\nX\n"), "an R data file, which only R opens"),
+        ("study.rds", lzma.compress(b"X\n\0\0\0"), "an R data file, which only R opens"),
+        ("study.csv", b"X\n\0\0\0\3", "an R data file, which only R opens"),
+        ("study.mat", b"MATLAB 5.0 MAT-file", "a MATLAB or HDF5 file"),
+        ("study.sav", b"$FL2@(#) SPSS DATA FILE", "an SPSS or Stata file"),
+    ],
+)
+def test_files_of_other_programs_are_named_for_what_they_are(tmp_path, name, data, what):
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(UsageError) as caught:
+        read_sessions(tmp_path / name)
+    assert caught.value.message == f"this is {what}."
+    assert caught.value.hint
