@@ -15,8 +15,9 @@ INSTEAD = ("mass", "damping", "modes")
 
 
 def switched_on(text):
-    """The file with every optional key in use."""
-    return text.replace("#: ", "")
+    """The file with every optional key in use, but for one of two that exclude each other."""
+    assert text.count('#: trial = "order"') == 1
+    return text.replace('#: trial = "order"', '# trial = "order"').replace("#: ", "")
 
 
 def written(tmp_path):
@@ -33,7 +34,9 @@ def test_the_file_is_a_scene_of_defaults(tmp_path, capsys):
     assert scene.inference == InferenceTable()
     assert scene.model == ModelTable()
     assert scene.report == ReportTable()
-    assert (scene.device.mass, scene.device.period, scene.coupling.stiffness) == (1.0, 1e-3, 50e3)
+    # An invented device or coupling would be judged as if it were the user's.
+    assert scene.device is None
+    assert scene.coupling is None
 
 
 def test_every_key_of_every_table_is_there(tmp_path):
@@ -58,10 +61,11 @@ def test_every_optional_key_is_understood(tmp_path):
     assert scene.device.response == "zd.csv"
     assert scene.report.zoom == {"A": (9.9, 10.1)}
     options = ReadOptions.from_mapping(tables)
-    fields = ReadOptions.model_fields.keys() - {"columns", "environments"}
-    assert set(tables["sessions"]) == fields
+    fields = ReadOptions.model_fields.keys() - {"columns", "environments", "split"}
+    assert {*tables["sessions"], "trial"} == fields
+    assert options.columns["subject"].also == ("participant",)
     assert options.exclude[0].above == 1e5
-    assert options.environments["A"] == {"k_ref": 1000.0, "b_ref": 1.0}
+    assert options.environments["A"] == {"k_ref": 1000.0, "b_ref": 1.0, "m_ref": 0.0}
 
 
 def test_a_file_that_is_there_stays(tmp_path, capsys):
