@@ -214,8 +214,9 @@ def check_plausible(
             ratio = typical_ratio(adjusted[known], reference[known])
             notices += check_units(p, ratio, declared, place(at), problems, value=value)
             logs = pd.Series(np.log(adjusted[known] / reference[known]))
-            by_file = np.exp(logs.groupby(table["file"].to_numpy()[known]).median())
-            for file, own in by_file.items() if len(by_file) > 1 else ():
+            by_file = logs.groupby(table["file"].to_numpy()[known]).median()
+            for file, log in by_file.items() if len(by_file) > 1 else ():
+                own = float(np.exp(log))
                 if not _THOUSAND / 3 < max(own / ratio, ratio / own) < _THOUSAND * 3:
                     continue
                 text = f"{p}_adj is {own:.3g} times {p}_ref at the median of this file, and {ratio:.3g} times"
