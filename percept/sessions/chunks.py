@@ -15,7 +15,7 @@ import pandas as pd
 from percept.errors import RefusalError, UsageError
 from percept.sessions import checks
 from percept.sessions.options import ReadOptions
-from percept.sessions.read import Reading
+from percept.sessions.reading import Reading
 from percept.sessions.records import IDS, Notice, Place, Source
 from percept.sessions.table import FileTable
 
