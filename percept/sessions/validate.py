@@ -10,9 +10,9 @@ from pathlib import Path
 from percept.errors import PerceptError, counted, printable
 from percept.sessions.columns import resolve
 from percept.sessions.files import expand, load
-from percept.sessions.formats import open_blocks
 from percept.sessions.options import CANONICAL, ReadOptions
 from percept.sessions.read import read_sessions
+from percept.sessions.reading import open_blocks
 from percept.sessions.records import Exclusion, Notice, ReadError, Source, summarised
 from percept.sessions.values import UNITS
 
