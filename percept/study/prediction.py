@@ -15,7 +15,7 @@ from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.classical.moments import Moments
-from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
+from percept.inference.hierarchy.models import NewEnvironment, new_environment
 from percept.inference.record import Kind, percent
 from percept.scene import InferenceTable
 from percept.sessions.values import UNITS

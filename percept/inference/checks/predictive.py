@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.blocks import Block, Pair
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.priors import draws_first, log_normal_density, log_scale_priors
+from percept.inference.hierarchy.priors import Priors, draws_first
 from percept.inference.hierarchy.scales import Layout, Scales
 
 Array = NDArray[np.float64]
@@ -27,6 +29,7 @@ GROUPS = {
 _CHUNK = 512
 #: Raw mean and trend this close, in posterior SDs of the centre, leave nothing to move through.
 _APART = 0.1
+_LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,6 +106,43 @@ def log_prior(density: CollapsedDensity, scales: Scales, beta: Array, rng: np.ra
     return draws_first(trend | log_scale_priors(scales.named, priors, trend=density.layout.trend))
 
 
+def log_scale_priors(named: Mapping[str, Array], priors: Priors, *, trend: bool) -> dict[str, Array]:
+    """Log density of each top-level prior of scales and correlations.
+
+    The laws of the environments' own SDs about their trend are part of the model, not priors: raising those
+    to a power would ask what another model says.
+    """
+    found: dict[str, Array] = {}
+    for name in ("tau", "sigma_u", "omega", "omega_e"):
+        if name in named:
+            found[name] = np.log(2.0) + log_normal_density(named[name], 0.0, getattr(priors, f"{name}_scale"))
+    for suffix in ("", "_e"):
+        mean, sd = getattr(priors, f"log_s{suffix}_mean"), getattr(priors, f"log_s{suffix}_sd")
+        level = ("s" if trend else "sigma") + suffix
+        if level in named:
+            found[level] = log_normal_density(np.log(named[level]), mean, sd)
+        slope = "kappa" + suffix
+        if slope in named:
+            found[slope] = log_normal_density(named[slope], 0.0, getattr(priors, f"{slope}_sd"))
+    for name in ("rho_w", "rho_u", "rho_e"):
+        if name in named:
+            found[name] = _beta(named[name], priors)
+    return found
+
+
+def log_normal_density(value: Array, mean: float, sd: float) -> Array:
+    """Log density of N(mean, sd²)."""
+    standard = (value - mean) / sd
+    return np.asarray(-0.5 * (standard * standard + _LOG_2PI) - np.log(sd))
+
+
+def _beta(rho: Array, priors: Priors) -> Array:
+    shape = priors.rho_shape
+    # Draws at ±1 to the last digit have a density of zero when the shape is above one.
+    inside = np.maximum((1.0 - rho) * (1.0 + rho) / 4.0, np.finfo(float).tiny)
+    return np.asarray((shape - 1.0) * np.log(inside) - special.betaln(shape, shape) - np.log(2.0))
+
+
 def statistics_of(cell_means: Array) -> Array:
     """Mean, SD, and the farthest subject's distance from the mean in SDs, of every cell."""
     present = np.isfinite(cell_means)
@@ -161,16 +201,18 @@ def shrinkage(density: CollapsedDensity, points: Array) -> Shrinkage | None:
 
 def correlation_draws(density: CollapsedDensity, points: Array) -> dict[str, Array]:
     """Draws of the correlations of stiffness and damping between users."""
-    scales = density.layout.scales(np.ascontiguousarray(points.T))
-    if not isinstance(scales.between, Pair):
+    if density.layout.parameters == 1:
         return {}
+    parts = [_correlations(density, points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _correlations(density: CollapsedDensity, points: Array) -> dict[str, Array]:
+    scales = density.layout.scales(np.ascontiguousarray(points.T))
     correlations = {"within": scales.named["rho_w"]}
-    population: Block = scales.between
-    if isinstance(scales.shared, Pair):
+    if scales.shared is not None:
         correlations["shared"] = scales.named["rho_u"]
-        ones = np.ones((len(density.statistics.environments), 1))
-        population = population + scales.shared[None].scaled(ones)
-    return correlations | {"population": _correlation(population).T}
+    return correlations | {"population": _correlation(density.population(scales)).T}
 
 
 def _correlation(block: Block) -> Array:

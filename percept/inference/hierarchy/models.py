@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
@@ -83,36 +83,40 @@ class Pooled:
         """Log density of coordinates (W, d), shape (W,)."""
         return self.density(points)
 
+    def by_pass(self, points: Array, work: Callable[[Scales], tuple[Array, ...]]) -> list[Array]:
+        """Arrays worked out from the scales at coordinates (W, d), some draws at a time, draws first."""
+        most, layout = self.density.draws_per_pass, self.density.layout
+        parts = [
+            work(layout.scales(np.ascontiguousarray(points[i : i + most].T)))
+            for i in range(0, len(points), most)
+        ]
+        return [np.concatenate(part) for part in zip(*parts, strict=True)]
+
     def laws(self, points: Array) -> ConditionalMoments:
         """ConditionalMoments of beta and spread of the population at coordinates (W, d)."""
-        return ConditionalMoments.unpack(np.concatenate([self._laws(part) for part in self._passes(points)]))
-
-    def _passes(self, points: Array) -> list[Array]:
-        most = self.density.draws_per_pass
-        return [points[i : i + most] for i in range(0, len(points), most)]
-
-    def _laws(self, points: Array) -> Array:
-        return self.density.moments(self._scales(points)).pack()
+        (packed,) = self.by_pass(points, lambda scales: (self.density.moments(scales).pack(),))
+        return ConditionalMoments.unpack(packed)
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
-        means, users = zip(*(self._draw(part, rng) for part in self._passes(points)), strict=True)
-        return np.concatenate(means), np.concatenate(users)
 
-    def _draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        scales = self._scales(points)
-        beta = self.density.locations(scales).draw(rng)
-        user = beta.copy()
-        for column in self.density.population(scales).factor_columns():
-            user += np.stack(column) * rng.standard_normal(beta.shape[1:])
-        return beta.reshape(-1, len(points)).T, user.reshape(-1, len(points)).T
+        def drawn(scales: Scales) -> tuple[Array, Array]:
+            beta = self.density.locations(scales).draw(rng)
+            user = beta.copy()
+            for column in self.density.population(scales).factor_columns():
+                user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+            return beta.reshape(-1, beta.shape[-1]).T, user.reshape(-1, beta.shape[-1]).T
+
+        beta, user = self.by_pass(points, drawn)
+        return beta, user
 
     def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
         """Named scales and correlations at coordinates: dimensions and values, draws first."""
-        return draws_first(self._scales(points).named)
-
-    def _scales(self, points: Array) -> Scales:
-        return self.density.layout.scales(np.ascontiguousarray(points.T))
+        shapes = draws_first(self.density.layout.scales(np.zeros((self.density.dimension, 1))).named)
+        values = self.by_pass(
+            points, lambda scales: tuple(value for _, value in draws_first(scales.named).values())
+        )
+        return {name: (shapes[name][0], value) for name, value in zip(shapes, values, strict=True)}
 
 
 class Product:
@@ -123,9 +127,9 @@ class Product:
         self._ends = np.cumsum([len(model.names) for model in models])[:-1]
         self.cells = tuple(cell for model in models for cell in model.cells)
 
-    def split(self, points: Array) -> list[Array]:
-        """Coordinates (W, d) of each model, views."""
-        return np.split(points, self._ends, axis=1)
+    def split(self, points: Array) -> list[tuple[Model, Array]]:
+        """Each model with its coordinates (W, d), views."""
+        return list(zip(self.models, np.split(points, self._ends, axis=1), strict=True))
 
     @property
     def names(self) -> list[str]:
@@ -143,25 +147,23 @@ class Product:
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
-        parts = [model(part) for model, part in zip(self.models, self.split(points), strict=True)]
-        return np.sum(parts, axis=0)
+        return np.sum([model(part) for model, part in self.split(points)], axis=0)
 
     def laws(self, points: Array) -> ConditionalMoments:
         """ConditionalMoments of all cells at coordinates (W, d)."""
-        parts = [model.laws(part) for model, part in zip(self.models, self.split(points), strict=True)]
+        laws = [model.laws(part) for model, part in self.split(points)]
         return ConditionalMoments(
-            *(np.concatenate([getattr(p, n) for p in parts], axis=1) for n in ("mean", "sd", "population_sd"))
+            *(np.concatenate([getattr(p, n) for p in laws], axis=1) for n in ("mean", "sd", "population_sd"))
         )
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw population means and new users of all cells, each (W, C)."""
-        parts = [model.draw(part, rng) for model, part in zip(self.models, self.split(points), strict=True)]
-        means, users = zip(*parts, strict=True)
+        means, users = zip(*(model.draw(part, rng) for model, part in self.split(points)), strict=True)
         return np.concatenate(means, axis=1), np.concatenate(users, axis=1)
 
     def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
         """Named scales of all models, those along parameters put together."""
-        parts = [model.scales(part) for model, part in zip(self.models, self.split(points), strict=True)]
+        parts = [model.scales(part) for model, part in self.split(points)]
         return {
             name: (dimensions, np.concatenate([part[name][1] for part in parts], axis=1))
             for name, (dimensions, _) in parts[0].items()
@@ -277,12 +279,8 @@ class IntervalEstimands:
 
     def parts(self) -> list[IntervalEstimands]:
         """Limits of one kind each."""
-        return [self._of(kind) for kind in self.kinds]
-
-    def _of(self, kind: str) -> IntervalEstimands:
-        one = copy.copy(self)
-        one.kinds = (kind,)
-        return one
+        claim = {"level": self.level, "share": self.share, "confidence": self.confidence}
+        return [IntervalEstimands(self._model, kinds=(kind,), **claim) for kind in self.kinds]
 
     def estimate(self, components: Array) -> tuple[Estimates, Array]:
         """All limits of all kinds asked for, their scale being the interval's half-width."""
@@ -295,3 +293,107 @@ class IntervalEstimands:
             influences.append(influence)
         found = Estimates(self.names, np.concatenate(values), np.concatenate(scales))
         return found, np.concatenate(influences, axis=1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class NewEnvironment:
+    """What S posterior draws say of one new environment; P parameters, on the response scale."""
+
+    mean: Array  # (S, P) Conditional mean of β*
+    covariance: Array  # (S, P, P) Conditional covariance of β*
+    population: Array  # (S, P, P) Σ_u + Σ_w*: covariance of users about β*
+
+    @property
+    def laws(self) -> ConditionalMoments:
+        """Each parameter by itself, cells being parameters."""
+        variances = (np.diagonal(part, axis1=1, axis2=2) for part in (self.covariance, self.population))
+        return ConditionalMoments(self.mean, *map(np.sqrt, variances))
+
+    def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw the average and a next user once per posterior draw, each (S, P)."""
+        average = self.mean + _correlated(self.covariance, rng)
+        return average, average + _correlated(self.population, rng)
+
+
+def new_environment(
+    model: Model, points: Array, x: Array, *, repeats: int, rng: np.random.Generator
+) -> NewEnvironment:
+    """Work out the laws of a new environment at posterior draws."""
+    if isinstance(model, Product):
+        parts = [
+            new_environment(part, own, x[[p]], repeats=repeats, rng=rng)
+            for p, (part, own) in enumerate(model.split(points))
+        ]
+        mean = np.concatenate([part.mean for part in parts], axis=1)
+        variances = (
+            np.concatenate([getattr(part, name)[:, 0] for part in parts], axis=1)
+            for name in ("covariance", "population")
+        )
+        # Uncorrelated parameters.
+        return NewEnvironment(mean, *(own[..., None] * np.eye(x.size) for own in variances))
+    if not isinstance(model, Pooled):
+        raise RefusalError(
+            "environments without pooling say nothing on others.",
+            hint='Set pooling = "partial" in [model].',
+        )
+    density = model.density
+    if not density.layout.trend:
+        raise RefusalError(
+            "one environment says nothing on others.", hint="Add sessions with more reference environments."
+        )
+    return NewEnvironment(
+        *model.by_pass(points, lambda scales: _new_environment(density, scales, x, repeats, rng))
+    )
+
+
+def _new_environment(
+    density: CollapsedDensity, scales: Scales, x: Array, repeats: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Moments at W sets of scales: the location is normal given these, log sigma is drawn evenly."""
+    count, width = x.size, scales.log_prior.size
+    # On alpha and gamma over their prior SDs.
+    rows = np.zeros((count, 2 * count))
+    rows[:, :count] = density.priors.alpha_sd * np.eye(count)
+    rows[:, count:] = density.priors.gamma_sd * np.diag(x)
+    mean, spread = density.locations(scales).trend(rows)
+    mean = mean.T
+    covariance = np.einsum("qpw,qrw->wpr", spread, spread)
+    named = scales.named
+    covariance[:, range(count), range(count)] += named["tau"].T ** 2
+    log_sigma = np.log(named["s"]) + named.get("kappa", 0.0) * x[:, None]
+    sigma = np.exp(log_sigma + named.get("omega", np.zeros((count, 1))) * _even((repeats, count, width), rng))
+    population = _covariance(np.moveaxis(sigma, -1, 0), named.get("rho_w"))
+    if "sigma_u" in named:
+        population = population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
+    return (
+        np.repeat(mean, repeats, axis=0),
+        np.repeat(covariance, repeats, axis=0),
+        population.reshape(-1, count, count),
+    )
+
+
+def _even(shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
+    """Draw standard normals, along the first axis one from each of equally likely ranges."""
+    ranges = rng.permuted(np.broadcast_to(np.arange(shape[0])[:, None, None], shape), axis=0)
+    return special.ndtri((ranges + rng.uniform(1e-12, 1.0, shape)) / shape[0])
+
+
+def _covariance(sd: Array, rho: Array | None) -> Array:
+    """Covariances (W, R, P, P) from SDs (W, R, P) and a correlation (W,)."""
+    matrix = sd[..., :, None] * sd[..., None, :]
+    if rho is not None:
+        matrix[..., 0, 1] *= rho[:, None]
+        matrix[..., 1, 0] *= rho[:, None]
+    return matrix
+
+
+def _correlated(covariance: Array, rng: np.random.Generator) -> Array:
+    """Draw from N(0, covariance), each (P, P) once; singular ones too."""
+    z = rng.standard_normal(covariance.shape[:2])
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    if sd.shape[1] == 1:
+        return sd * z
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rho = np.clip(np.nan_to_num(covariance[:, 0, 1] / (sd[:, 0] * sd[:, 1])), -1.0, 1.0)
+    second = rho * z[:, 0] + np.sqrt((1.0 - rho) * (1.0 + rho)) * z[:, 1]
+    return sd * np.stack([z[:, 0], second], axis=1)

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy import coordinates
 from percept.inference.hierarchy.blocks import Block, Vector, block
-from percept.inference.hierarchy.coordinates import SpreadMap
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.priors import LIMIT, Priors, SpreadMap, correlation, half_normal
 from percept.inference.hierarchy.statistics import Statistics
 
 Array = NDArray[np.float64]
@@ -105,7 +103,7 @@ class Layout:
         sigma = [self._slots[name] for name in ("sigma", "sigma_e") if name in self._slots]
         self._standard = np.delete(np.arange(self.dimension), np.r_[tuple(sigma)] if sigma else [])
         self._log_constant = -0.5 * _LOG_2PI * self.dimension
-        self.limits = np.full(self.dimension, coordinates.LIMIT)
+        self.limits = np.full(self.dimension, LIMIT)
         for level, (_, weight) in zip(self.levels, rough, strict=True):
             if "sigma" + level.suffix in self._slots:
                 # A unit of these is as short as the rough likelihood is narrow.
@@ -237,7 +235,7 @@ class Layout:
             return []
         rows = np.concatenate([coords[self._slots[name]] for name, _ in self._half_normal])
         scale = np.repeat([scale for _, scale in self._half_normal], self.parameters)
-        values = coordinates.half_normal(rows, scale[:, None])
+        values = half_normal(rows, scale[:, None])
         return list(
             zip(
                 (name for name, _ in self._half_normal), np.split(values, len(self._half_normal)), strict=True
@@ -249,7 +247,7 @@ class Layout:
         if not self._correlations:
             return []
         rows = np.stack([coords[self._slots[name].start] for name in self._correlations])
-        rho, one_minus_size = coordinates.correlation(rows, self.priors.rho_shape)
+        rho, one_minus_size = correlation(rows, self.priors.rho_shape)
         return list(zip(self._correlations, rho, one_minus_size, strict=True))
 
     def _level_sd(

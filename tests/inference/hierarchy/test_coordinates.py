@@ -5,7 +5,7 @@ import pytest
 from mpmath import mp
 from scipy import special
 
-from percept.inference.hierarchy import coordinates
+from percept.inference.hierarchy import priors as coordinates
 
 POINTS = np.array([-30.0, -12.5, -8.0, -3.0, -1.0, -0.3, -1e-3, 0.0, 1e-8, 0.2, 1.0, 4.0, 8.3, 12.5, 30.0])
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import Pooled
-from percept.inference.hierarchy.new_environment import NewEnvironment, new_environment
+from percept.inference.hierarchy.models import NewEnvironment, Pooled, new_environment
 from tests.inference.hierarchy import designs
 
 PLACE = np.array([0.3, -0.4])

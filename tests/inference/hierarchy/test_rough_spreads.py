@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from percept.inference.hierarchy import coordinates
+from percept.inference.hierarchy import priors as coordinates
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.priors import Priors

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from percept.inference.hierarchy.coordinates import SpreadMap
+from percept.inference.hierarchy.priors import SpreadMap
 
 CENTRE = -1.6
 WEIGHTS = {"all": (18.0, 18.0, 18.0, 18.0), "uneven": (38.0, 0.0, 2.0, 18.0), "none": (0.0, 0.0, 0.0, 0.0)}
