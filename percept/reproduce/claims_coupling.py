@@ -45,8 +45,8 @@ def poles_unseen(published: Published) -> Judgement:
         cases=[own <= 1, other <= 1],
         condition="no pole lies outside the unit circle; with m ≥ 0 and k_c ≥ 0 in Eqs 5 and 6 none does",
         finding="The conditions are necessary. They look at real parts on the unit circle, and Llewellyn’s "
-        f"criterion also looks at poles. A coupling of −{k / 1e3:g} kN/m and {mirrored:g} N·s/m meets "
-        f"both equations exactly where {k / 1e3:g} kN/m and {b:g} N·s/m do. Its 1/Z_c has a pole at z = "
+        f"criterion also looks at poles. A coupling of −{k / 1e3:g} kN/m and {mirrored:g} N·s/m meets both "
+        f"equations exactly where {k / 1e3:g} kN/m and {b:g} N·s/m do. Its 1/Z_c has a pole at z = "
         f"{other:.3g}; the paper’s coupling has its pole at {own:.3g}.",
         margin=Quantity("pole of 1/Z_c with k_c negative", other),
         numbers=[Quantity("pole of 1/Z_c, tuned coupling", own)],
@@ -111,9 +111,9 @@ def worst_case(published: Published) -> Judgement:
         needs="the device’s Z_d as measured up to Nyquist, its friction, and the hand and environment of "
         "the unstable run",
         finding="In the paper’s model a coupling that meets Eqs 9 and 10 is stable with every passive hand "
-        "and environment, so the worst case is the safe side. The device may have too little damping for "
-        f"Eq. 10, or the model may lack what mattered. The scene’s device has {short.smallest_margin:.1%} of "
-        f"the damping asked for at {short.binding_omega:.5g} rad/s.",
+        "and environment. The worst case is the safe side. The device may have too little damping for Eq. "
+        f"10, or the model may lack what mattered. The scene’s device has {short.smallest_margin:.1%} of the "
+        f"damping asked for at {short.binding_omega:.5g} rad/s.",
         numbers=[Quantity("damping of the scene’s device over that asked for", short.smallest_margin, "1")],
     )
 
@@ -218,9 +218,9 @@ def affects_realism(published: Published) -> Judgement:
     names = list(dict.fromkeys(spoilt))
     return judged(
         cases=[bool(names)],
-        finding="Judge by the next user’s boundary over the whole perceivable range. The reference of "
-        f"{listed(names)} is inside when displayed directly, and leaves it through the coupling. That is so "
-        f"in {len(spoilt)} of {len(published.walls) * len(masses)} environments and masses tried.",
+        finding="Judge by the next user’s boundary over the whole perceivable range. Inside when displayed "
+        f"directly, and outside through the coupling: {listed(names)}, in {len(spoilt)} of "
+        f"{len(published.walls) * len(masses)} environments and masses tried.",
         margin=Quantity("environments and masses spoilt by the coupling", len(spoilt)),
     )
 

@@ -131,7 +131,7 @@ def normal_values(published: Published) -> Judgement:
     worst = _cells(published)[int(below.argmax())]
     return judged(
         cases=fits,
-        condition=f"nobody looks below zero: {listed(positive)}",
+        condition=f"one means {listed(positive)}, where {level:.0%} of users stay above zero",
         finding="The paper does not say that the data are normal, but its Eq. 15 takes them so. Under a "
         f"normal law {below.max():.1%} of users set a negative {worst}. Limits for {level:.0%} of users are "
         f"negative for {listed(negative)}. A lognormal law has neither.",
@@ -151,8 +151,8 @@ def joint_level(published: Published) -> Judgement:
     return judged(
         cases=[least >= level, level**2 >= level, most >= level],
         condition="the errors of k and b are perfectly dependent",
-        finding=f"Two limits at {level:.0%} hold together with {least:.4g} to {most:.4g}, and with "
-        f"{level**2:.4g} where independent. Bonferroni’s correction keeps {level:.0%} with limits "
+        finding=f"Two limits at {level:.0%} hold together with probability {least:.4g} to {most:.4g}, "
+        f"{level**2:.4g} if independent. Bonferroni’s correction keeps {level:.0%} with limits "
         f"{float(widening):.4g} times as wide.",
         margin=Quantity("joint level, worst case, minus level", least - level, "1"),
         numbers=[Quantity("joint level if independent", level**2, "1")],

@@ -19,10 +19,8 @@ from percept.haptics import Coupling, Device
 
 Array = NDArray[np.float64]
 
-#: Ω where the frequency is the variable, m_e where the mass is.
+#: Stands for Ω, or for m_e, where a number could stand too.
 VARIABLE = Polynomial([0.0, 1.0])
-#: What may be a number or a polynomial.
-Term = Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +31,12 @@ class Square:
     under: Polynomial
 
     @classmethod
-    def of(cls, p: Term, q: Term = 1.0) -> Square:
+    def of(cls, p: Any, q: Any = 1.0) -> Square:
         """Return the square of p/q."""
         return cls(_square(p), _square(q))
 
 
-def _square(p: Term) -> Polynomial:
+def _square(p: Any) -> Polynomial:
     coefficients = np.atleast_1d(p.coef if isinstance(p, Polynomial) else p)
     return Polynomial(np.convolve(coefficients, coefficients.conj()).real)
 
@@ -50,17 +48,20 @@ def felt_square(
     period: float,
     *,
     coupling: Coupling | None = None,
-    rate: Term = VARIABLE,
-    mass: Term = 0.0,
+    rate: Any = VARIABLE,
+    mass: Any = 0.0,
+    resonance: float = np.inf,
 ) -> Square:
-    """Return Ω²·|Z_h|²/g² (Eqs 11 to 13)."""
-    rendered: Term = k + 1j * b * rate - mass * rate**2
-    joined: Term = 1.0
+    """Return Ω²·|Z_h|²/g² (Eqs 11 to 13), with the device's mass rigid or on an undamped mode (rad/s)."""
+    rendered: Any = k + 1j * b * rate - mass * rate**2
+    joined: Any = 1.0
     if coupling is not None:
         between = float(coupling.stiffness) + 1j * float(coupling.damping) * rate
         rendered, joined = rendered * between, rendered + between
-    own = (float(device.damping) + 1j * float(device.mass) * rate) * (1 + 0.5j * period * rate) * 1j * rate
-    return Square.of(own * joined + rendered, joined)
+    bends = 1 - (rate / resonance) ** 2
+    own = float(device.damping) * bends + 1j * float(device.mass) * rate
+    own = own * (1 + 0.5j * period * rate) * 1j * rate
+    return Square.of(own * joined + rendered * bends, joined * bends)
 
 
 def rendered_square(k: float, b: float, period: float) -> Square:
