@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from percept.calibration.judge import CoveragePlan, Judgement, judge_study
@@ -17,6 +18,8 @@ from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.models import Pooled
 from percept.study import Study
+from percept.study.basics import NAMES
+from percept.study.intervals import cell_moments, known_moments
 from percept.study.responses import refuse_no_ratio
 from percept.workers import Mapper
 
@@ -52,15 +55,58 @@ def fitted_values(study: Study) -> dict[str, Any]:
         hyper[name] = means[name].tolist() if name in means else zero
     for name in ("rho_u", "rho_w"):
         hyper[name] = float(means[name].mean()) if name in means else 0.0
-    # One trial a cell: the scatter between trials is part of what a user's value is.
-    hyper |= {"s_e": zero, "kappa_e": zero, "omega_e": zero, "rho_e": 0.0}
+    hyper |= {"s_e": zero, "kappa_e": zero, "omega_e": zero}
+    hyper["rho_e"] = float(means["rho_e"].mean()) if "rho_e" in means else 0.0
     return {
         "hyper": hyper,
         "delta": (beta - beta.mean(axis=0)).tolist(),
         "beta": beta.tolist(),
         "sigma": means["sigma"].T.tolist(),
-        "sigma_e": np.zeros_like(beta).tolist(),
+        # With one trial a cell the scatter between trials is part of what a user's value is.
+        "sigma_e": means.get("sigma_e", np.zeros_like(beta.T)).T.tolist(),
     }
+
+
+def own_values(study: Study, fitted: dict[str, Any]) -> dict[str, Any]:
+    """Take the mean and SD of every cell as the truth of normal users, and the fitted trial noise."""
+    known = known_moments(cell_moments(study.sessions, study.parameters, "normal"), "normal")
+    if missing := [f"{NAMES[p]} in {e}" for p, e in study.reference if (p, e) not in known]:
+        raise RefusalError(f"{missing[0]} has no mean and SD of its own to simulate from.")
+    counts = study.sessions.table.groupby(["environment", "subject"], sort=False).size()
+    of_mean = (1.0 / counts).groupby("environment", sort=False).mean().to_numpy()[:, None]
+    cells = [[(known[p, e], study.reference[p, e]) for p in study.parameters] for e in study.environments]
+    mean, sd = (
+        np.array([[float(getattr(m, name)) / reference for m, reference in row] for row in cells])
+        for name in ("mean", "sd")
+    )
+    # Chance can leave less scatter between subjects than their trials explain.
+    sigma = np.sqrt(np.maximum(sd**2 - of_mean * np.square(fitted["sigma_e"]), 0.01 * sd**2))
+    hyper = {name: 0.0 if np.isscalar(value) else [0.0, 0.0] for name, value in fitted["hyper"].items()}
+    beta = (mean - 1.0).tolist()
+    return fitted | {"hyper": hyper, "delta": beta, "beta": beta, "sigma": sigma.tolist()}
+
+
+def plan_like(study: Study, subjects: int | None = None, **changes: Any) -> CoveragePlan:
+    """Plan studies of this one's environments and settings, and of its subjects and trials if not told."""
+    inference, device, table = study.scene.inference, study.scene.device, study.sessions.table
+    if device is not None and device.mass is not None and device.damping is not None:
+        changes |= {"device": (device.mass, device.damping), "period": device.period}
+    if subjects in (None, len(study.sessions.subjects)):
+        counts = pd.crosstab(table["subject"], table["environment"])
+        counts = counts.loc[list(study.sessions.subjects), list(study.environments)]
+        changes["trials"] = tuple(map(tuple, counts.to_numpy().tolist()))
+    return CoveragePlan(
+        references=tuple((study.reference["k", e], study.reference["b", e]) for e in study.environments),
+        environments=study.environments,
+        subjects=subjects or len(study.sessions.subjects),
+        family=inference.family,
+        level=inference.level,
+        share=inference.held_share,
+        confidence=inference.confidence,
+        tolerance=max(inference.tolerance, 0.05),
+        seed=inference.seed,
+        **changes,
+    )
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,8 @@ Family = Literal["lognormal", "normal"]
 _USERS = 200
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
 _NAMES = ("k", "b")
+#: Claims of a plan that judges each interval by itself.
+EACH = "{parameter} in {environment}"
 _LABELS = ("kind", "method", "family", "joint", "shape")
 _Labels = tuple[str, str, str, str, str]
 _Held = tuple[str, _Labels, float]
@@ -48,7 +50,9 @@ class CoveragePlan:
 
     references: tuple[tuple[float, float], ...]  # k, N/m, and b, N·s/m, of the environments tested
     held_out: tuple[float, float] | None = None  # An environment to predict, from priors only
+    environments: tuple[str, ...] = ()  # Their names; VE1, VE2, … where there are none
     subjects: int = 10  # Per study
+    trials: tuple[tuple[int, ...], ...] | None = None  # Of each subject in each environment; one where None
     truth: Family = "lognormal"  # Distribution of the simulated users
     family: Family = "lognormal"  # Of the hierarchical model
     method: Literal["both", "classical"] = "both"  # Which methods are judged
@@ -61,9 +65,11 @@ class CoveragePlan:
     period: float = 0.001  # Sampling period, s
     frequencies: tuple[float, float, int] = (0.1, 100.0, 31)  # From, to, rad/s, and how many
     seed: int = 1  # Of the whole
+    model: dict[str, Any] = dataclasses.field(default_factory=dict)  # [model] of the analysis
+    each: bool = False  # Judge the next user's intervals only, in each environment and parameter by itself
 
     def __post_init__(self) -> None:
-        if len(self.references) < 2:
+        if len(self.references) < 2 and self.values is None:
             raise UsageError("a coverage study needs at least two environments.", value=len(self.references))
         if self.subjects < 2:
             raise UsageError("a coverage study needs at least two subjects.", value=self.subjects)
@@ -179,6 +185,10 @@ def _claims(
     rng: np.random.Generator,
 ) -> Iterator[_Held]:
     """Yield each claim of a study, its labels, and the share for which it was true."""
+    if plan.each:
+        paper = "joint == 'marginal' and (method == 'bayesian' or family == 'normal')"
+        yield from _held_intervals(EACH, study.intervals.query(paper), users)
+        return
     yield from _held_intervals("interval", study.intervals, users)
     yield from _held_boundaries("boundary", study.boundaries, users, study, rng)
     if plan.held_out is not None and study.fit is not None and study.fit.run.gate.passed:
@@ -192,7 +202,8 @@ def _claims(
 def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, list[Population]]:
     tested = np.array(plan.references)
     every = tested if plan.held_out is None else np.vstack([tested, plan.held_out])
-    design = Design.balanced(every, subjects=plan.subjects)
+    trials = np.ones((plan.subjects, len(every)), int) if plan.trials is None else np.array(plan.trials)
+    design = Design(every, trials, environments=plan.environments)
     truth = plan.true_values() or _from_prior(design, tested, rng)
     table = simulate(truth, design, rng, family=plan.truth)
     kept = table[table["environment"].isin(design.environments[: len(tested)])]
@@ -201,7 +212,9 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
         {
             "device": {"mass": plan.device[0], "damping": plan.device[1], "period": plan.period},
             "frequency": {"lower": lower, "upper": upper, "points": points},
+            "model": plan.model,
             "inference": {
+                "kinds": ["user"] if plan.each else ["mean", "user", "share"],
                 "level": plan.level,
                 "share": plan.level if plan.share is None else plan.share,
                 "confidence": plan.confidence,
@@ -213,8 +226,9 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
         }
     )
     populations = [
-        Population(plan.truth, reference, beta, truth.cov_u + cov_w)
-        for reference, beta, cov_w in zip(every, truth.beta, truth.cov_w, strict=True)
+        # Without repeats a user's value contains the trial noise.
+        Population(plan.truth, reference, beta, truth.cov_u + cov_w + (0.0 if design.repeated else cov_e))
+        for reference, beta, cov_w, cov_e in zip(every, truth.beta, truth.cov_w, truth.cov_e, strict=True)
     ]
     return Study(Sessions.from_frame(kept.drop(columns="source")), scene), populations
 
@@ -231,7 +245,8 @@ def _from_prior(design: Design, tested: Array, rng: np.random.Generator) -> True
 
 def _held_intervals(claim: str, table: pd.DataFrame, users: dict[str, Population]) -> Iterator[_Held]:
     for row in table.to_dict("records"):
-        yield claim, _labels(row), interval_held(row, users[row["environment"]])
+        cell = {name: row[name] for name in ("environment", "parameter")}
+        yield claim.format(**cell), _labels(row), interval_held(row, users[row["environment"]])
 
 
 def _labels(of: dict[Any, Any]) -> _Labels:

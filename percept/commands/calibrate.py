@@ -5,15 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from percept.commands.analysis import Working, add_analysis_arguments, add_worker_arguments, open_study
 
 if TYPE_CHECKING:
     from percept.calibration.judge import CoveragePlan
 
-# What curves are drawn for where the scene has no rigid device: kg, N·s/m and s.
-_DEVICE, _PERIOD = (1.0, 5.0), 0.001
 EXAMPLE = "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage"
 
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
@@ -22,10 +20,10 @@ _METHODS = {
 }  # fmt: skip
 _HEAD = """# Coverage
 
-All studies behind this table are simulated: with the subjects and references of {paths}, one trial each,
+All studies behind this table are simulated: with the references of {paths}, {trials},
 and {source}, refitted by {methods}. Curves are those of a device of {mass:g} kg and
 {damping:g} N·s/m at a period of {period:g} s. Of the scene's other settings level, share, confidence,
-family, method and seed are kept; `[model]`, modes, hold, missing cells and repeats are not. `real` is the
+family, method and seed are kept; `[model]`, modes and hold are not. `real` is the
 share of them in which the claim held, over environments and parameters together,
 in per cent with its standard error; `stated` is what the interval or boundary claims. Normal intervals
 of lognormal users, and the other way round, show what the wrong family costs; a study of normal users
@@ -49,6 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=["lognormal"],
         help="distribution of the simulated users (lognormal); the family of the model is --family",
     )
+    parser.add_argument(
+        "--advice",
+        action="store_true",
+        help="simulate instead what percept compare needs to recommend a method (about an hour on two cores)",
+    )
     add_worker_arguments(parser)
     parser.add_argument("--out", default="coverage", metavar="DIR", help="folder to write into (coverage)")
 
@@ -59,26 +62,30 @@ def run(arguments: argparse.Namespace) -> int:
 
     import pandas as pd
 
+    from percept.calibration.advice import FILE, gather
     from percept.calibration.coverage import coverage, coverage_markdown
     from percept.workers import open_mapper
 
     out = Path(arguments.out)
     plans = _plans(arguments)
-    rows = []
+
+    def told(done: int, studies: int) -> None:
+        if not arguments.quiet and sys.stderr.isatty():
+            print(f"\r{done} of {studies} studies ", end="", file=sys.stderr, flush=True)
+
     with open_mapper(arguments.workers, arguments.scheduler) as mapper:
-        for plan in plans:
-            name = f"n = {plan.subjects}, {plan.truth} users"
-
-            def told(done: int, studies: int, name: str = name) -> None:
-                if not arguments.quiet and sys.stderr.isatty():
-                    print(f"\r{name}: {done} of {studies} studies ", end="", file=sys.stderr, flush=True)
-
-            rows += coverage(
-                plan, arguments.studies, mapper=mapper, checkpoint=out / "judged.jsonl", progress=told
-            )
+        asked: dict[str, Any] = {"mapper": mapper, "progress": told}
+        if arguments.advice:
+            table = gather(tuple(plans), out / "judged.jsonl", **asked)
+            table.to_csv(out / FILE, index=False)
+            print(out / FILE)
+            return 0
+        kept = out / "judged.jsonl"
+        rows = [row for plan in plans for row in coverage(plan, arguments.studies, checkpoint=kept, **asked)]
     out.mkdir(parents=True, exist_ok=True)
     head = _HEAD.format(
         paths=" ".join(Path(path).name for path in arguments.sessions),
+        trials="one trial each" if arguments.subjects else "its subjects and trials",
         source=_SOURCES[arguments.source],
         methods=_METHODS[plans[0].method].format(100 * plans[0].tolerance),
         mass=plans[0].device[0],
@@ -92,33 +99,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
-    from percept.calibration.coverage import fitted_values, refuse_unfit
-    from percept.calibration.judge import CoveragePlan
+    from percept.calibration.advice import advice_plans
+    from percept.calibration.coverage import fitted_values, plan_like, refuse_unfit
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         refuse_unfit(study)
+        if arguments.advice:
+            return list(advice_plans(study))
         values = fitted_values(study) if arguments.source == "fit" else None
-    inference, device = study.scene.inference, study.scene.device
-    rigid, period = _DEVICE, _PERIOD
-    if device is not None and device.mass is not None and device.damping is not None:
-        rigid, period = (device.mass, device.damping), device.period
+    method = "classical" if study.scene.inference.method == "classical" else "both"
     return [
-        CoveragePlan(
-            references=tuple((study.reference["k", e], study.reference["b", e]) for e in study.environments),
-            subjects=subjects,
-            truth=truth,
-            family=inference.family,
-            method="classical" if inference.method == "classical" else "both",
-            level=inference.level,
-            share=inference.held_share,
-            confidence=inference.confidence,
-            tolerance=max(inference.tolerance, 0.05),
-            values=values,
-            seed=inference.seed,
-            device=rigid,
-            period=period,
-        )
-        for subjects in arguments.subjects or [len(study.sessions.subjects)]
+        plan_like(study, subjects, truth=truth, values=values, method=method)
+        for subjects in arguments.subjects or [None]
         for truth in arguments.truth
     ]

@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from percept.commands.analysis import Working, add_analysis_arguments, open_study, print_json, tell_error
+from percept.commands.analysis import (
+    Working,
+    add_analysis_arguments,
+    open_study,
+    print_json,
+    settings,
+    tell_error,
+)
 from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
@@ -30,6 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--other-scene", metavar="FILE", help="scene of the second study, such as another device"
     )
     parser.add_argument("--by", metavar="COLUMN", help="compare the two groups of subjects in this column")
+    parser.add_argument(
+        "--coverage",
+        default="coverage",
+        metavar="DIR",
+        help="where percept calibrate --advice wrote what recommends a method (coverage)",
+    )
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
@@ -39,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with Working("comparing", shown=not arguments.quiet) as progress:
         if len(arguments.sessions) == 1 and not (arguments.by or arguments.other_scene):
-            return _methods(open_study(arguments, progress), as_json=arguments.json)
+            return _methods(open_study(arguments, progress), arguments)
         names, (a, b) = zip(*_named(arguments, progress), strict=True)
         comparison = compare_studies(a, b)
     tell_error(a, b)
@@ -92,9 +105,11 @@ def _named(arguments: argparse.Namespace, progress: Working) -> list[tuple[str, 
     ]
 
 
-def _methods(study: Study, *, as_json: bool) -> int:
+def _methods(study: Study, arguments: argparse.Namespace) -> int:
     """Print the comparison of the two methods on one study."""
     import numpy as np
+
+    from percept.calibration.advice import recommend
 
     table = study.comparison
     if table is None:
@@ -116,20 +131,28 @@ def _methods(study: Study, *, as_json: bool) -> int:
     tell_error(study)
     ladder = study.ladder
     assert ladder is not None
-    if as_json:
-        found = {"comparison": table, "ladder": ladder, "curves": study.curve_comparison}
+    advice = recommend(study, arguments.coverage, _calibrate(arguments))
+    if arguments.json:
+        found = {"comparison": table, "ladder": ladder, "advice": advice, "curves": study.curve_comparison}
         print_json({**_stated(study), **found})
         return 0
     print(f"Intervals in pairs, {_claim(study)}:")
     _print(table[_CELL + _PAIR])
     kind, effects = study.scene.inference.kinds[0], ladder.effects
     print("\nWhy they differ, step by step from the classical interval of the normal family:")
-    print("\n".join([*ladder.sentences, *ladder.notes]))
+    print("\n".join([*ladder.sentences, *ladder.notes, "", *advice]))
     print(f"\nThe steps of kind {kind}. width: ratio of widths; centre: shift in classical half-widths;")
     print("error: Monte Carlo standard error (log_width_error: of the ratio's logarithm).")
     _print(effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind][_STEPS])
     _print_curves(study.curve_comparison, "Bayesian/classical")
     return 0
+
+
+def _calibrate(arguments: argparse.Namespace) -> str:
+    """Return the command that simulates what a recommendation of a method needs."""
+    named = {"scene": arguments.scene, **settings(arguments), "out": arguments.coverage}
+    flags = [f"--{name} {value}" for name, value in named.items() if value is not None]
+    return " ".join(["percept calibrate", *arguments.sessions, *flags, "--advice"])
 
 
 def _stated(study: Study) -> dict[str, Any]:

@@ -26,9 +26,12 @@ def test_the_page_says_what_was_simulated(tmp_path, capsys):
     page = (tmp_path / "out" / "coverage.md").read_text()
     assert capsys.readouterr().out.strip() == str(tmp_path / "out" / "coverage.md")
     said = " ".join(page.split())
-    assert "of hbfd_sessions.csv, one trial each, and the prior, refitted by the classical method." in said
+    assert (
+        "of hbfd_sessions.csv, its subjects and trials, and the prior, refitted by the classical method."
+        in said
+    )
     assert "a device of 0.5 kg and 2 N·s/m at a period of 0.002 s." in said
-    assert "`[model]`, modes, hold, missing cells and repeats are not." in said
+    assert "`[model]`, modes and hold are not." in said
     with (tmp_path / "out" / "coverage.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["method"] for row in rows} == {"classical"}
