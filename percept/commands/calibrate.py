@@ -62,8 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     import pandas as pd
 
-    from percept.calibration.advice import FILE, gather
-    from percept.calibration.coverage import coverage, coverage_markdown
+    from percept.calibration.coverage import FILE, coverage, coverage_markdown, gather
     from percept.workers import open_mapper
 
     out = Path(arguments.out)
@@ -99,8 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
-    from percept.calibration.advice import advice_plans
-    from percept.calibration.coverage import fitted_values, plan_like, refuse_unfit
+    from percept.calibration.coverage import advice_plans, fitted_values, plan_like, refuse_unfit
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)

@@ -109,7 +109,7 @@ def _methods(study: Study, arguments: argparse.Namespace) -> int:
     """Print the comparison of the two methods on one study."""
     import numpy as np
 
-    from percept.calibration.advice import recommend
+    from percept.calibration.coverage import recommend
 
     table = study.comparison
     if table is None:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study
-from percept.calibration.advice import FILE, STUDIES, _sentences, advice_plans, gather, recommend
+from percept.calibration.coverage import FILE, STUDIES, _sentences, advice_plans, gather, recommend
 from percept.calibration.judge import judge_study
 from percept.cli import main
 from percept.sessions import Sessions
