@@ -327,8 +327,8 @@ class Scene(Table):
         kept = {key: value for key, value in changes.items() if value is not None}
         return self.with_tables(inference=self.inference.model_dump(exclude_none=True) | kept)
 
-    def with_tables(self, **tables: dict[str, Any]) -> Scene:
-        """Return a copy with whole tables replaced and checked; relative paths start where they did."""
+    def with_tables(self, **tables: dict[str, Any] | None) -> Scene:
+        """Return a copy with whole tables replaced and checked; None leaves one out."""
         changed = Scene.from_tables(self.model_dump(exclude_none=True) | tables)
         changed._folder = self._folder
         return changed

@@ -48,10 +48,13 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress, no notices")
 
 
-def add_check_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the keys of `[checks]`; each of them asks for the checks."""
+def add_check_arguments(parser: argparse.ArgumentParser, *, usual: bool = False) -> None:
+    """Add the keys of `[checks]`; each of them asks for the checks, which may be usual."""
     parser.add_argument(
-        "--checks", action="store_true", help="check the model: subjects left out, predictions, priors"
+        "--checks",
+        action=argparse.BooleanOptionalAction,
+        default=usual or None,
+        help="check the model: normality, subjects left out, predictions, priors",
     )
     parser.add_argument(
         "--refit", action="store_true", help="and sample anew without each influential subject"
@@ -76,7 +79,8 @@ def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
     """Return the scene with what the flags ask for beside what it asks for itself."""
     checks, refit, models = (bool(vars(arguments).get(name)) for name in ("checks", "refit", "models"))
     if not (checks or refit or models):
-        return scene
+        # `--no-checks` also sets aside what the scene asks for.
+        return scene.with_tables(checks=None) if vars(arguments).get("checks") is False else scene
     asked = scene.checks
     return scene.with_tables(
         checks={

@@ -18,7 +18,7 @@ EXAMPLE = "percept report sessions/ --scene scene.toml --out results"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_analysis_arguments(parser)
-    add_check_arguments(parser)
+    add_check_arguments(parser, usual=True)
     parser.add_argument("--out", default="report", metavar="DIR", help="folder to write into (report)")
     parser.add_argument(
         "--why", action="store_true", help="say why the methods differ; samples the models between them"

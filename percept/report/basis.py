@@ -116,6 +116,13 @@ _SIGN = {
 }
 _TABLES = (
     _Table(
+        "normality",
+        "Shapiro–Wilk tests of the values of the subjects (normal) and of their logarithms (lognormal): what "
+        "the classical intervals of each family assume. With ten subjects only gross misfit shows.",
+        {**_CELL, "family": "Family"},
+        {**_plain(4, statistic="W"), **_plain(2, p_value="p"), "n": ("subjects", 3, "count")},
+    ),
+    _Table(
         "loo/subjects",
         "Each subject left out: log predictive density given the others, Pareto index of leaving it out, and "
         "the probability of lying as far off or farther.",
@@ -187,14 +194,17 @@ def checks(document: Record) -> Section | None:
     if not record:
         return None
     tables = []
+    bayesian = record.get("loo") is not None
     for table in _TABLES:
-        rows: Any = reduce(lambda inner, step: inner and inner[step], table.steps.split("/"), record)
+        rows: Any = reduce(lambda inner, step: inner and inner.get(step), table.steps.split("/"), record)
         if rows:
             tables.append({**table._asdict(), "pointer": f"/checks/{table.steps}", "rows": rows})
+    if not bayesian:
+        return Section("checks", "Checks of the model", {"messages": [], "tables": tables, "bayesian": False})
     messages = list(record["loo"]["messages"])
     refitted = [row["subject"] for row in record["loo"]["subjects"] if row["refitted"]]
     if refitted:
-        messages.append(f"Sampled anew without each of {', '.join(refitted)}: their rows below are exact.")
+        messages.append(f"Sampled again without each of {', '.join(refitted)}: their rows below are exact.")
     if record["models"]:
         messages += [record["models"]["sentence"], *record["models"]["failed"]]
     messages += [
@@ -202,7 +212,9 @@ def checks(document: Record) -> Section | None:
         for row in record["statistics"]
         if row["unusual"]
     ]
-    return Section("checks", "Checks of the model", {"messages": messages, "tables": tables})
+    return Section(
+        "checks", "Checks of the model", {"messages": messages, "tables": tables, "bayesian": True}
+    )
 
 
 def data(document: Record) -> Section:

@@ -194,9 +194,12 @@ def _coupling(coupling: Coupling | None) -> dict[str, Any] | None:
 def _checks(study: Study) -> dict[str, Any] | None:
     """Collect the model checks that the scene asks for."""
     options = study.scene.checks
-    if options is None or study.checks is None:
+    normality = plain(study.normality) if options is not None else []
+    if options is None or (study.checks is None and not normality):
         return None
-    checks: dict[str, Any] = plain(study.checks)
+    if study.checks is None:
+        return {"normality": normality}
+    checks: dict[str, Any] = {"normality": normality, **plain(study.checks)}
     # A row per subject, environment and parameter would be most of the document.
     checks["loo"]["cells"] = [row for row in checks["loo"]["cells"] if row["outlier"]]
     compared = options.compare and len(study.environments) > 1

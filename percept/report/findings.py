@@ -27,6 +27,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
             *_few(intervals),
             *_below_zero(intervals),
             *_active(document["passivity"]),
+            *_misfits(document.get("checks")),
             *_warnings(document["data"]["doubts"]),
         ],
     }
@@ -69,6 +70,32 @@ def _active(passivity: list[Record] | None) -> Iterator[str]:
             f"Without a coupling this device has too little damping to render {', '.join(names)} passively "
             "(Colgate and Schenkel): such references may chatter, and adjustments to them may be biased."
         )
+
+
+def _misfits(checks: Record | None) -> Iterator[str]:
+    """Say what the checks of the model found."""
+    if not checks:
+        return
+    for family in distinct(checks["normality"], "family"):
+        rows = matching(checks["normality"], family=family)
+        # Bonferroni over the cells tested: a study of many cells is not alarmed by chance.
+        cells = [
+            f"{row['parameter']} of {row['environment']}" for row in rows if row["p_value"] * len(rows) < 0.05
+        ]
+        if cells:
+            yield (
+                f"Shapiro–Wilk tests reject the {family} family, which its classical intervals assume, for "
+                f"{', '.join(cells)}."
+            )
+    if checks.get("loo"):
+        yield from checks["loo"]["messages"]
+        unusual = [
+            f"{row['statistic']} of {row['parameter']} in {row['environment']}"
+            for row in checks["statistics"]
+            if row["unusual"]
+        ]
+        if unusual:
+            yield f"The hierarchical model does not reproduce the {'; '.join(unusual)}."
 
 
 def _warnings(warnings: list[Record]) -> Iterator[str]:

@@ -245,6 +245,7 @@ def summary(document: Record) -> Section:
     values = {
         "sentences": shown["sentences"],
         "rows": rows,
+        "panels": [f"overview_{name}" for name in _parameters(rows)],
         "rendered": rendered,
         "realism": bool(rendered),
         "method": rows[0]["method"] if rows else None,

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 
-from percept.errors import RefusalError
+from percept.errors import PerceptError, RefusalError
 from percept.inference.classical.intervals import interval_of
 from percept.inference.classical.moments import Moments
-from percept.inference.classical.trials import subject_means
+from percept.inference.classical.trials import check_normality, subject_means
 from percept.inference.record import Family, Interval, Kind
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
 from percept.sessions.values import UNITS
-from percept.study.basics import NAMES, References, Skipped, claim_of
+from percept.study.basics import FAMILIES, NAMES, References, Skipped, claim_of
 
 Row = dict[str, Any]
 Limits = tuple[float, float]
@@ -81,6 +82,23 @@ def _adjusted(table: pd.DataFrame, parameter: str, family: Family) -> Moments | 
     if family == "lognormal" and np.any(adjusted <= 0):
         return "a value is zero or negative"
     return subject_means(adjusted, known["subject"].to_numpy(), family=family).moments()
+
+
+def normality_tests(sessions: Sessions, parameters: tuple[str, ...]) -> pd.DataFrame:
+    """Test subjects' values and their logarithms; cells that no test is for have no row."""
+    rows = []
+    tables = sessions.by_environment() if sessions.form == "trials" else ()
+    for environment, table in tables:
+        for parameter in parameters:
+            known = table[table[f"{parameter}_adj"].notna()]
+            for family in FAMILIES:
+                with suppress(PerceptError):
+                    values = subject_means(
+                        known[f"{parameter}_adj"], known["subject"].to_numpy(), family=family
+                    ).values
+                    test = check_normality(values, family=family)
+                    rows.append((environment, parameter, family, test.statistic, test.p_value, test.n))
+    return pd.DataFrame(rows, columns=["environment", "parameter", "family", "statistic", "p_value", "n"])
 
 
 def known_moments(cells: Sequence[Cell], family: Family) -> dict[tuple[str, str], Moments]:

@@ -5,11 +5,13 @@ import json
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from percept import Scene, Study, haptics, read_sessions
 from percept.report import build_document, dumps
 from percept.report.document import SCHEMA, design_of
 from percept.report.findings import findings
+from tests.study.checked import study_of, table_of
 
 from .conftest import DATASETS, scene_of
 
@@ -195,3 +197,22 @@ def test_the_map_has_an_edge_for_a_rigid_device_only(classical, classical_study)
     modal = Study(alone, type(classical_study.scene).from_tables(tables))
     assert design_of(modal)["stable"] is None
     assert [one["name"] for one in design_of(modal)["maps"][0]["environments"]][-1] is None
+
+
+def test_checks_of_normality_are_scipy_s_and_speak_where_they_reject():
+    table = table_of(("k",), subjects=12, references=[[100.0, 1e3, 1e4]], seed=3)
+    first = table["environment"].iloc[0]
+    table.loc[(table["subject"] == "S01") & (table["environment"] == first), "k_adj"] *= 1e3
+    study = study_of(table, checks={}, method="classical")
+    document = build_document(study, curves=False)
+    rows = document["checks"]["normality"]
+    assert len(rows) == 2 * 3
+    for row in rows:
+        values = table[table["environment"] == row["environment"]]["k_adj"].to_numpy()
+        wanted = stats.shapiro(np.log(values) if row["family"] == "lognormal" else values)
+        assert (row["statistic"], row["p_value"]) == pytest.approx(
+            (wanted.statistic, wanted.pvalue), rel=1e-9
+        )
+    said = [text for text in document["summary"]["cautions"] if "Shapiro" in text]
+    assert said[1].endswith(f"the lognormal family, which its classical intervals assume, for k of {first}.")
+    assert document["checks"].keys() == {"normality"}

@@ -22,7 +22,7 @@ def test_everything_promised_is_there(report, both):
     files = {str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()}
     promised = {"report.html", "report.json", "posterior.nc", "references.bib"}
     promised |= {f"tables/{name}.csv" for name in ("intervals_k", "intervals_b", "boundaries", "band")}
-    promised |= {f"figures/{name}.svg" for name in ("overview", "boundaries_close", "stability", "design")}
+    promised |= {f"figures/{name}.svg" for name in ("overview_k", "boundaries_close", "stability", "design")}
     assert promised <= files
     assert (report / "report.json").read_text(encoding="utf-8") == dumps(both)
 
@@ -56,7 +56,9 @@ def test_the_list_is_one_that_sha256sum_reads(report):
 def test_formats_are_those_asked_for(quick, tmp_path):
     write_report(quick, tmp_path / "out", formats=("pdf",))
     assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
-        f"{name}.{form}" for name in ("band", "intervals_b", "intervals_k", "overview") for form in ("pdf",)
+        f"{name}.{form}"
+        for name in ("band", "intervals_b", "intervals_k", "overview_b", "overview_k")
+        for form in ("pdf",)
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,38 +55,30 @@ def drawings(document: Record) -> list[Drawing]:
 
 
 def overview_drawings(document: Record) -> list[Drawing]:
-    """Return the figure of the first screen: a panel per quantity, with the average and the next user."""
+    """Return the figure of the first screen, a panel per quantity: the average and the next user."""
     intervals = matching(document["intervals"], joint="marginal")
     bars = {name: _bars(document, name, ("mean", "user")) for name in distinct(intervals, "parameter")}
     bars = {name: some for name, some in bars.items() if some}
-    if not bars:
-        return []
     environments = distinct(intervals, "environment")
     families = families_of(document)
-
-    def draw(figure: Figure) -> None:
-        labels, width = row_labels(environments, most=_MOST_MARGIN - _MARGIN_BESIDE)
-        left = max(_LEAST_MARGIN, width + _MARGIN_BESIDE)
-        axes = panels(figure, len(bars), left=left, bottom=17, gap=left)
-        for ax, (name, some) in zip(axes, bars.items(), strict=True):
-            draw_intervals(ax, environments, some, [], log=families[0] == "lognormal", labels=labels)
-            ax.set_title(_PARAMETERS[name].capitalize(), loc="left")
-            ax.set_xlabel("adjusted / reference")
-        legend_below(axes[0], columns=4)
-
     both = len({bar.method for some in bars.values() for bar in some}) == 2
-    return [
-        Drawing(
-            "overview",
-            "What users set, divided by the reference",
-            "Thick: the average user, with a mark at the estimate. Thin: the next user."
-            + (" Each classical bar stands above the Bayesian one." if both else "")
-            + f" Dashed: the reference.{_classical(intervals, families)}"
-            + _cut(some for some in bars.values()),
-            (175.0, 26.0 + (9.0 if both else 6.5) * len(environments)),
-            draw,
-        )
-    ]
+
+    def panel(name: str, figure: Figure) -> None:
+        labels, width = row_labels(environments, most=_MOST_MARGIN / 2)
+        (ax,) = panels(figure, left=max(12.0, width + _MARGIN_BESIDE), bottom=21)
+        draw_intervals(ax, environments, bars[name], [], log=families[0] == "lognormal", labels=labels)
+        ax.set_title(_PARAMETERS[name].capitalize(), loc="left")
+        ax.set_xlabel("adjusted / reference")
+        legend_below(ax)
+
+    description = (
+        "Thick: the average user, with a mark at the estimate. Thin: the next user."
+        + (" Each classical bar stands above the Bayesian one." if both else "")
+        + f" Dashed: the reference.{_classical(intervals, families)}{_cut(bars.values())}"
+    )
+    size = (86.0, 30.0 + (9.0 if both else 6.5) * len(environments))
+    title = "What users set, divided by the reference"
+    return [Drawing(f"overview_{name}", title, description, size, partial(panel, name)) for name in bars]
 
 
 def _cut(groups: Iterable[Sequence[Bar]]) -> str:
