@@ -48,7 +48,8 @@ def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
     document = json.loads((out / "fit.json").read_text(encoding="utf-8"))
     checks = document["checks"]
     assert set(checks) == {
-        "normality", "loo", "statistics", "prior", "sensitivity", "shrinkage", "correlation", "weber", "models",
+        "normality", "loo", "statistics", "prior", "sensitivity", "shrinkage", "correlation", "weber",
+        "models",
     }  # fmt: skip
     assert checks["models"] is None
     assert checks["correlation"] is None
