@@ -14,7 +14,7 @@ from percept.haptics import Device, stable_region
 from percept.report.findings import findings
 from percept.report.plain import plain
 from percept.report.select import EACH_BY_ITSELF, distinct
-from percept.study.intervals import adjustments, design_counts
+from percept.study.intervals import adjustments, design_counts, normality_tests
 
 if TYPE_CHECKING:
     from percept.haptics import Coupling
@@ -194,7 +194,7 @@ def _coupling(coupling: Coupling | None) -> dict[str, Any] | None:
 def _checks(study: Study) -> dict[str, Any] | None:
     """Collect the model checks that the scene asks for."""
     options = study.scene.checks
-    normality = plain(study.normality) if options is not None else []
+    normality = plain(normality_tests(study.sessions, study.parameters)) if options is not None else []
     if options is None or (study.checks is None and not normality):
         return None
     if study.checks is None:

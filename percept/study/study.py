@@ -44,7 +44,6 @@ from percept.study.intervals import (
     cell_moments,
     classical_rows,
     compare_intervals,
-    normality_tests,
 )
 from percept.study.regions import Draws, Region, Sources, draws_of, regions_of, sources_of
 from percept.study.responses import references, refuse_lone_subject
@@ -182,11 +181,6 @@ class Study:
 
         found = model_checks(self._passed, self.scene, progress=self._progress)
         return None if isinstance(found, Skipped) else found
-
-    @cached_property
-    def normality(self) -> pd.DataFrame:
-        """Shapiro–Wilk tests of what the classical intervals assume, by environment, parameter and family."""
-        return normality_tests(self.sessions, self.parameters)
 
     @cached_property
     def model_choice(self) -> ModelChoice:
