@@ -37,14 +37,7 @@ from percept.study.device import (
     fixed_device,
     setup_of,
 )
-from percept.study.intervals import (
-    COLUMNS,
-    Cell,
-    Row,
-    cell_moments,
-    classical_rows,
-    compare_intervals,
-)
+from percept.study.intervals import COLUMNS, Cell, Row, cell_moments, classical_rows, compare_intervals
 from percept.study.regions import Draws, Region, Sources, draws_of, regions_of, sources_of
 from percept.study.responses import references, refuse_lone_subject
 
