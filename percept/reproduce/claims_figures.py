@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from percept.haptics import Device, corner_crossings, corner_curves, environment_impedance
+from percept.haptics import Device, Environment, corner_crossings, corner_curves, environment_impedance
 from percept.reproduce.devices import (
     DAMPINGS,
     MASSES,
@@ -205,9 +205,9 @@ def discrimination(published: Published) -> Judgement:
         condition="widths are absolute; relative to the impedance they do not rise with it"
         if wider
         else "widths are relative to the impedance",
-        finding="From the softest wall to the stiffest the widths are "
-        f"{', '.join(f'{x:.4g}' for x in absolute)} N·s/m at {LOOKED_AT:g} rad/s without a device. Relative "
-        f"to the reference they are {', '.join(f'{x:.3g}' for x in 100 * relative)} %.",
+        finding="From the softest wall to the stiffest the widths in |Z_e| are "
+        f"{', '.join(f'{x:.4g}' for x in absolute)} N·s/m at {LOOKED_AT:g} rad/s. Relative to the reference "
+        f"they are {', '.join(f'{x:.3g}' for x in 100 * relative)} %.",
         margin=Quantity("relative width, softest over stiffest wall", float(relative[0] / relative[-1])),
         numbers=[
             Quantity(f"{what} of {wall.name}", float(width), unit)
@@ -218,10 +218,12 @@ def discrimination(published: Published) -> Judgement:
 
 
 def _width(wall: Wall, period: float) -> tuple[float, float]:
-    """Return how far apart the corner curves of abs(Z_e) are, N·s/m and over the reference."""
-    at_low, at_high = corner_curves(LOOKED_AT, Device(0.0, 0.0), wall.stiffness, wall.damping, period)
-    width = abs(float(at_high) - float(at_low))
-    return width, width / float(np.abs(environment_impedance(LOOKED_AT, wall.environment, period)))
+    """Return how far apart |Z_e| is at the lower and the upper limits, N·s/m and over the reference."""
+    pairs = (*zip(wall.stiffness, wall.damping, strict=True), (wall.k, wall.b))
+    low, high, own = (
+        float(np.abs(environment_impedance(LOOKED_AT, Environment(k, b), period))) for k, b in pairs
+    )
+    return abs(high - low), abs(high - low) / own
 
 
 def magnitude_suffices(published: Published) -> Judgement:

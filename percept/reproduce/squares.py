@@ -85,10 +85,9 @@ def envelope_squares(device: Device, box: Array, period: float) -> list[Square]:
 
 def crossings(squares: Iterable[Square], low: float, high: float) -> Array:
     """Return where any two squares are equal, strictly between two values of the variable, increasing."""
-    found = [
-        real_roots(one.over * other.under - other.over * one.under) for one, other in combinations(squares, 2)
-    ]
-    every = np.unique(np.concatenate(found))
+    pairs = combinations(squares, 2)
+    roots = [real_roots(one.over * other.under - other.over * one.under) for one, other in pairs]
+    every = np.unique(np.concatenate(roots))
     return every[(every > low) & (every < high)]
 
 

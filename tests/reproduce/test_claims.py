@@ -240,6 +240,54 @@ def test_the_joint_region_by_a_walk_along_its_edge(published, claims):
     assert claims["limits-suffice"].margin.value == pytest.approx(max(uppers) / min(uppers) - 1, abs=2e-4)
 
 
+def test_a_normal_law_by_its_own_moments(published, claims):
+    # Mean and SD behind printed limits: middle, and half-width times √n/t.
+    root = math.sqrt(10) / stats.t.ppf(0.995, 9)
+    # 4.43691 SDs: the tabled limits for 99 % of users with 95 % confidence, n = 10.
+    fits, below = [], []
+    for wall in published.walls:
+        for low, high in (wall.stiffness, wall.damping):
+            mean, sd = (low + high) / 2, (high - low) / 2 * root
+            fits.append(mean - 4.43691 * sd > 0)
+            below.append(stats.norm.cdf(-mean / sd))
+    assert claims["normal-values"].margin.value == pytest.approx(max(below), rel=1e-9)
+    assert any(fits)
+    assert not all(fits)
+    over = stats.t.ppf(0.995, 29) / stats.norm.ppf(0.995)
+    assert numbers_of(claims["thirty-subjects"])["t over its normal limit"] == pytest.approx(over, rel=1e-12)
+
+
+def test_corner_curves_cross_by_a_bisection_in_z(published, claims):
+    found = numbers_of(claims["upper-above"])
+    for wall in published.walls:
+
+        def gap(omega, wall=wall):
+            one, other = (felt(omega, SCENE, k, b) for k, b in zip(wall.stiffness, wall.damping, strict=True))
+            return other - one
+
+        crossing = optimize.brentq(gap, 0.1, 300.0, xtol=1e-12)
+        assert found[f"crossing of {wall.name}"] == pytest.approx(crossing, rel=1e-9)
+    assert found["environments whose curves stay apart"] == 2
+
+
+def test_widths_and_memberships_at_ten_by_plain_arithmetic(published, claims):
+    s, _ = parts(10.0)
+    widths, alone = numbers_of(claims["discrimination"]), 0
+    for wall in published.walls:
+        ends = [abs(b + k / s) for k, b in zip(wall.stiffness, wall.damping, strict=True)]
+        assert widths[f"width of {wall.name}"] == pytest.approx(ends[1] - ends[0], rel=1e-9)
+        assert widths[f"relative width of {wall.name}"] == pytest.approx(
+            (ends[1] - ends[0]) / abs(wall.b + wall.k / s), rel=1e-9
+        )
+        low, high, *curves = four(10.0, SCENE, wall)
+        z_e, z_c = wall.b + wall.k / s, 100.0 + 50e3 / s
+        for curve, shown in zip(curves, (z_e, z_e * z_c / (z_e + z_c)), strict=True):
+            k, b = -shown.imag * s.imag, shown.real
+            both = wall.stiffness[0] <= k <= wall.stiffness[1] and wall.damping[0] <= b <= wall.damping[1]
+            alone += low <= curve <= high and not both
+    assert claims["magnitude-suffices"].margin.value == alone == 2
+
+
 def test_limits_made_at_random_come_out_of_table_1_too(changed, claims, published):
     rng = np.random.default_rng(5)
     cells = {}
