@@ -6,15 +6,18 @@ import argparse
 import math
 import sys
 import threading
+import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from percept.errors import RefusalError, printable
+from percept.errors import RefusalError, UsageError, printable
 
 if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
     from percept.scene import Scene
+    from percept.sessions import ReadOptions
     from percept.study import Study
     from percept.study.fit import RunStore
 
@@ -30,6 +33,10 @@ def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
         "sessions", nargs="+", metavar="PATH", help="session files or folders, or a published summary"
     )
     add_setting_arguments(parser)
+    parser.add_argument(
+        "--accept", action="store_true", help="go on with the mapping proposed for unknown column names"
+    )
+    parser.add_argument("--write-scene", metavar="FILE", help="write that mapping as a scene")
     parser.add_argument(
         "--no-cache", action="store_true", help="sample anew, and keep no posterior (see percept cache)"
     )
@@ -101,7 +108,12 @@ def open_study(
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
     scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
     options = ReadOptions.from_mapping(dict(scene), file=arguments.scene).with_groups(groups)
-    sessions = read_sessions(*arguments.sessions, options=options)
+    try:
+        sessions = read_sessions(*arguments.sessions, options=options)
+    except UsageError as error:
+        scene = _with_mapping(arguments, scene, options, error)
+        options = ReadOptions.from_mapping(dict(scene)).with_groups(groups)
+        sessions = read_sessions(*arguments.sessions, options=options)
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)
         for notice in notices[:_NOTICES]:
@@ -112,6 +124,43 @@ def open_study(
     if scene.device is not None and scene.device.response:
         _ = study.device  # a table that cannot be read is refused before anything is sampled
     return study
+
+
+def _with_mapping(
+    arguments: argparse.Namespace, scene: Scene, options: ReadOptions, error: UsageError
+) -> Scene:
+    """Propose a mapping for unknown columns; return the scene with it where the user accepts it."""
+    from percept.sessions import propose_columns
+
+    # Row 1 is the header: of cells no mapping makes anything else.
+    if error.row != 1:
+        raise error
+    proposal = propose_columns(arguments.sessions[0], options=options)
+    if not proposal.guessed:
+        raise error
+    if arguments.write_scene:
+        text = proposal.text
+        if arguments.scene:
+            text = f"{Path(arguments.scene).read_text(encoding='utf-8').rstrip()}\n\n{text}"
+        try:
+            with Path(arguments.write_scene).open("x", encoding="utf-8", newline="\n") as file:
+                file.write(text)
+        except FileExistsError:
+            hint = "Give another name, or remove it first."
+            raise UsageError(
+                "is already there and stays as it is.", file=arguments.write_scene, hint=hint
+            ) from None
+    if arguments.accept and not proposal.missing:
+        print(f"notice: columns are read as follows\n{proposal.text}", file=sys.stderr)
+        own = scene.model_dump(exclude_none=True)
+        tables = tomllib.loads(proposal.text)
+        return scene.with_tables(**{name: own.get(name, {}) | table for name, table in tables.items()})
+    lacking = f" It lacks {', '.join(proposal.missing)}." if proposal.missing else ""
+    hint = f"Add --write-scene scene.toml to write it, or --accept to go on with it.{lacking}"
+    if arguments.write_scene:
+        hint = f"It is written: look through it, then give --scene {arguments.write_scene}.{lacking}"
+    message = f"the columns have other names. This is what percept would make of them:\n\n{proposal.text}"
+    raise UsageError(message, file=str(arguments.sessions[0]), hint=hint) from error
 
 
 def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:

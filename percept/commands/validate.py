@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.write_map:
         if len(arguments.sessions) > 1:
             raise UsageError("--write-map takes one file.", value=arguments.sessions[1])
-        print(propose_columns(arguments.sessions[0], options=options), end="")
+        print(propose_columns(arguments.sessions[0], options=options).text, end="")
         return 0
     found = validate(*arguments.sessions, options=options)
     print(found.to_json() if arguments.json else format_validation(found))

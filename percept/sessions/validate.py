@@ -8,13 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from percept.errors import PerceptError, counted, printable
-from percept.sessions.columns import resolve
-from percept.sessions.files import expand, load
-from percept.sessions.options import CANONICAL, ReadOptions
+from percept.sessions.options import ReadOptions
 from percept.sessions.read import read_sessions
-from percept.sessions.reading import open_blocks
 from percept.sessions.records import Exclusion, Notice, ReadError, Source, summarised
-from percept.sessions.values import UNITS
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
 
@@ -117,52 +113,3 @@ def _problem(problem: PerceptError) -> str:
     value = f" (found {problem.value!r})" if problem.value is not None else ""
     hint = f" {problem.hint}" if problem.hint else ""
     return f"{place + ': ' if place else ''}{problem.message}{value}{hint}"
-
-
-def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> str:
-    """Propose a `[columns]` table for a file with unknown names.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file; of an archive or folder the first table counts.
-    options : ReadOptions, optional
-        How to read it.
-
-    Returns
-    -------
-    str
-        TOML: what was recognised, commented lines for what was not, and the file's own column names.
-
-    Raises
-    ------
-    UsageError
-        The file is no table.
-    """
-    options = options or ReadOptions()
-    entry = next(load(expand([path]).files[0]))
-    grid = next(open_blocks(entry, options, [])).grid()
-    lines = []
-    try:
-        rules = resolve(grid.header, options.columns, file=entry.name).rules
-    except PerceptError as error:
-        rules = {}
-        lines.append(f"# {_comment(str(error))}")
-    lines.append("[columns]")
-    for canonical in CANONICAL:
-        name = _toml(rules[canonical].name if canonical in rules else "")
-        unit = UNITS.get(canonical[0]) if canonical[1] == "_" else None
-        entry_text = f"{{ name = {name}, unit = {_toml(unit)} }}" if unit else name
-        lines.append(f"{'' if canonical in rules else '# '}{canonical} = {entry_text}")
-    lines.append("")
-    lines += [f"# {_comment(name)}: {_comment(grid.cells[0][at])}" for at, name in enumerate(grid.header)]
-    return "\n".join(lines) + "\n"
-
-
-def _toml(text: str) -> str:
-    # A JSON string is a TOML basic string, but for DEL, which TOML wants escaped.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _comment(text: str) -> str:
-    return printable(text)[:80]

@@ -54,8 +54,8 @@ def test_a_proposed_map_reads_the_file_it_was_made_from(tmp_path, name):
     writer = WRITERS[name]
     file = tmp_path / "f.csv"
     file.write_bytes(next(iter(writer.write(example()).values())))
-    proposed = tomllib.loads(propose_columns(file))
-    options = ReadOptions.from_mapping({"sessions": writer.tables.get("sessions", {}), **proposed})
+    proposed = tomllib.loads(propose_columns(file).text)
+    options = ReadOptions.from_mapping({**proposed, "sessions": writer.tables.get("sessions", {})})
     assert read_sessions(file, options=options).table.equals(
         read_sessions(file, options=writer.options).table
     )
@@ -64,12 +64,16 @@ def test_a_proposed_map_reads_the_file_it_was_made_from(tmp_path, name):
 def test_an_unknown_file_gets_lines_to_fill_in(tmp_path):
     file = tmp_path / "f.csv"
     file.write_text('who,"what ""it"" was",how\n1,2,3\n')
-    text = propose_columns(file)
+    proposal = propose_columns(file)
+    text = proposal.text
     assert tomllib.loads(text) == {"columns": {}}
+    assert proposal.guessed == ()
+    assert proposal.missing == ("subject", "environment", "NAME_ref", "NAME_adj")
     assert '# subject = ""' in text
-    assert '# what "it" was: 2' in text
+    assert r'# not used: "what \"it\" was": 1 different: 2' in text
     file.write_text("subj,sub,k_adj\n1,2,3\n")
-    assert propose_columns(file).startswith("# ")
+    assert "# row 1, column" not in propose_columns(file).text
+    assert "'subj', 'sub' could each be subject." in propose_columns(file).text
     file.write_text("nothing")
     with pytest.raises(UsageError, match="this is not a table"):
         propose_columns(file)

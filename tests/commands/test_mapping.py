@@ -1,0 +1,124 @@
+"""Unknown column names: a mapping is proposed, written, and followed only where the user says so."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from percept.cli import main
+from percept.sessions import ReadOptions, propose_columns, read_sessions
+
+PLACES = {"soft": 300.0, "hard": 900.0}
+
+
+def study(tmp_path, head="id,condition,stiffness standard [N/mm],stiffness final [N/mm],rt"):
+    rows = [
+        f"{p},{c},{k / 1000},{k * (1 + (p + r / 3) / 50) / 1000:.6f},0.{p}"
+        for p in range(1, 6)
+        for c, k in PLACES.items()
+        for r in (0, 1)
+    ]
+    path = tmp_path / "s.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    return path
+
+
+def fit(path, *more):
+    return main(
+        ["fit", str(path), "--method", "classical", "--quiet", "--out", str(path.parent / "out"), *more]
+    )
+
+
+def test_nothing_is_read_under_a_mapping_that_nobody_accepted(tmp_path, capsys):
+    path = study(tmp_path)
+    assert fit(path) == 2
+    said = capsys.readouterr().err
+    assert f"{path}: the columns have other names. This is what percept would make of them:" in said
+    assert 'subject = "id"  # 5 different: 1, 2, 3, 4 …' in said
+    assert 'environment = "condition"  # 2 different: soft, hard' in said
+    assert 'k_ref = { name = "stiffness standard [N/mm]", unit = "N/mm" }  # 2 different: 0.3, 0.9' in said
+    assert 'trial = "order"  # 10 rows of 20 repeat a subject and environment, without numbers' in said
+    assert '# not used: "rt": ' in said
+    assert "--write-scene scene.toml to write it, or --accept to go on with it." in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_accepted_mapping_is_followed_and_said(tmp_path, capsys):
+    path = study(tmp_path)
+    assert fit(path, "--accept") == 0
+    assert "notice: columns are read as follows" in capsys.readouterr().err
+    found = json.loads((tmp_path / "out" / "fit.json").read_text())["intervals"]
+    plain = study(tmp_path, "subject,environment,k_ref,k_adj,rt")
+    scene = tmp_path / "own.toml"
+    scene.write_text(
+        '[columns]\nk_ref = { name = "k_ref", unit = "N/mm" }\nk_adj = { name = "k_adj", unit = "N/mm" }\n'
+        '[sessions]\ntrial = "order"\n'
+    )
+    assert fit(plain, "--scene", str(scene)) == 0
+    assert json.loads((tmp_path / "out" / "fit.json").read_text())["intervals"] == found
+
+
+def test_a_written_mapping_is_a_scene(tmp_path, capsys):
+    path, scene = study(tmp_path), tmp_path / "scene.toml"
+    assert fit(path, "--write-scene", str(scene)) == 2
+    assert f"then give --scene {scene}." in capsys.readouterr().err
+    assert fit(path, "--scene", str(scene)) == 0
+    assert fit(path, "--write-scene", str(scene), "--accept") == 2
+    assert "already there" in capsys.readouterr().err
+
+
+def test_what_is_not_found_is_not_made_up(tmp_path, capsys):
+    path = tmp_path / "s.csv"
+    path.write_text("participant,colour,match\n1,red,3\n2,red,4\n")
+    assert fit(path, "--accept") == 2
+    said = capsys.readouterr().err
+    assert "It lacks environment, response_ref." in said
+    assert '# environment = ""  # not found: fill in the name of its column' in said
+    path.write_text("subject,environment,k_ref,k_adj\n1,a,10,x\n2,a,10,11\n")
+    assert fit(path, "--accept") == 2
+    assert "s.csv:2, column 'k_adj', value 'x': not a number." in capsys.readouterr().err
+    path.write_text("a,b\n1,2\n")
+    assert fit(path, "--accept") == 2
+    assert "there is no column for subject and environment and k_adj" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("head", "mapped"),
+    [
+        ("Participant ID,standard (ms),reproduced_ms", ("Participant ID", "standard (ms)", "reproduced_ms")),
+        ("subj,stimulus_duration,response_duration", ("subj", "stimulus_duration", "response_duration")),
+        ("pp,reference,match", ("pp", "reference", "match")),
+        ("subject_nr,target,estimate", ("subject_nr", "target", "estimate")),
+        ("ppid,referenceValue,finalValue", ("ppid", "referenceValue", "finalValue")),
+        ("Participant Private ID,Standard,Response", ("Participant Private ID", "Standard", "Response")),
+    ],
+)
+def test_names_of_studies_and_of_tools_are_known(tmp_path, head, mapped):
+    path = tmp_path / "s.csv"
+    path.write_text(f"{head},rt\n1,300,310,0.5\n1,600,620,0.6\n2,300,290,0.5\n2,600,580,0.7\n")
+    proposal = propose_columns(path)
+    assert proposal.missing == ()
+    name = {"standard (ms)": "duration", "stimulus_duration": "duration"}.get(mapped[1], "response")
+    for canonical, column in zip(("subject", f"{name}_ref", f"{name}_adj"), mapped, strict=True):
+        assert f'\n{canonical} = "{column}"' in proposal.text
+    assert f'\nenvironment = "{mapped[1]}"' in proposal.text
+    assert f"[quantities.{name}]" in proposal.text
+
+
+def test_numbers_of_people_that_restart_are_seen(tmp_path):
+    rows = [f"{e},{p},{k},{k + p}" for e in (1, 2) for p in (1, 2, 3) for k in (10, 20)]
+    path = tmp_path / "s.csv"
+    path.write_text("experiment,pp,k_ref,k_final\n" + "\n".join(rows) + "\n")
+    text = propose_columns(path).text
+    assert 'subject = ["experiment", "pp"]  # numbers seem to restart with every experiment' in text
+    import tomllib
+
+    options = ReadOptions.from_mapping(tomllib.loads(text))
+    assert len(read_sessions(path, options=options).subjects) == 6
+
+
+def test_a_table_among_others_is_found_in_a_folder(tmp_path):
+    (tmp_path / "a.csv").write_text("time,x\n1,2\n")
+    (tmp_path / "b.csv").write_text("pp,reference,match\n1,10,11\n")
+    assert "b.csv" in propose_columns(tmp_path).text.splitlines()[0]
