@@ -68,8 +68,11 @@ class Reference:
 Generators = Sequence[np.random.Generator]
 #: A log density, points (N, d) to (N,).
 Density = Callable[[Array], Array]
-#: Least and most share of independent draws: rotations leave places that the transport serves badly.
-_LEAST_INDEPENDENT, _MOST_INDEPENDENT = 0.05, 0.8
+#: Least and most share of independent draws: neither kind of move dies.
+_LEAST_INDEPENDENT, _MOST_INDEPENDENT = 0.1, 0.8
+#: Walkers by whose jumps moves are compared, a fraction: those the transport serves worst leave last, and
+#: decide how long a run remembers.
+_WORST = 0.1
 #: Cost of an independent draw over that of a rotation: several steps share one density call.
 _COST_INDEPENDENT = 0.8
 #: Steps whose independent draws are weighed in one density call.
@@ -85,7 +88,7 @@ class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untype
     def __init__(self, generators: Generators, law: Reference) -> None:
         self._generators = generators
         self._law = law
-        self.steps, self.jumped = 0, 0.0  # Steps taken, and the sum of their mean squared jumps
+        self.steps, self.jumped = 0, 0.0  # Steps taken, and the sum of their worst walkers' squared jumps
 
     def propose(self, model: emcee.model.Model, state: emcee.State) -> tuple[emcee.State, NDArray[np.bool_]]:
         """Propose for every walker once and accept or not."""
@@ -94,10 +97,12 @@ class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untype
         # of them when a run is interrupted.
         points, values, log_law = self._offer(getattr(model.log_prob_fn, "f", model.log_prob_fn), coords)
         uniform = self._by_ensemble(coords, lambda own, generator: generator.random(len(own)))
+        weight = log_prob - self._law.log_density(coords)
         with np.errstate(divide="ignore", invalid="ignore"):
-            accepted = np.log(uniform) < self._law.log_density(coords) - log_law + values - log_prob
-        self.steps += 1
-        self.jumped += float(np.square(points[accepted] - coords[accepted]).sum()) / coords.size
+            accepted = np.log(uniform) < values - log_law - weight
+        worst = np.argsort(-weight)[: max(1, round(_WORST * len(coords)))]
+        jumps = np.where(accepted[worst, None], points[worst] - coords[worst], 0.0)
+        self.steps, self.jumped = self.steps + 1, self.jumped + float(np.square(jumps).mean())
         coords[accepted], log_prob[accepted] = points[accepted], values[accepted]
         return emcee.State(coords, log_prob=log_prob), accepted
 
@@ -154,7 +159,8 @@ def standard_moves(
 def _earned(moves: Sequence[tuple[_ReferenceMove, float]]) -> tuple[float, float]:
     """Share of independent draws, by the squared jumps of both kinds for the same cost; and a step's jump.
 
-    Jumps are those of standard coordinates, each about the normal score of one of the target's.
+    Jumps are in standard coordinates, each about the normal score of one of the target's, and of the walkers
+    that the transport serves worst.
     """
     each = np.array([move.jumped / max(move.steps, 1) for move, _ in moves])
     worth = each / (_COST_INDEPENDENT, 1.0)

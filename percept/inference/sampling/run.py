@@ -23,7 +23,8 @@ from percept.inference.sampling.warmup import refine, warm_up
 
 Array = NDArray[np.float64]
 
-_BURN_IN = 24
+#: Steps before any are kept, and of these the last, by which the shares of the moves are chosen.
+_BURN_IN, _LEARNING = 40, 24
 _FIRST_ROUND = 144
 #: A run predicted to take so many times its first round begins again, with a transport fitted to that round.
 _WORTH_REFINING = 3.0
@@ -44,8 +45,8 @@ _SEGMENT = 96  # steps after which positions are mapped and progress is told
 _KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 25
 #: Positions a part may have whatever that takes: in fewer it could not span ten autocorrelation times.
 _FEWEST_POSITIONS = 32
-#: Steps a run takes, times the mean squared jump of a step: a first guess at its length, for the clock alone.
-_STEPS_PER_JUMP = 120.0
+#: Steps a run takes, times the squared jump of a step: a first guess at its length, for the clock alone.
+_STEPS_PER_JUMP = 15.0
 
 
 def sample(
@@ -110,7 +111,9 @@ class _Chain:
     ) -> None:
         self._here, self._estimands, self._settings, self._stride = here, estimands, settings, stride
         self._began = time.monotonic()
-        self._state = advance(here, start(here, points, seed), steps=_BURN_IN, stride=_BURN_IN, learn=True)[0]
+        settled = _BURN_IN - _LEARNING
+        state, _ = advance(here, start(here, points, seed), steps=settled, stride=settled)
+        self._state, _ = advance(here, state, steps=_LEARNING, stride=_LEARNING, learn=True)
         self._kept: list[tuple[Array, Array]] = []  # Points (E, T, W, d) and components (E, T, W, C)
         self._closed: Run | None = None  # With the estimates of all closed parts
         self._closed_steps = 0
