@@ -159,17 +159,18 @@ class SpreadMap:
         self._apart = (rough_mean - centre)[..., None]
         self._weight = rough_weight[..., None]
 
-    def __call__(self, u: Array, omega: Array, trend: Array) -> Spreads:
-        """Map coordinates to spreads."""
+    def __call__(self, u: Array, omega: Array, trend: Array, shift: Array | float = 0.0) -> Spreads:
+        """Map coordinates to spreads, the rough likelihood's means moved by a shift (P, J, W)."""
+        apart = self._apart + shift
         wide = omega[:, None]
         square = wide * wide
         swell = 1.0 + self._weight * square
         root = np.sqrt(swell)
         held = self._weight / swell
-        h, root_det = self._whitened_trend(u / root, held, swell, omega)
+        h, root_det = self._whitened_trend(u / root, held, swell, omega, apart)
         middle = self._loading_up @ h
         # log sigma = m + middle + omega pull: nothing is divided by an omega that may be tiny.
-        pull = held * wide * (self._apart - middle) + u / root
+        pull = held * wide * (apart - middle) + u / root
         along = self._basis @ pull
         off = pull - self._basis_up @ along
         variance = square + self._size * self._size
@@ -184,7 +185,9 @@ class SpreadMap:
             np.log(root_det).sum(axis=0) - 0.5 * (squares + logs),
         )
 
-    def _whitened_trend(self, u: Array, held: Array, swell: Array, omega: Array) -> tuple[Array, Array]:
+    def _whitened_trend(
+        self, u: Array, held: Array, swell: Array, omega: Array, apart: Array
+    ) -> tuple[Array, Array]:
         """Multiples of the loadings in log sigma, (P, 2, W), and the root of det(omega² I + B), (P, W).
 
         Given the trend the cells are independent, with variances omega²/q, q = 1 + w omega². With LL' the
@@ -209,7 +212,7 @@ class SpreadMap:
         det = r11 * r22 - r12 * r12
         first, second = self._solve(self._loading @ u, l11, l21, l22)
         y1, y2 = (r22 * first - r12 * second) / det, (r11 * second - r12 * first) / det
-        g1, g2 = self._solve(self._loading @ (held * self._apart), l11, l21, l22)
+        g1, g2 = self._solve(self._loading @ (held * apart), l11, l21, l22)
         h2 = (y2 + g2) / l22
         return np.stack([(y1 + g1 - l21 * h2) / l11, h2], axis=1), root_det
 

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Vector, block
-from percept.inference.hierarchy.priors import LIMIT, Priors, SpreadMap, correlation, half_normal
+from percept.inference.hierarchy.priors import LIMIT, Priors, SpreadMap, Spreads, correlation, half_normal
 from percept.inference.hierarchy.statistics import Statistics
 
 Array = NDArray[np.float64]
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _TINY = 1e-300
+#: Largest correlation of k and b that coordinates follow.
+_MOST_TIED = 0.9999
 #: Of log sigma about its trend, where the rough likelihood is taken, and Newton steps towards that place.
 _TYPICAL_OMEGA, _ROUGH_STEPS = 0.5, 40
 #: Cells that say less than this of log sigma, against a prior's 1, are left to the prior.
@@ -82,9 +85,10 @@ class Layout:
                 _Level("_e", priors.log_s_e_mean, priors.log_s_e_sd, priors.kappa_e_sd, priors.omega_e_scale)
             )
         rough = [self._rough_between(), self._rough_trial()][: len(self.levels)]
+        ties = [self._tie_between(), self._tie_trial()]
         self._spreads = [
-            SpreadMap(level.log_s_mean, self._loadings(level), *likelihood)
-            for level, likelihood in zip(self.levels, rough, strict=True)
+            _TiedSpreads(level.log_s_mean, self._loadings(level), *likelihood, tie)
+            for level, likelihood, tie in zip(self.levels, rough, ties, strict=False)
         ]
         self._slots: dict[str, slice] = {}
         self.names: list[str] = []
@@ -104,10 +108,10 @@ class Layout:
         self._standard = np.delete(np.arange(self.dimension), np.r_[tuple(sigma)] if sigma else [])
         self._log_constant = -0.5 * _LOG_2PI * self.dimension
         self.limits = np.full(self.dimension, LIMIT)
-        for level, (_, weight) in zip(self.levels, rough, strict=True):
+        for level, spread in zip(self.levels, self._spreads, strict=True):
             if "sigma" + level.suffix in self._slots:
                 # A unit of these is as short as the rough likelihood is narrow.
-                self.limits[self._slots["sigma" + level.suffix]] *= np.sqrt(1.0 + weight.ravel())
+                self.limits[self._slots["sigma" + level.suffix]] *= np.sqrt(1.0 + spread.weight.ravel())
 
     @property
     def dimension(self) -> int:
@@ -193,6 +197,28 @@ class Layout:
             scatter > 0, 2.0 * df, 0.0
         )
 
+    def _tie_between(self) -> float:
+        """Correlation of the rough log SDs of k and b between subjects, by their cell means' departures."""
+        if self.parameters < 2:
+            return 0.0
+        means = self.statistics.cell_means
+        pairs = np.asarray(np.isfinite(means).all(axis=1, keepdims=True))
+        off = _centred(means, pairs, 2) if self.subject_effect else means
+        off = _centred(off, pairs, 0)
+        # Each environment weighs by its degrees of freedom, whatever its spread.
+        size = np.sqrt(np.square(off).sum(axis=0) / np.maximum(pairs.sum(axis=0) - 1.0, 1.0))
+        k, b = np.moveaxis(off / np.where(size > 0, size, 1.0), 1, 0)
+        return _tie(k.ravel(), b.ravel(), float(self.statistics.df.min(axis=0).sum()))
+
+    def _tie_trial(self) -> float:
+        """Correlation of the rough log SDs of k and b between trials."""
+        if self.parameters < 2:
+            return 0.0
+        rows, df = self.statistics.trial_rows, self.statistics.trial_df
+        size = np.sqrt(np.square(rows).sum(axis=1, keepdims=True) / np.maximum(df, 1.0))
+        k, b = rows / np.where(size > 0, size, 1.0)
+        return _tie(k.ravel(), b.ravel(), float(df.sum()))
+
     def _trial_noise(self) -> Array:
         """SD that the scatter between trials gives to a cell's means, (P, J); zero without repeats."""
         df = self.statistics.trial_df
@@ -251,7 +277,7 @@ class Layout:
         return list(zip(self._correlations, rho, one_minus_size, strict=True))
 
     def _level_sd(
-        self, level: _Level, spread: SpreadMap, coords: Array, named: dict[str, Array]
+        self, level: _Level, spread: _TiedSpreads, coords: Array, named: dict[str, Array]
     ) -> tuple[Array, Array]:
         """SDs of one level, shape (P, J, W), and the log density of their coordinates."""
         suffix = level.suffix
@@ -285,6 +311,59 @@ class Layout:
             loadings[:, 0] = level.log_s_sd
             loadings[:, 1] = 0.0 if self.weber else level.kappa_sd * self.statistics.x
         return loadings
+
+
+def _centred(values: Array, present: NDArray[np.bool_], axis: int) -> Array:
+    """Values less their mean along an axis, zero where not present."""
+    count = np.maximum(present.sum(axis=axis, keepdims=True), 1)
+    mean = np.where(present, values, 0.0).sum(axis=axis, keepdims=True) / count
+    return np.where(present, values - mean, 0.0)
+
+
+def _tie(k: Array, b: Array, df: float) -> float:
+    """Square of a correlation, two standard errors of its Fisher transform nearer to zero.
+
+    Log SDs of samples of pairs with correlation rho are correlated by rho².
+    """
+    size = math.sqrt(float(k @ k) * float(b @ b))
+    if df <= 3.0 or size == 0.0:
+        return 0.0
+    score = math.atanh(min(abs(float(k @ b)) / size, _MOST_TIED)) - 2.0 / math.sqrt(df - 3.0)
+    return math.tanh(max(score, 0.0)) ** 2
+
+
+class _TiedSpreads:
+    """Spreads of one level of one parameter or two, the second's written given the first's.
+
+    Where k and b go together so do their sample SDs: the rough likelihood of log sigma of b is N(l + slope
+    (log sigma of k - its l), (1 - tie²)/w). Near a correlation of one the ratio of the two is known far
+    better than either, and no linear map of separate coordinates follows it.
+    """
+
+    def __init__(
+        self, centre: float, loadings: Array, rough_mean: Array, rough_weight: Array, tie: float
+    ) -> None:
+        known = (rough_weight > 0).all(axis=0)
+        self.weight = rough_weight.copy()
+        self.weight[1:] /= np.where(known, 1.0 - tie * tie, 1.0)
+        rows = [slice(p, p + 1) for p in range(len(loadings))]
+        self._maps = [SpreadMap(centre, loadings[p], rough_mean[p], self.weight[p]) for p in rows]
+        ratio = rough_weight[0] / np.where(known, rough_weight[-1], 1.0)
+        self._slope = np.where(known, tie * np.sqrt(ratio), 0.0)[:, None]
+        self._mean = rough_mean[0][:, None]
+
+    def __call__(self, u: Array, omega: Array, trend: Array) -> Spreads:
+        """Map coordinates (P, J, W), given omega (P, W) and the trend (P, 2, W), to spreads."""
+        found = self._maps[0](u[:1], omega[:1], trend[:1])
+        if len(self._maps) == 1:
+            return found
+        shift = self._slope * (found.log_sigma - self._mean)
+        given = self._maps[1](u[1:], omega[1:], trend[1:], shift)
+        return Spreads(
+            np.concatenate([found.log_sigma, given.log_sigma]),
+            np.concatenate([found.trend, given.trend]),
+            found.log_density + given.log_density,
+        )
 
 
 def _within_subjects(cell_means: Array) -> tuple[Array, Array]:

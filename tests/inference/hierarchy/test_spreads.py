@@ -6,6 +6,7 @@ import pytest
 from mpmath import mp
 
 from percept.inference.hierarchy.priors import SpreadMap
+from percept.inference.hierarchy.scales import _tie, _TiedSpreads
 
 CENTRE = -1.6
 WEIGHTS = {"all": (18.0, 18.0, 18.0, 18.0), "uneven": (38.0, 0.0, 2.0, 18.0), "none": (0.0, 0.0, 0.0, 0.0)}
@@ -77,3 +78,51 @@ def test_extreme_spreads_keep_their_digits(omega):
         value, given, log_density = dense(*arguments)
     for part, exact in ((found.log_sigma, value), (found.trend, given), (found.log_density, [log_density])):
         np.testing.assert_allclose(part.ravel(), np.array([float(one) for one in exact]), rtol=1e-13)
+
+
+def test_tied_spreads_have_the_rough_likelihood_s_correlation():
+    """Under a flat prior the map is l + A u with AA' the covariance of the rough likelihood."""
+    mean, weight = np.array([[-1.0, -2.0], [-1.5, -2.5]]), np.array([[20.0, 30.0], [45.0, 0.0]])
+    tied = _TiedSpreads(CENTRE, np.zeros((2, 2, 2)), mean, weight, 0.98)
+    u = np.concatenate([np.zeros((4, 1)), np.eye(4)], axis=1).reshape(2, 2, 5)
+    value = tied(u, np.full((2, 5), 1e7), np.zeros((2, 2, 5))).log_sigma
+    first = value[:, 0]
+    np.testing.assert_allclose(first[:, 0], mean[:, 0], atol=1e-9)
+    columns = first[:, 1:] - first[:, :1]
+    between = 0.98 / np.sqrt(20.0 * 45.0)
+    wanted = [[1 / 20, between], [between, 1 / 45]]
+    np.testing.assert_allclose(columns @ columns.T, wanted, rtol=1e-9)
+    # Of a cell that says nothing of b, b is left to its prior whatever k.
+    assert value[1, 1, 2] == value[1, 1, 0] == pytest.approx(CENTRE)
+
+
+def test_tied_spreads_leave_the_prior_as_it_is():
+    """Log density of u, with the Jacobian by differences, is that of log sigma under the prior."""
+    rng = np.random.default_rng(3)
+    loadings = np.array([LOADINGS["trend"], LOADINGS["off centre"]])
+    weight = np.array([WEIGHTS["uneven"], WEIGHTS["all"]])
+    tied = _TiedSpreads(CENTRE, loadings, np.array([ROUGH, ROUGH + 0.3]), weight, 0.95)
+    omega = np.array([0.4, 0.7])
+    for u in rng.normal(size=(3, 8)):
+        points = np.concatenate(
+            [u[:, None], u[:, None] + 1e-4 * np.eye(8), u[:, None] - 1e-4 * np.eye(8)], axis=1
+        )
+        wide = np.repeat(omega[:, None], 17, axis=1)
+        found = tied(points.reshape(2, 4, 17), wide, np.zeros((2, 2, 17)))
+        value = found.log_sigma.reshape(8, 17)
+        _, log_jacobian = np.linalg.slogdet((value[:, 1:9] - value[:, 9:]) / 2e-4)
+        prior = 0.0
+        for p in range(2):
+            covariance = loadings[p].T @ loadings[p] + omega[p] ** 2 * np.eye(4)
+            off = found.log_sigma[p, :, 0] - CENTRE
+            prior -= 0.5 * (off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(covariance)[1])
+        assert found.log_density[0] == pytest.approx(prior + log_jacobian, abs=1e-6)
+
+
+def test_a_tie_is_the_square_of_a_correlation_less_two_standard_errors():
+    k, b = np.array([1.0, -1.0, 2.0, -2.0]), np.array([1.0, -1.0, 2.0, -1.0])
+    r = 8.0 / np.sqrt(10.0 * 7.0)
+    assert _tie(k, b, 103.0) == pytest.approx(np.tanh(np.arctanh(r) - 0.2) ** 2)
+    assert _tie(k, -b, 103.0) == _tie(k, b, 103.0)
+    assert _tie(k, k, 1e12) == pytest.approx(0.9999**2, rel=1e-6)
+    assert _tie(k, b, 3.0) == _tie(k, b, 4.0) == _tie(k, 0.0 * b, 103.0) == 0.0

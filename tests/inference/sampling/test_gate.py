@@ -69,9 +69,9 @@ def test_passes_on_a_plain_target():
 
 
 def test_separated_modes_are_withheld():
-    """The refined transport finds its way between four modes in two dimensions, not among 64 in six."""
+    """The refined transport finds its way between four modes in two dimensions, not among 4096 in twelve."""
     means = Means(("E x[0]", "E x[1]"), lambda points: points[:, :2])
-    run = sample(Modes(6, 1000.0), means, Settings(tolerance=0.05, seed=2, most_steps=600))
+    run = sample(Modes(12, 1000.0), means, Settings(tolerance=0.05, seed=2, most_steps=600))
     assert not run.gate.passed
     reasons = " ".join(run.gate.reasons)
     assert re.search(r"the ensembles disagree on E x\[[01]\]: rank R-hat", reasons)
@@ -119,7 +119,7 @@ def test_a_run_that_mixes_ends_at_its_cap_with_the_error_it_reached():
 def test_a_run_that_ends_at_its_cap_unmixed_is_withheld_whatever_its_error():
     """Modes apart from each other: R-hat is worked out though the errors are larger than asked."""
     means = Means(("E x[0]", "E x[1]"), lambda points: points[:, :2])
-    run = sample(Modes(6, 1000.0), means, Settings(tolerance=1e-5, seed=2, most_steps=300))
+    run = sample(Modes(20, 1000.0), means, Settings(tolerance=1e-5, seed=2, most_steps=300))
     assert not run.gate.passed
     assert not run.gate.tolerance_met
     assert run.gate.rhat > 1.01
