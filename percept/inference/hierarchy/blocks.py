@@ -201,39 +201,21 @@ def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = N
     if len(sd) == 1:
         return Scalar(sd[0] * sd[0])
     if rho is None or one_minus_size is None:
-        return diagonal((sd[0] * sd[0], sd[1] * sd[1]))
+        return Pair(sd[0] * sd[0], np.zeros_like(sd[0]), sd[1] * sd[1])
     left = one_minus_size * (1.0 + np.abs(rho))
     return Pair(sd[0] * sd[0], rho * (sd[1] / sd[0]), sd[1] * sd[1] * left)
 
 
-def diagonal(variances: Vector) -> Block:
-    """Build a block without covariance from its variances, one array per parameter."""
-    if len(variances) == 1:
-        return Scalar(variances[0])
-    return Pair(variances[0], np.zeros_like(variances[0]), variances[1])
-
-
-def join(parts: Sequence[Block]) -> Block:
-    """Stack blocks along a new first axis."""
-    if isinstance(parts[0], Scalar):
-        return Scalar(np.stack([part.v for part in parts]))
-    pairs = [part for part in parts if isinstance(part, Pair)]
-    return Pair(*(np.stack([getattr(pair, name) for pair in pairs]) for name in ("v", "g", "w")))
-
-
-def weighted_mean(parts: Precision, total: Precision, r: Vector, *, axis: int | None = -2) -> Vector:
+def weighted_mean(parts: Precision, total: Precision, r: Vector, *, axis: int = -2) -> Vector:
     """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j."""
     if isinstance(parts, Scalar):
-        first = parts.v * r[0]
-        return ((first if axis is None else first.sum(axis=axis)) / total.v,)
+        return ((parts.v * r[0]).sum(axis=axis) / total.v,)
     assert isinstance(total, PairPrecision)
     second = parts.v * (r[1] + parts.g * r[0])
     # Differences of slopes: applying K⁻¹ to P_j r_j would subtract numbers 1/(1 - rho²) times the result.
-    first = parts.w * r[0] + (parts.g - total.g) * second
-    if axis is not None:
-        first, second = first.sum(axis=axis), second.sum(axis=axis)
+    first = (parts.w * r[0] + (parts.g - total.g) * second).sum(axis=axis)
     mean = first / total.w
-    return (mean, second / total.v - total.g * mean)
+    return (mean, second.sum(axis=axis) / total.v - total.g * mean)
 
 
 def weighted_mean_of_rows(parts: Precision, total: Precision, rows: Array) -> Vector:

@@ -234,12 +234,10 @@ class Layout:
 
     def scales(self, coords: Array) -> Scales:
         """Map coordinates to scales."""
-        named: dict[str, Array] = {}
+        named = {name: half_normal(coords[self._slots[name]], scale) for name, scale in self._half_normal}
         rest: dict[str, Array] = {}
-        for name, values in self._all_half_normal(coords):
-            named[name] = values
-        for name, rho, one_minus_size in self._all_correlations(coords):
-            named[name], rest[name] = rho, one_minus_size
+        for name in self._correlations:
+            named[name], rest[name] = correlation(coords[self._slots[name].start], self.priors.rho_shape)
         log_prior = self._log_constant - 0.5 * np.einsum(
             "dw,dw->w", coords[self._standard], coords[self._standard]
         )
@@ -254,27 +252,6 @@ class Layout:
             shared = block(tuple(named["sigma_u"]), named.get("rho_u"), rest.get("rho_u"))
         tau = tuple(named["tau"]) if self.trend else None
         return Scales(blocks[""], shared, blocks.get("_e"), tau, named, log_prior)
-
-    def _all_half_normal(self, coords: Array) -> list[tuple[str, Array]]:
-        """Omega, sigma_u and tau in one pass, each (P, W)."""
-        if not self._half_normal:
-            return []
-        rows = np.concatenate([coords[self._slots[name]] for name, _ in self._half_normal])
-        scale = np.repeat([scale for _, scale in self._half_normal], self.parameters)
-        values = half_normal(rows, scale[:, None])
-        return list(
-            zip(
-                (name for name, _ in self._half_normal), np.split(values, len(self._half_normal)), strict=True
-            )
-        )
-
-    def _all_correlations(self, coords: Array) -> list[tuple[str, Array, Array]]:
-        """Every correlation with its distance from one, each (W,), in one pass."""
-        if not self._correlations:
-            return []
-        rows = np.stack([coords[self._slots[name].start] for name in self._correlations])
-        rho, one_minus_size = correlation(rows, self.priors.rho_shape)
-        return list(zip(self._correlations, rho, one_minus_size, strict=True))
 
     def _level_sd(
         self, level: _Level, spread: _TiedSpreads, coords: Array, named: dict[str, Array]

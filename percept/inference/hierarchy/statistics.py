@@ -81,7 +81,8 @@ def from_trials(
         means = sums / counts
     # A second pass over the deviations: the first mean's rounding does not reach the scatter.
     deviation = response.T - means[:, cell]
-    means = means + np.where(counts > 0, _cell_sums(deviation, cell, cells) / np.maximum(counts, 1), np.nan)
+    rest = np.stack([np.bincount(cell, weights=row, minlength=cells) for row in deviation])
+    means = means + np.where(counts > 0, rest / np.maximum(counts, 1), np.nan)
     deviation = response.T - means[:, cell]
     counts = counts.reshape(count_subjects, count_environments)
     cell_means = means.reshape(len(parameters), count_subjects, count_environments).transpose(1, 0, 2)
@@ -90,9 +91,7 @@ def from_trials(
         inside = deviation[:, environment == j].T
         factor = _triangle(inside)
         trial_rows[:, : factor.shape[0], j] = factor.T
-    return _of_cells(
-        counts, cell_means, trial_rows, x, parameters=parameters, environments=environments, subjects=subjects
-    )
+    return _of_cells(counts, cell_means, trial_rows, x, (parameters, environments, subjects))
 
 
 def from_cells(
@@ -112,9 +111,7 @@ def from_cells(
     if len(parameters) == 2:
         rows[1, 0] = np.divide(scatter[0, 1], rows[0, 0], out=np.zeros_like(rows[0, 0]), where=rows[0, 0] > 0)
         rows[1, 1] = np.sqrt(np.maximum(scatter[1, 1] - rows[1, 0] ** 2, 0.0))
-    return _of_cells(
-        count, mean, rows, x, parameters=parameters, environments=environments, subjects=subjects
-    )
+    return _of_cells(count, mean, rows, x, (parameters, environments, subjects))
 
 
 def _refuse_lone(subjects: tuple[str, ...]) -> None:
@@ -130,20 +127,15 @@ def _of_cells(
     cell_means: Array,
     trial_rows: Array,
     x: Array,
-    *,
-    parameters: tuple[str, ...],
-    environments: tuple[str, ...],
-    subjects: tuple[str, ...],
+    labels: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]],
 ) -> Statistics:
     patterns = tuple(_patterns(counts, cell_means))
     sd, df = _between(cell_means)
-    size = len(parameters)
+    size = cell_means.shape[1]
     constant = -0.5 * size * float(np.log(counts[counts > 0]).sum())
     constant -= 0.5 * size * sum(p.environments.size * math.log(p.subjects) for p in patterns)
     return Statistics(
-        parameters=parameters,
-        environments=environments,
-        subjects=subjects,
+        *labels,
         x=np.asarray(x, dtype=float),
         patterns=patterns,
         trial_df=np.maximum(counts - 1, 0).sum(axis=0).astype(float),
@@ -177,10 +169,6 @@ def from_summary(
         df=np.reshape(n, (1, -1)) - 1.0,
         cell_means=np.empty((0, 1, len(environments))),
     )
-
-
-def _cell_sums(values: Array, cell: Indices, cells: int) -> Array:
-    return np.stack([np.bincount(cell, weights=row, minlength=cells) for row in values])
 
 
 def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
