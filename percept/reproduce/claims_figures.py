@@ -65,8 +65,7 @@ def fig_7b(published: Published) -> Judgement:
 
 def one_device(published: Published) -> Judgement:
     """Judge whether one rigid device can show both Fig. 4 and Fig. 7b."""
-    panel = panels(published)[0]
-    _, damping = _extent(published, panel)
+    _, damping = _extent(published, panels(published)[0])
     needed = published.needed()
     return judged(
         cases=[needed <= damping],
