@@ -31,7 +31,7 @@ PACKAGES = (
 #: What a study works out, each only when it is asked for.
 STAGES = (
     "intervals", "fit", "posterior", "regions", "curve_draws", "boundaries", "sensitivity", "coupling",
-    "realism", "coupling_design", "band", "comparison",
+    "realism", "coupling_design", "band",
 )  # fmt: skip
 
 

@@ -179,19 +179,21 @@ def _ratio(log: float) -> str:
     return f"{np.exp(log):.2f}" if log < np.log(10.0) else f"{np.exp(log):.0f}"
 
 
+def _listed(texts: list[str]) -> str:
+    return " and ".join(text for text in (", ".join(texts[:-1]), *texts[-1:]) if text)
+
+
 def _reasons(effects: dict[str, float], said: Callable[[float], str], kind: str, repeats: bool) -> str:
     """Name the causes of a difference, the largest first; effects that cancel are named together."""
     causes = [cause for cause in effects if cause != "all"]
     nouns = [f"{_NOUNS.get(cause, cause)} ({said(effects[cause])})" for cause in causes]
     whole = effects.get("all", 0.0)
     if not causes or whole * effects[causes[0]] < 0.5 * effects[causes[0]] ** 2:
-        return f"; {' and '.join(nouns)} act against each other" if len(nouns) > 1 else ""
+        return f"; {_listed(nouns)} act against each other" if len(nouns) > 1 else ""
     clause = _CLAUSES[causes[0]]
     if kind != "mean":
         clause = {"scale": "users scatter by ratios on the log scale"}.get(causes[0], clause)
         if repeats and causes[0] == "prior":
             clause = "it leaves trial noise out, and the priors say how users usually adjust"
-    mostly, rest = (
-        ("mostly ", f"; smaller effects: {' and '.join(nouns[1:])}") if len(nouns) > 1 else ("", "")
-    )
+    mostly, rest = ("mostly ", f"; smaller effects: {_listed(nouns[1:])}") if len(nouns) > 1 else ("", "")
     return f", {mostly}because {clause} ({said(effects[causes[0]])}){rest}"

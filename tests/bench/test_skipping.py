@@ -17,7 +17,7 @@ ARVIZ = {"arviz_base", "arviz_stats"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
 CURVES = {"curve_draws", "boundaries", "sensitivity", "coupling_design"}
-BAYESIAN = {"fit", "posterior", "comparison", "realism"}
+BAYESIAN = {"fit", "posterior", "realism"}
 
 
 def quick(scene, method):

@@ -118,6 +118,13 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
     ("effects", "repeats", "text"),
     [
         (
+            effects_of("share", prior=(-0.3, 0.0), pooling=(0.2, 0.0), scale=(0.1, 0.0)),
+            False,
+            "VE1, damping: the Bayesian interval of most users is as wide as the classical one; the priors "
+            "(×0.74), pooling with other environments (×1.22) and the log scale (×1.11) act against each "
+            "other.",
+        ),
+        (
             effects_of("mean", prior=(0.01, 0.0), pooling=(np.log(1.1), 0.0), scale=(np.log(1.3), 0.0)),
             False,
             "VE1, damping: the Bayesian interval of the average user is 1.44 times as wide as the classical "
