@@ -39,6 +39,7 @@ def magnitude_envelope_ellipse(
     radius: float,
     period: float,
     *,
+    mass: float = 0.0,
     hold: str = "average",
 ) -> tuple[FloatArray, FloatArray]:
     """Return the exact lowest and highest abs(Z_h) over an ellipse of (k, b).
@@ -60,6 +61,8 @@ def magnitude_envelope_ellipse(
         Dimensionless, zero or more.
     period : float
         Sampling period T, s.
+    mass : float, optional
+        m_e, kg.
     hold : {"average", "true"}
         Eq. 8, or the true zero-order hold.
 
@@ -76,7 +79,7 @@ def magnitude_envelope_ellipse(
     """
     k, b = _checked_centre(centre, "(k, b)")
     factor = _checked_factor(shape, radius, "(k, b)")
-    plane = _plane(omega, device, period, hold)
+    plane = _plane(omega, device, period, hold, mass)
     lower, upper = np.full((2, plane.across.size), np.inf)
     seen = plane.finite
     lower[seen], upper[seen] = _extremes(plane.at(seen), k, b, factor)
@@ -108,8 +111,8 @@ class _Plane:
         return _Plane(gain, per_rate, across, along, gain.shape)
 
 
-def _plane(omega: ArrayLike, device: AnyDevice, period: float, hold: str) -> _Plane:
-    across, along, held = distance_axes(warp(omega, period), device, hold)
+def _plane(omega: ArrayLike, device: AnyDevice, period: float, hold: str, mass: float) -> _Plane:
+    across, along, held = distance_axes(warp(omega, period), device, hold, real_array(mass, "mass", "kg"))
     parts = np.broadcast_arrays(held.gain, held.per_rate, across, along)
     gain, per_rate, across, along = (part.ravel() for part in parts)
     return _Plane(gain, per_rate, across, along, parts[0].shape)
@@ -247,6 +250,7 @@ def magnitude_envelope_log_ellipse(
     radius: float,
     period: float,
     *,
+    mass: float = 0.0,
     hold: str = "average",
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and highest abs(Z_h) over an ellipse of (log k, log b).
@@ -278,7 +282,7 @@ def magnitude_envelope_log_ellipse(
             hint="centre and shape are of natural logarithms of k and b.",
         )
     curve = _Curve(log_k, log_b, factor)
-    plane = _plane(omega, device, period, hold)
+    plane = _plane(omega, device, period, hold, mass)
     lower, upper = np.full((2, plane.across.size), np.inf)
     seen = plane.finite
     lower[seen], upper[seen] = _extremes_along(curve, plane.at(seen))

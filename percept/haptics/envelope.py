@@ -21,6 +21,7 @@ def corner_curves(
     damping: Limits,
     period: float,
     *,
+    mass: ArrayLike = 0.0,
     hold: str = "average",
 ) -> tuple[FloatArray, FloatArray]:
     """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
@@ -40,8 +41,8 @@ def corner_curves(
     """
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    at_low = perceived_magnitude(omega, device, k_low, b_low, period, hold=hold)
-    return at_low, perceived_magnitude(omega, device, k_high, b_high, period, hold=hold)
+    at_low = perceived_magnitude(omega, device, k_low, b_low, period, mass=mass, hold=hold)
+    return at_low, perceived_magnitude(omega, device, k_high, b_high, period, mass=mass, hold=hold)
 
 
 def magnitude_envelope(

@@ -213,15 +213,17 @@ def check_plausible(
             at, value = int(known[0]), float(adjusted[known[0]])
             ratio = typical_ratio(adjusted[known], reference[known])
             notices += check_units(p, ratio, declared, place(at), problems, value=value)
-            logs = pd.Series(np.log(adjusted[known] / reference[known]))
-            by_file = logs.groupby(table["file"].to_numpy()[known]).median()
-            for file, log in by_file.items() if len(by_file) > 1 else ():
+            files = table["file"].to_numpy()[known]
+            if files[0] == files[-1]:
+                continue
+            by_file = pd.Series(np.log(adjusted[known] / reference[known])).groupby(files).median()
+            for file, log in by_file.items():
                 own = float(np.exp(log))
                 if not _THOUSAND / 3 < max(own / ratio, ratio / own) < _THOUSAND * 3:
                     continue
                 text = f"{p}_adj is {own:.3g} times {p}_ref at the median of this file, and {ratio:.3g} times"
                 text += " over all files: the units of the file seem to differ by a thousand."
-                at = int(known[np.argmax(table["file"].to_numpy()[known] == file)])
+                at = int(known[np.argmax(files == file)])
                 if {f"{p}_adj", f"{p}_ref"} <= declared:
                     notices.append(Notice(text, column=f"{p}_adj"))
                     continue

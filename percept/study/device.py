@@ -58,15 +58,16 @@ class Setup:
 
     def outline(self, region: Region, shape: Shape, omega: Array) -> tuple[Array, Array]:
         """Lower and upper curve of abs(Z_h) around a region at frequencies, rad/s, N·s/m."""
+        mass = float(self.references[region.environment].mass)
         if region.ellipse is None:
             assert region.limits is not None
-            return BOXES[shape](omega, self.device, *region.limits, self.period, hold=self.hold)
+            return BOXES[shape](omega, self.device, *region.limits, self.period, mass=mass, hold=self.hold)
         ellipse = region.ellipse
         log = ellipse.family == "lognormal"
         envelope = haptics.magnitude_envelope_log_ellipse if log else haptics.magnitude_envelope_ellipse
         centre = (float(ellipse.centre[0]), float(ellipse.centre[1]))
         return envelope(
-            omega, self.device, centre, ellipse.shape, ellipse.radius, self.period, hold=self.hold
+            omega, self.device, centre, ellipse.shape, ellipse.radius, self.period, mass=mass, hold=self.hold
         )
 
     def resonances(self, environment: str) -> Array:
@@ -75,7 +76,8 @@ class Setup:
         if not isinstance(device, Device):
             return device.omega[:: max(1, device.omega.size // _MOST_ROWS)]
         pairs = [(mode.stiffness, mode.mass) for mode in device.modes]
-        pairs.append((self.references[environment].stiffness, device.mass))
+        reference = self.references[environment]
+        pairs.append((reference.stiffness, device.mass + reference.mass))
         return np.array([float(np.sqrt(k / m)) for k, m in pairs if m])
 
     @property

@@ -8,9 +8,12 @@ from scipy.optimize import minimize_scalar
 from percept.errors import UsageError
 from percept.haptics import (
     Device,
+    Environment,
+    corner_curves,
     magnitude_envelope,
     magnitude_envelope_ellipse,
     magnitude_envelope_log_ellipse,
+    perceived_impedance,
     perceived_magnitude,
 )
 
@@ -295,3 +298,30 @@ def test_log_ellipse_at_the_ends_and_by_broadcasting():
     )
     np.testing.assert_array_equal(lower, [[np.inf, 5.0], [np.inf, np.inf]])
     np.testing.assert_array_equal(upper, [[np.inf, 5.0], [np.inf, np.inf]])
+
+
+@pytest.mark.parametrize("hold", ["average", "true"])
+def test_a_mass_of_the_environment_moves_every_curve(hold, ellipse_edge):
+    """Against impedances of environments on the edge, one by one."""
+    omega, mass = np.array([0.5, 20.0, 300.0]), 0.4
+    centre, shape = np.array([900.0, 3.0]), np.array([[250.0, 4.0], [4.0, 0.2]]) * [[100, 1], [1, 1]]
+    edge = ellipse_edge(centre, shape, 1.5)
+    around = Environment(edge[0], edge[1], mass)
+    felt = np.abs(perceived_impedance(omega[:, None], DEVICE, around, T, hold=hold))
+    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, centre, shape, 1.5, T, mass=mass, hold=hold)
+    np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
+    np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)
+    small = shape / np.outer(centre, centre)
+    edge = np.exp(ellipse_edge(np.log(centre), small, 1.5))
+    felt = np.abs(
+        perceived_impedance(omega[:, None], DEVICE, Environment(edge[0], edge[1], mass), T, hold=hold)
+    )
+    lower, upper = magnitude_envelope_log_ellipse(
+        omega, DEVICE, tuple(np.log(centre)), small, 1.5, T, mass=mass, hold=hold
+    )
+    np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
+    np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)
+    ends = corner_curves(omega, DEVICE, (800, 1000), (2, 4), T, mass=mass, hold=hold)
+    for curve, k, b in zip(ends, (800, 1000), (2, 4), strict=True):
+        felt = np.abs(perceived_impedance(omega, DEVICE, Environment(k, b, mass), T, hold=hold))
+        np.testing.assert_allclose(curve, felt, rtol=1e-12)

@@ -7,12 +7,15 @@ import gzip
 import lzma
 import zipfile
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from percept.errors import UsageError
+from percept.haptics import Device, Environment, perceived_impedance
 from percept.sessions import ReadOptions, Sessions, read_sessions, reduce_sessions
 from percept.study import Study
+from percept.study.regions import Region
 
 HEAD = "subject,environment,k_ref,k_adj\n"
 
@@ -138,6 +141,15 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
     found = read(tmp_path, text, environments={"a": {"mass": 0.3}})
     study = Study(found, Scene(device=device, inference={"method": "classical"}))
     assert study.setup.references["a"].mass == 0.3
+    omega = np.array([2.0, 30.0])
+    heavy = Environment(900.0, 2.0, 0.3)
+    felt = np.abs(perceived_impedance(omega, Device(mass=1.0, damping=5.0), heavy, 0.001))
+    # A box as small as a point feels as its environment does, mass and all.
+    labels = dict(kind="mean", method="classical", family="normal", joint="marginal", level=0.99)
+    point = Region(environment="a", limits=((900.0, 900.0), (2.0, 2.0)), **labels)
+    for shape in ("corner", "envelope"):
+        for curve in study.setup.outline(point, shape, omega):
+            np.testing.assert_allclose(curve, felt, rtol=1e-13)
     assert found.environments == ("a",)
     assert "m_ref" in found.table
 
