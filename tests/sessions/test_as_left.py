@@ -145,7 +145,7 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
     heavy = Environment(900.0, 2.0, 0.3)
     felt = np.abs(perceived_impedance(omega, Device(mass=1.0, damping=5.0), heavy, 0.001))
     # A box as small as a point feels as its environment does, mass and all.
-    labels = dict(kind="mean", method="classical", family="normal", joint="marginal", level=0.99)
+    labels = {"kind": "mean", "method": "classical", "family": "normal", "joint": "marginal", "level": 0.99}
     point = Region(environment="a", limits=((900.0, 900.0), (2.0, 2.0)), **labels)
     for shape in ("corner", "envelope"):
         for curve in study.setup.outline(point, shape, omega):
