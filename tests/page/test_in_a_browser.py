@@ -42,7 +42,7 @@ def test_nothing_overflows_and_the_console_is_silent(open_tab, view):
 def test_tables_fit_a_printed_page(open_tab):
     tab = open_tab(**VIEWS["print"])
     wide = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)"
-    assert tab.evaluate(f"{wide}.map(e => e.getAttribute('aria-label'))") == []
+    assert tab.evaluate(f"{wide}.map(e => e.getAttribute('aria-labelledby'))") == []
 
 
 @pytest.mark.parametrize("view", ["wide", "wide-dark", "narrow", "narrow-dark"])
@@ -94,13 +94,18 @@ def test_figures_follow_the_theme(open_tab):
 def test_unticking_a_kind_or_method_hides_it_everywhere(open_tab):
     tab = open_tab()
     seen = "[...document.querySelectorAll('{}')].filter(e => e.checkVisibility()).length"
-    rows = seen.format("#intervals tr[data-kind=user]")
+    rows = seen.format("#intervals td[data-kind=user]")
     cells = seen.format("#intervals td.m-bayesian")
     assert tab.evaluate(rows) > 0
     assert tab.evaluate(cells) > 0
+    marks = (
+        "[...document.querySelectorAll('#figure-intervals_k g[data-kind=user]')]"
+        ".filter(e => getComputedStyle(e).display !== 'none').length"
+    )
+    assert tab.evaluate(marks) > 0
     untick = "document.querySelector('#choose input[value={}]').click()"
     tab.evaluate(untick.format("user"))
-    assert tab.evaluate(rows) == 0
+    assert tab.evaluate(rows) == tab.evaluate(marks) == 0
     tab.evaluate(untick.format("bayesian"))
     assert tab.evaluate(cells) == 0
     assert tab.evaluate(seen.format("#explorer path.area")) == 0
@@ -111,12 +116,12 @@ def test_unticking_a_kind_or_method_hides_it_everywhere(open_tab):
 def test_a_column_sorts_by_its_numbers_and_back(open_tab):
     tab = open_tab()
     table = "document.querySelector('#intervals table')"
-    lowers = f"[...{table}.tBodies[0].rows].map(r => Number(r.cells[3].querySelector('data').value))"
+    lowers = f"[...{table}.tBodies[0].rows].map(r => Number(r.cells[2].querySelector('data').value))"
     first = tab.evaluate(lowers)
-    click = f"{table}.tHead.rows[1].cells[3].querySelector('button').click()"
+    click = f"{table}.tHead.rows[0].cells[2].querySelector('button').click()"
     tab.evaluate(click)
     assert tab.evaluate(lowers) == sorted(first)
-    assert tab.evaluate(f"{table}.tHead.rows[1].cells[3].getAttribute('aria-sort')") == "ascending"
+    assert tab.evaluate(f"{table}.tHead.rows[0].cells[2].getAttribute('aria-sort')") == "ascending"
     tab.evaluate(click)
     assert tab.evaluate(lowers) == sorted(first, reverse=True)
     tab.evaluate(click)
@@ -128,11 +133,13 @@ def test_resting_on_a_number_shows_all_its_digits(open_tab):
     assert tab.evaluate("[...document.querySelectorAll('data')].every(e => e.title === e.value)")
 
 
+EXPLORE = "document.querySelector('#explorer').closest('details').open = true"
 RANGE = "[...document.querySelectorAll('#explorer input')].map(e => Number(e.value))"
 
 
 def test_dragging_across_one_plot_zooms_all(open_tab):
     tab = open_tab()
+    tab.evaluate(EXPLORE)
     tab.evaluate("document.querySelector('#explorer svg').scrollIntoView({block: 'center'})")
     box = tab.evaluate(
         "(r => [r.left, r.top, r.width, r.height])"
@@ -154,6 +161,7 @@ def test_dragging_across_one_plot_zooms_all(open_tab):
 
 def test_the_plots_answer_the_keyboard(open_tab):
     tab = open_tab()
+    tab.evaluate(EXPLORE)
     tab.evaluate("document.querySelector('#explorer svg').focus()")
     reading = "[...document.querySelectorAll('#explorer output')].map(e => e.textContent)"
     before = tab.evaluate(reading)

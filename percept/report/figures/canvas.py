@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib import rcParams
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -92,6 +93,15 @@ def common_range(lows: ArrayLike, highs: ArrayLike, *, about: float) -> tuple[fl
         out = np.where(np.isfinite(out), out, np.finfo(float).max)
         ends.append(about + sign * min(out.max(), _GENEROUS * float(np.median(out)) or out.max()))
     return ends[0], ends[1]
+
+
+def mark(ax: Axes, artists: Iterable[Artist], method: str, kind: str = "") -> None:
+    """Name marks by what they show, so that the page can hide them."""
+    axes = ax.figure.axes
+    for artist in artists:
+        # A file's ids are different.
+        count = sum(str(other.get_gid()).startswith("mark-") for own in axes for other in own.get_children())
+        artist.set_gid(f"mark-{method}-{kind}-{count}")
 
 
 def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import cycle
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
-from percept.report.figures.canvas import COLOURS, common_range, log_scale
+from percept.report.figures.canvas import COLOURS, common_range, log_scale, mark
 
 FloatArray = NDArray[np.float64]
 _REFERENCE = (0, (7, 3))
@@ -120,14 +121,15 @@ def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:
     for pair in limits:
         omega, colour = pair.omega, COLOURS[pair.method]
         if pair.method == "classical":
-            ax.plot(omega, pair.lower, color=colour, label=pair.label)
-            ax.plot(omega, pair.upper, color=colour)
+            drawn: list[Artist] = ax.plot(omega, pair.lower, color=colour, label=pair.label)
+            drawn += ax.plot(omega, pair.upper, color=colour)
         else:
             # The corner curves cross; the band between them is what is meant.
             low, high = np.minimum(pair.lower, pair.upper), np.maximum(pair.lower, pair.upper)
-            ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=pair.label)
-            ax.plot(omega, low, color=colour, linewidth=0.6)
-            ax.plot(omega, high, color=colour, linewidth=0.6)
+            shade = ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=pair.label)
+            drawn = [shade, *ax.plot(omega, low, color=colour, linewidth=0.6)]
+            drawn += ax.plot(omega, high, color=colour, linewidth=0.6)
+        mark(ax, drawn, pair.method)
 
 
 def _draw_coupled(ax: Axes, omega: FloatArray, curve: FloatArray) -> None:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, MM, common_range, log_scale, row_labels, shade_boxes
+from percept.report.figures.canvas import COLOURS, MM, common_range, log_scale, mark, row_labels, shade_boxes
 from percept.report.select import KIND_NAMES, KINDS, METHOD_NAMES, METHODS
 
 FloatArray = NDArray[np.float64]
@@ -51,7 +52,7 @@ def draw_intervals(
     left, right = _ends(bars, log=log)
     for bar in bars:
         y = row[bar.environment] + _offset(kinds.index(bar.kind), bar.method, len(kinds), present)
-        ax.plot(
+        drawn: list[Artist] = ax.plot(
             [max(bar.lower, left), min(bar.upper, right)],
             [y, y],
             color=COLOURS[bar.method],
@@ -60,9 +61,9 @@ def draw_intervals(
         )
         for value, edge, side in ((bar.lower, left, "left"), (bar.upper, right, "right")):
             if value != min(max(value, left), right):
-                _point_beyond(ax, edge, y, value, side, COLOURS[bar.method])
+                drawn += _point_beyond(ax, edge, y, value, side, COLOURS[bar.method])
         if bar.kind == "mean" and left <= bar.estimate <= right:
-            ax.plot(
+            drawn += ax.plot(
                 [bar.estimate],
                 [y],
                 marker=_MARKERS[bar.method],
@@ -71,6 +72,7 @@ def draw_intervals(
                 markeredgecolor=COLOURS[bar.method],
                 linestyle="none",
             )
+        mark(ax, drawn, bar.method, bar.kind)
     for environment, subjects in zip(environments, values, strict=False):
         ax.plot(
             subjects,
@@ -122,15 +124,16 @@ def beyond_range(bars: Sequence[Bar], *, log: bool = True) -> bool:
     return any(bar.lower < left or bar.upper > right for bar in bars)
 
 
-def _point_beyond(ax: Axes, edge: float, y: float, value: float, side: str, colour: str) -> None:
+def _point_beyond(ax: Axes, edge: float, y: float, value: float, side: str, colour: str) -> list[Artist]:
     """Mark a bar that goes on beyond the axis, with the value it ends at."""
     said = "∞" if not np.isfinite(value) else f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
-    ax.plot([edge], [y], marker={"left": "<", "right": ">"}[side], markersize=3, color=colour, clip_on=False)
+    arrow = {"left": "<", "right": ">"}[side]
     over = {"left": 3, "right": -3}[side]
-    ax.annotate(
+    text = ax.annotate(
         said, (edge, y), xytext=(over, 0), textcoords="offset points", ha=side, va="center", fontsize=5.4,
         bbox={"facecolor": COLOURS["paper"], "edgecolor": "none", "pad": 0.4},
     )  # fmt: skip
+    return [*ax.plot([edge], [y], marker=arrow, markersize=3, color=colour, clip_on=False), text]
 
 
 def _offset(rank: int, method: str, kinds: int, present: Sequence[str]) -> float:

@@ -74,6 +74,8 @@ _OWN_STYLE = re.compile(r"<defs>\s*<style.*?</style>\s*</defs>", re.DOTALL)
 _HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
 # Text keeps its > escaped, so that these are the tags and nothing a user wrote.
 _TAG = re.compile(r"<[^>]*>")
+# What a filter of the page hides: marks of a method, and of a kind where they have one.
+_MARK = re.compile(r"mark-(?P<method>\w+)-(?P<kind>\w*)-\d+")
 _ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
 _BREAK_INSIDE = re.compile(r"\s*\n\s*(?=[^<\s])")
 _INDENT = re.compile(r"\s*\n\s*")
@@ -150,7 +152,12 @@ def _inline(drawing: Drawing, elements: str) -> str:
             for name, colour in COLOURS.items():
                 tag = tag.replace(colour, f"var(--{name})")
         # Ids that nothing refers to may hold a label, and a page's ids hold no spaces.
-        return _ID.sub(lambda one: f' id="{prefix}{name}"' if (name := one[1][1:-1]) in used else "", tag)
+        return _ID.sub(lambda one: attribute(one[1][1:-1]), tag)
+
+    def attribute(name: str) -> str:
+        if mark := _MARK.fullmatch(name):
+            return "".join(f' data-{key}="{value}"' for key, value in mark.groupdict().items() if value)
+        return f' id="{prefix}{name}"' if name in used else ""
 
     width, height = (side * MM * 72.0 for side in drawing.size)
     side = drawing.size[0]

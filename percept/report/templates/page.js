@@ -56,10 +56,13 @@
         return boxes.length > 0 && value !== undefined && !chosen(form, name).has(value);
       };
       for (const part of all("main [data-kind], main [data-method]")) {
-        part.hidden = hidden("kind", part.dataset.kind) || hidden("method", part.dataset.method);
+        part.toggleAttribute("hidden",
+          hidden("kind", part.dataset.kind) || hidden("method", part.dataset.method));
       }
       for (const method of methods) {
-        for (const cell of all(`main .m-${method}`)) cell.hidden = hidden("method", method);
+        for (const cell of all(`main .m-${method}`)) {
+          cell.toggleAttribute("hidden", hidden("method", method) || hidden("kind", cell.dataset.kind));
+        }
       }
       redraw();
     });
@@ -161,7 +164,11 @@
       element("h3", {}, "All environments over one window"),
       element("p", {}, "Drag across a plot to zoom all of them, double-click for the whole range; with the keyboard, "
         + "arrows move the reading line, plus and minus zoom, Escape goes back."),
-      form, element("div", { class: "plots" }, ...plots.map((one) => one.box)));
+      form, element("p", { class: "legend" },
+        ...[["classical", "classical limits"], ["bayesian", "Bayesian limits"], ["ink", "the reference"],
+          ...(data.some((one) => one.coupled) ? [["coupled", "the reference through the coupling"]] : [])]
+          .map(([css, text]) => element("span", { style: `--line: var(--${css})` }, text))),
+      element("div", { class: "plots" }, ...plots.map((one) => one.box)));
     place.hidden = false;
     draw();
     return draw;
@@ -264,9 +271,9 @@
 
       function reading() {
         const { grid, across, series, lines, window } = current;
-        const at = state.at !== null && state.at >= window[0] && state.at <= window[1] ? state.at : null;
-        $(".cross", svg).setAttribute("d", at === null ? "" : `M${across(at)} ${T}V${H - B}`);
-        const w = at ?? Math.sqrt(window[0] * window[1]);
+        const inside = state.at !== null && state.at >= window[0] && state.at <= window[1];
+        const w = inside ? state.at : Math.sqrt(window[0] * window[1]);
+        $(".cross", svg).setAttribute("d", `M${across(w)} ${T}V${H - B}`);
         const index = grid.reduce((best, g, i) => (Math.abs(g - w) < Math.abs(grid[best] - w) ? i : best), 0);
         output.replaceChildren(`ω ${brief(grid[index])} rad/s`,
           ...lines.map((line) => ` · ${line.name} ${brief(line.values[index])}`),
