@@ -120,14 +120,15 @@ def _ratios(limits: Sequence[Limits]) -> list[Limits]:
 def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:
     for pair in limits:
         omega, colour = pair.omega, COLOURS[pair.method]
+        drawn: list[Artist] = []
         if pair.method == "classical":
-            drawn: list[Artist] = ax.plot(omega, pair.lower, color=colour, label=pair.label)
+            drawn += ax.plot(omega, pair.lower, color=colour, label=pair.label)
             drawn += ax.plot(omega, pair.upper, color=colour)
         else:
             # The corner curves cross; the band between them is what is meant.
             low, high = np.minimum(pair.lower, pair.upper), np.maximum(pair.lower, pair.upper)
             shade = ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=pair.label)
-            drawn = [shade, *ax.plot(omega, low, color=colour, linewidth=0.6)]
+            drawn += [shade, *ax.plot(omega, low, color=colour, linewidth=0.6)]
             drawn += ax.plot(omega, high, color=colour, linewidth=0.6)
         mark(ax, drawn, pair.method)
 

@@ -52,7 +52,8 @@ def draw_intervals(
     left, right = _ends(bars, log=log)
     for bar in bars:
         y = row[bar.environment] + _offset(kinds.index(bar.kind), bar.method, len(kinds), present)
-        drawn: list[Artist] = ax.plot(
+        drawn: list[Artist] = []
+        drawn += ax.plot(
             [max(bar.lower, left), min(bar.upper, right)],
             [y, y],
             color=COLOURS[bar.method],
