@@ -17,7 +17,7 @@ from percept.inference.sampling.gate import Progress, Settings
 
 Array = NDArray[np.float64]
 #: Draws times subjects that are held at once; more subjects are judged by fewer draws.
-_MOST = 1 << 22
+_MOST = 1 << 20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -182,8 +182,9 @@ def shrinkage(density: CollapsedDensity, points: Array) -> Shrinkage | None:
         return None
     sums = [0.0, 0.0, 0.0]
     x = density.statistics.x[..., None]
-    for start in range(0, len(points), _CHUNK):
-        scales = density.layout.scales(np.ascontiguousarray(points[start : start + _CHUNK].T))
+    step = density.draws_per_pass
+    for start in range(0, len(points), step):
+        scales = density.layout.scales(np.ascontiguousarray(points[start : start + step].T))
         law = density.locations(scales)
         beta = np.stack(law.mean)
         # Level and slope are linear in the locations: their mean follows from the locations' mean.
