@@ -1,0 +1,93 @@
+"""The model nutpie samples is percept's: its locations integrated out, densities differ by one constant."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from percept.bench.designs import StudyDesign, simulated
+from percept.bench.peers.cells import cells_model
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.priors import Priors
+
+LATENT = ("alpha", "gamma", "z_delta", "z_u")
+
+
+def law(name):
+    """Prior of an unknown that is not a location."""
+    if name.startswith("half_"):
+        return stats.beta(2, 2)
+    if name.startswith("log_s"):
+        return stats.norm(np.log(0.1 if name.endswith("_e") else 0.2), 1.0)
+    if name.startswith("kappa"):
+        return stats.norm(0.0, 0.5)
+    if name.startswith("z"):
+        return stats.norm()
+    return stats.halfnorm(scale=1.0 if name.startswith("omega") else 0.5)
+
+
+@pytest.fixture(params=["k and b, irregular", "k, irregular", "k and b, one trial"])
+def statistics(request):
+    one = "one trial" in request.param
+    parameters = ("k", "b") if "b" in request.param else ("k",)
+    trials, missing = ((1, 1), 0.0) if one else ((1, 3), 0.2)
+    return simulated(StudyDesign(4, 3, trials, 1.0, missing=missing, parameters=parameters), 3)
+
+
+def integrated(quadratic, shapes):
+    """Log of the integral of exp(quadratic) over all unknowns: a quadratic is known from its values."""
+    sizes = [int(np.prod(shape)) for shape in shapes.values()]
+    total = sum(sizes)
+
+    def value(vector):
+        parts = np.split(vector, np.cumsum(sizes)[:-1])
+        return quadratic({n: p.reshape(s) for (n, s), p in zip(shapes.items(), parts, strict=True)})
+
+    unit, zero = np.eye(total), value(np.zeros(total))
+    ahead = np.array([value(e) for e in unit])
+    behind = np.array([value(-e) for e in unit])
+    slope = 0.5 * (ahead - behind)
+    curvature = np.diag(ahead + behind - 2.0 * zero)
+    for i in range(total):
+        for j in range(i):
+            both = value(unit[i] + unit[j]) - ahead[i] - ahead[j] + zero
+            curvature[i, j] = curvature[j, i] = both
+    top = 0.5 * slope @ np.linalg.solve(-curvature, slope)
+    return zero + top + 0.5 * total * np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(-curvature)[1]
+
+
+@pytest.mark.filterwarnings("ignore")  # of the libraries, about themselves
+def test_integrated_over_the_locations_it_is_the_collapsed_density(statistics):
+    pytest.importorskip("pymc")
+    model = cells_model(statistics, Priors())
+    compiled = model.compile_logp(jacobian=False)
+    density = CollapsedDensity(statistics)
+    points = 0.5 * np.random.default_rng(4).standard_normal((4, density.dimension))
+    scales = density.layout.scales(np.ascontiguousarray(points.T))
+    collapsed = density.log_likelihood(scales)
+    variables = {variable.name: model.rvs_to_values[variable] for variable in model.free_RVs}
+    shapes = {name: tuple(variables[name].type.shape) for name in LATENT}
+    differences = []
+    for draw in range(len(points)):
+        named = {name: value[..., draw] for name, value in scales.named.items()}
+        given = {name: named[name] for name in ("tau", "sigma_u")}
+        for suffix in ("", "_e") if "sigma_e" in named else ("",):
+            log_s = np.log(named["s" + suffix])
+            omega, kappa = named["omega" + suffix], named["kappa" + suffix]
+            line = log_s[:, None] + kappa[:, None] * statistics.x
+            given |= {"log_s" + suffix: log_s, "kappa" + suffix: kappa, "omega" + suffix: omega}
+            given["z" + suffix] = (np.log(named["sigma" + suffix]) - line) / omega[:, None]
+        given |= {f"half_{name}": 0.5 * (1 + value) for name, value in named.items() if name[:3] == "rho"}
+
+        def log_density(latents, given=given):
+            point = {}
+            for name, variable in variables.items():
+                value = (given | latents)[name]
+                transform = variable.name.removeprefix(name)
+                point[variable.name] = {
+                    "_log__": np.log, "_logodds__": lambda v: np.log(v / (1.0 - v)),
+                }.get(transform, np.asarray)(value)  # fmt: skip
+            return float(compiled(point))
+
+        prior = sum(law(name).logpdf(value).sum() for name, value in given.items())
+        differences.append(integrated(log_density, shapes) - prior - collapsed[draw])
+    assert differences == pytest.approx(np.full(len(points), differences[0]), abs=1e-6)
