@@ -30,6 +30,7 @@ STUDIES = 300, 10_000
 FILE = "advice.csv"
 #: Coverage under the stated level by more than so many standard errors counts as below it.
 _ERRORS = 2.0
+_USERS = "users of the fitted model", "normal users"
 _METHODS = {"bayesian": "Bayesian", "classical": "classical"}
 _THEORY = (
     "Which to use: for normal users the classical intervals cover exactly what they state. The Bayesian ones "
@@ -234,7 +235,7 @@ def gather(
 ) -> pd.DataFrame:
     """Simulate studies of each plan until enough are judged by either method; a row per interval."""
     rows: list[dict[str, object]] = []
-    for plan in plans:
+    for plan, users in zip(plans, _USERS, strict=False):
         for method, wanted in zip(_METHODS, studies, strict=True):
             asked = plan if method == "bayesian" else replace(plan, method="classical")
             tried, found = wanted, list[Coverage]()
@@ -243,7 +244,7 @@ def gather(
                 every = coverage(asked, tried, mapper=mapper, checkpoint=checkpoint, progress=progress)
                 found = [row for row in every if row.method == method and row.kind == "user"]
                 tried *= 2
-            rows += [{"plan": plan.key, **asdict(row)} for row in found]
+            rows += [{"plan": plan.key, "users": users, **asdict(row)} for row in found]
     return pd.DataFrame(rows)
 
 
@@ -279,10 +280,13 @@ def _sentences(table: pd.DataFrame, intervals: pd.DataFrame) -> Iterator[str]:
         keeps = {m: row["held"] + _ERRORS * row["error"] >= row["stated"] for m, row in least.items()}
         use = max(_METHODS, key=lambda m: (keeps[m], -size[m] if keeps[m] else least[m]["held"]))
         (other,) = (m for m in _METHODS if m != use)
-        covers = {m: f"{100 * row['held']:.2f} ± {100 * row['error']:.2f} %" for m, row in least.items()}
+        covers = {
+            m: f"{100 * row['held']:.2f} ± {100 * row['error']:.2f} % of {row['users']}"
+            for m, row in least.items()
+        }
         stated, ratio = 100 * least[use]["stated"], size[other] / size[use]
         yield (
             f"For {NAMES[str(parameter)]} in {environment} use the {_METHODS[use]} interval of the next "
-            f"user: it covers {covers[use]} of users where {stated:g} % is stated. "
-            f"The {_METHODS[other]} one covers {covers[other]} and is {ratio:.2g} times as wide."
+            f"user: it covers {covers[use]} where {stated:g} % is stated. "
+            f"The {_METHODS[other]} one covers {covers[other]} and is {ratio:.2f} times as wide."
         )

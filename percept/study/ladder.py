@@ -153,7 +153,7 @@ def sentence(rows: pd.DataFrame, *, repeats: bool = False) -> str:
     users = _USERS[whole["kind"]]
     width, centre = (_noted(rows, name, least) for name, least in _LEAST.items())
     start = f"{whole['environment']}, {NAMES[whole['parameter']]}: "
-    if "all" not in width and "all" not in centre:
+    if not width and "all" not in centre:
         within = max(_ERRORS * whole["log_width_error"], _LEAST["log_width"])
         same = f"both intervals of {users} have the same width and centre"
         return f"{start}{same}, to within {100.0 * within:.0f} %."
