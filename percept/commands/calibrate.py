@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--advice",
         action="store_true",
-        help="simulate instead what percept compare needs to recommend a method (about half an hour on two cores)",
+        help="simulate what percept compare recommends a method by (half an hour on two cores)",
     )
     add_worker_arguments(parser)
     parser.add_argument("--out", default="coverage", metavar="DIR", help="folder to write into (coverage)")
