@@ -30,6 +30,8 @@ from percept.study.responses import ResponseScale, Trials, decades, references, 
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
 #: six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
 _PROPORTION = 1e-3
+#: Batches of walkers in an ensemble.
+_GROUPS = 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,6 +85,23 @@ class Fit(Prepared):
         """Coordinates thinned to the effective size, ensemble after ensemble, shape (S, d)."""
         kept = self.run.independent()
         return kept.reshape(-1, kept.shape[-1])
+
+    @cached_property
+    def batch(self) -> NDArray[np.intp]:
+        """Number of the batch of each of `points`, (S,): some walkers of one ensemble, at all their steps.
+
+        What a walker remembers stays in its batch.
+        """
+        ensembles, _, walkers, _ = self.run.points.shape
+        groups = np.arange(walkers) * _GROUPS // walkers
+        times = len(self.points) // (ensembles * walkers)
+        return (np.arange(ensembles)[:, None] * _GROUPS + np.tile(groups, times)).ravel()
+
+    @cached_property
+    def pair_moments(self) -> tuple[Array, Array, Array]:
+        """Moments of stiffness and damping together at `points`, as `CollapsedDensity.pairs`."""
+        assert isinstance(self.model, Pooled)
+        return self.model.pairs(self.points)
 
     @cached_property
     def moments(self) -> ConditionalMoments:

@@ -1,4 +1,4 @@
-"""Regions and draws of (k, b) that boundaries come from: of every method, kind and joint treatment."""
+"""Regions and laws of (k, b) that boundaries come from: of every method, kind and joint treatment."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from percept.boundary.draws import confidence_draws, ellipse_of_draws
+from percept.boundary.law import PairLaw, confidence_law, mixture_law
 from percept.errors import RefusalError
 from percept.inference.classical.trials import subject_means
 from percept.inference.record import Family, Kind
 from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
-from percept.study.basics import FAMILIES, Array, Skipped, Stream, generator, results
+from percept.study.basics import FAMILIES, Array, Skipped, results
 from percept.study.intervals import Limits, paired_limits
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
+    from percept.study.responses import ResponseScale
 
 #: Of k and of b, each (N,), N/m and N·s/m, by environment.
 Pairs = dict[str, tuple[Array, Array]]
@@ -29,10 +31,6 @@ Pairs = dict[str, tuple[Array, Array]]
 _LARGEST = 1e40
 #: What a covariance of k and b needs.
 _FEWEST_SUBJECTS = 3
-# As many as there is information for: several conditional draws per effective draw of the scales ...
-_POSTERIOR = 16_384
-# ... and evenly spread ones, whose quantiles are as good as those of ten times as many independent ones.
-_CLASSICAL = 8_192
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,19 +60,21 @@ class Region:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Draws:
-    """Draws of (k, b) per environment that curves are drawn through."""
+class Law:
+    """What a method says of the stiffness and damping of the average or the next user together."""
 
+    environment: str
     kind: str
     method: str
     family: str
     level: float  # Level of the bands
-    pairs: Pairs
+    pair: PairLaw
+    n: int  # Subjects behind it
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Sources:
-    """What ellipses and curves through draws of (k, b) come from."""
+    """What ellipses and curves of laws of (k, b) come from."""
 
     kinds: tuple[Kind, ...] = ()  # Those that are drawn
     pairs: Mapping[Family, Pairs] = dataclasses.field(default_factory=dict)  # Subjects' values
@@ -90,18 +90,17 @@ def displayable(values: Array) -> Array:
 def regions_of(
     intervals: pd.DataFrame,
     sources: Sources,
-    draws: Sequence[Draws],
+    laws: Sequence[Law],
     fit: Fit | None,
     asked: InferenceTable,
 ) -> tuple[Region, ...]:
-    """Put together the regions of every method; ellipses of a fit go around its draws."""
+    """Put together the regions of every method; ellipses of a fit go around its laws."""
     found = [*rectangles(intervals), *_classical_ellipses(sources, asked.level)]
     if fit is not None and len(fit.parameters) == 2:
         found += _bonferroni(fit, asked)
-        counts = {e: int(fit.counts[c]) for (_, e), c in fit.column.items()}
-        for drawn in draws:
-            if drawn.method == "bayesian":
-                found += draw_ellipses(drawn, counts)
+        for law in laws:
+            if law.method == "bayesian":
+                found += law_ellipse(law)
     return tuple(found)
 
 
@@ -155,9 +154,6 @@ def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, d
         posterior = False
         why = "cells without pooling hold no correlation of k and b"
         skipped.append(Skipped("Bayesian ellipses and curves through draws", why))
-    if device and (classical or posterior):
-        why = "a band symmetric in logs does not suit skewed draws: it can lie inside the pointwise band"
-        skipped.append(Skipped("simultaneous bands through draws", why))
     pairs: dict[Family, Pairs] = {}
     for family in FAMILIES if classical else ():
         found = list(_subject_pairs(sessions, family))
@@ -198,18 +194,9 @@ def _classical_ellipses(sources: Sources, level: float) -> Iterator[Region]:
                 yield from _around(environment, ellipse)
 
 
-def draw_ellipses(draws: Draws, counts: Mapping[str, int]) -> Iterator[Region]:
-    """Ellipses that hold the level of posterior draws."""
-    for environment, (k, b) in draws.pairs.items():
-        ellipse = ellipse_of_draws(
-            k,
-            b,
-            kind=draws.kind,  # type: ignore[arg-type]
-            family=draws.family,  # type: ignore[arg-type]
-            level=draws.level,
-            n=counts[environment],
-        )
-        yield from _around(environment, ellipse)
+def law_ellipse(law: Law) -> Iterator[Region]:
+    """Yield the ellipse that holds the level of a posterior law."""
+    yield from _around(law.environment, law.pair.ellipse(kind=law.kind, level=law.level, n=law.n))  # type: ignore[arg-type]
 
 
 def _around(environment: str, ellipse: EllipseRegion) -> Iterator[Region]:
@@ -220,40 +207,41 @@ def _around(environment: str, ellipse: EllipseRegion) -> Iterator[Region]:
         yield Region(environment=environment, ellipse=ellipse, **labels)
 
 
-def draws_of(sources: Sources, fit: Fit | None, asked: InferenceTable) -> tuple[Draws, ...]:
-    """Put together the draws of every method."""
-    found = list(_classical_draws(sources, asked))
+def laws_of(sources: Sources, fit: Fit | None, asked: InferenceTable) -> tuple[Law, ...]:
+    """Put together the laws of every method."""
+    found = list(_classical_laws(sources, asked.level))
     if fit is not None and sources.posterior:
-        found += _posterior_draws(fit, asked, sources.kinds)
+        found += _posterior_laws(fit, asked, sources.kinds)
     return tuple(found)
 
 
-def _posterior_draws(fit: Fit, asked: InferenceTable, kinds: Sequence[str]) -> Iterator[Draws]:
-    """Draw the average and the next user of every environment, several times per kept set of scales."""
-    repeats = max(1, round(_POSTERIOR / len(fit.points)))
-    rng = generator(asked.seed, Stream.POSTERIOR_CURVES)
-    drawn = fit.model.draw(np.repeat(fit.points, repeats, axis=0), rng)
-    for kind, responses in zip(("mean", "user"), drawn, strict=True):
-        if kind in kinds:
-            pairs = fit.pairs(displayable(fit.scale.native(responses)))
-            yield Draws(kind=kind, method="bayesian", family=asked.family, level=asked.level, pairs=pairs)
+def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[str]) -> Iterator[Law]:
+    mean, own, users = fit.pair_moments
+    for j, environment in enumerate(fit.environments):
+        cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
+        scale, n = fit.scale.of_cells(cells), int(fit.counts[cells[0]])
+        labels = {"environment": environment, "method": "bayesian", "family": asked.family, "level": asked.level, "n": n}
+        for kind in kinds:
+            covariance = own[:, j] if kind == "mean" else own[:, j] + users[:, j]
+            yield Law(kind=kind, pair=posterior_law(scale, mean[:, j], covariance, fit.batch), **labels)
 
 
-def _classical_draws(sources: Sources, asked: InferenceTable) -> Iterator[Draws]:
-    """Draw from the distributions behind the classical intervals, in both families."""
-    rng = generator(asked.seed, Stream.CLASSICAL_CURVES)
+def posterior_law(scale: ResponseScale, mean: Array, covariance: Array, batch: NDArray[np.intp]) -> PairLaw:
+    """Return the law of (k, b) whose responses are normal given each draw, (S, 2) and (S, 2, 2)."""
+    centre = np.log(scale.origin) if scale.log else scale.origin
+    unit = np.multiply.outer(scale.unit, scale.unit)
+    family = "lognormal" if scale.log else "normal"
+    return mixture_law(centre + scale.unit * mean, unit * covariance, batch, family)
+
+
+def _classical_laws(sources: Sources, level: float) -> Iterator[Law]:
+    """Yield the laws behind the classical intervals, in both families."""
     for family, values in sources.pairs.items():
-        for kind in sources.kinds:
-            found: Pairs = {}
-            for environment, (k, b) in values.items():
+        labels = {"method": "classical", "family": family, "level": level}
+        for environment, (k, b) in values.items():
+            for kind in sources.kinds:
                 try:
-                    # Twice, so that the halves are independent and each is evenly spread.
-                    halves = [
-                        confidence_draws(k, b, kind=kind, family=family, draws=_CLASSICAL // 2, rng=rng)
-                        for _ in range(2)
-                    ]
+                    pair = confidence_law(k, b, kind=kind, family=family)
                 except RefusalError:
                     continue
-                drawn = np.concatenate(halves, axis=1)
-                found[environment] = displayable(drawn[0]), displayable(drawn[1])
-            yield Draws(kind=kind, method="classical", family=family, level=asked.level, pairs=found)
+                yield Law(environment=environment, kind=kind, pair=pair, n=k.size, **labels)

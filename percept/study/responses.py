@@ -30,6 +30,10 @@ class ResponseScale:
             return cls(True, reference.ravel(), np.ones(reference.size))
         return cls(False, reference.ravel(), (reference if unit is None else unit).ravel())
 
+    def of_cells(self, cells: Sequence[int]) -> Self:
+        """Return the map of some of the cells."""
+        return dataclasses.replace(self, origin=self.origin[cells], unit=self.unit[cells])
+
     def native(self, response: Array) -> Array:
         """Responses (..., C) in N/m or N·s/m."""
         if self.log:

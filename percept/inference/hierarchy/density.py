@@ -155,6 +155,13 @@ class CollapsedDensity:
         )
         return ConditionalMoments(np.concatenate(law.mean).T, sd, population_sd)
 
+    def pairs(self, scales: Scales) -> tuple[Array, Array, Array]:
+        """Mean of both parameters' beta (W, J, 2), its covariance, and that of users about it (W, J, 2, 2)."""
+        law = self.locations(scales)
+        blocks = (law.covariance, self.population(scales))
+        own, users = (np.moveaxis(_matrix(block), -1, 0) for block in blocks)
+        return np.stack(law.mean).T, own, users
+
     def trial_block(self, scales: Scales) -> Block | None:
         """Covariance between trials with the resolution's share, entries (J, W)."""
         if scales.trial is None or self.resolution.trial is None:
@@ -179,3 +186,9 @@ class CollapsedDensity:
         if trial is not None:
             cell = cell + trial[environments].scaled(1.0 / trials[:, None])
         return cell
+
+
+def _matrix(block: Block) -> Array:
+    """Covariances (J, P, P, W) of a block of entries (J, W)."""
+    columns = np.stack([np.stack(column) for column in block.factor_columns()])
+    return np.einsum("rpjw,rqjw->jpqw", columns, columns)

@@ -97,6 +97,10 @@ class Pooled:
         (packed,) = self.by_pass(points, lambda scales: (self.density.moments(scales).pack(),))
         return ConditionalMoments.unpack(packed)
 
+    def pairs(self, points: Array) -> tuple[Array, ...]:
+        """Conditional moments of the two parameters at coordinates (S, d), as `CollapsedDensity.pairs`."""
+        return self.by_pass(points, self.density.pairs)
+
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
 
