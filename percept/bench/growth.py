@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.boundary.draws import DrawCurves
+from percept.boundary.law import mixture_law
+from percept.boundary.limits import Limits, Magnitude
 from percept.haptics import Device
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
@@ -182,9 +183,15 @@ def _fit(along: str, size: int) -> Task:
 def _propagation(along: str, size: int) -> Task:
     omegas, draws = (size, _OTHER_DRAWS) if along == OMEGA else (_OTHER_OMEGA, size)
     rng = np.random.default_rng(1)
-    k, b = (np.exp(centre + 0.1 * rng.standard_normal(draws)) for centre in (9.0, 2.0))
+    mean = np.array([9.0, 2.0]) + 0.1 * rng.standard_normal((draws, 2))
+    covariance, batch = np.tile(0.01 * np.eye(2), (draws, 1, 1)), np.arange(draws) % 32
     omega = np.geomspace(0.1, 100.0, omegas)
-    return lambda: DrawCurves(Device(1.0, 5.0), k, b, 1e-3, level=0.99).at(omega)
+
+    def limits() -> Limits:
+        law = mixture_law(mean, covariance, batch, "lognormal")
+        return Magnitude(law, Device(1.0, 5.0), 1e-3, omega).limits(0.99)
+
+    return limits
 
 
 def _rows(name: str, along: str, tasks: Mapping[int, Task], rounds: int) -> list[Growth]:

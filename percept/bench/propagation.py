@@ -1,4 +1,4 @@
-"""What propagating draws to curves costs: time, and the error of fewer draws and frequencies."""
+"""What curves of a law of (k, b) cost, and how their error falls with the number of posterior draws."""
 
 from __future__ import annotations
 
@@ -12,109 +12,121 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.bench.measure import timed
-from percept.boundary.curves import Grid, adaptive_grid
-from percept.boundary.draws import DrawCurves
+from percept.boundary.law import mixture_law
+from percept.boundary.limits import Magnitude
 from percept.haptics import AnyDevice, perceived_magnitude
+from percept.inference.hierarchy.models import Pooled
 
 if TYPE_CHECKING:
     from percept.study import Study
 
 Array: TypeAlias = NDArray[np.float64]
-#: Frequencies of the band compared with: first and last, rad/s, and how many.
-_EVERY = (0.1, 100.0, 1000)
-#: Departures that percept's frequencies are chosen for, and even frequencies of the other way.
-_BOUNDS, _POINTS = (1e-2, 1e-3), (25, 100, 400)
+#: Frequencies of the bands: first and last, rad/s, and how many.
+_EVERY = (0.1, 100.0, 121)
+#: Of the draws of the scales, the parts propagated.
+_PARTS = (256, 64, 16, 4, 1)
+#: Curves of one draw each, per draw of the scales: the other way.
+_REPEATS = 4
+_BATCHES = 32
 
 
 @dataclass(frozen=True)
 class PropagationCost:
-    """One way to a pointwise band, against the quantiles of every draw at each of many frequencies."""
+    """One way to a pointwise band from some of the draws, against percept's band from all of them."""
 
-    environment: Annotated[str, "Whose draws."]
+    environment: Annotated[str, "Whose next user."]
     way: Annotated[
         str,
-        "percept: as many draws as there is information for, at frequencies chosen for them. all draws: "
-        "np.quantile of all of them at frequencies spaced evenly in log omega.",
+        "percept: the law of (k, b) given each draw of the scales. draws: np.quantile of curves, "
+        "four draws of (k, b) for each draw of the scales.",
     ]
-    draws: Annotated[int, "Draws propagated."]
-    points: Annotated[int, "Frequencies."]
-    bound: Annotated[float | None, "Largest relative departure that percept's frequencies were chosen for."]
+    draws: Annotated[int, "Draws of the scales."]
     seconds: Annotated[float, "Processor time: median of the repeats."]
     seconds_low: Annotated[float, "The shortest."]
     seconds_high: Annotated[float, "The longest."]
-    ratio: Annotated[float, "seconds over that of the band it is compared with."]
-    error: Annotated[
-        float,
-        "Root mean square difference from that band over omega and both limits, as a fraction of its "
-        "half-width in log abs(Z_h): fewer draws and lines between points together.",
+    stated: Annotated[
+        float | None,
+        "Root mean square over omega and both limits of the stated Monte Carlo error, as a fraction of the "
+        "band's half-width in log abs(Z_h).",
     ]
-    worst_error: Annotated[float, "The largest such difference."]
+    falls: Annotated[
+        float | None, "The stated error of a sixteenth of these draws over this one: 4 in theory."
+    ]
+    difference: Annotated[float, "Root mean square difference from the band of all draws, as that fraction."]
 
 
 def propagation_costs(
     device: AnyDevice,
-    stiffness: Array,
-    damping: Array,
+    mean: Array,
+    covariance: Array,
     period: float,
     *,
-    kept: int,
     name: str = "",
     level: float = 0.99,
     frequencies: tuple[float, float, int] = _EVERY,
     repeats: int = 3,
+    seed: int = 1,
 ) -> list[PropagationCost]:
-    """Time both ways on draws of one environment, from few draws and frequencies to many."""
-    lower, upper, points = frequencies
+    """Time both ways on normals of the logarithms of (k, b), means (S, 2) and covariances (S, 2, 2)."""
+    omega, rng = np.geomspace(*frequencies), np.random.default_rng(seed)
+    # In another order: what neighbours share is then spread over the batches.
+    order = rng.permutation(len(mean))
+    mean, root = mean[order], np.linalg.cholesky(covariance[order])
+    covariance = covariance[order]
 
-    def every_draw(count: int) -> Grid:
-        omega = np.geomspace(lower, upper, count)
-        curves = perceived_magnitude(omega[:, None], device, stiffness, damping, period)
-        tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
-        return Grid(omega, np.quantile(curves, tails, axis=1), 0.0)
+    def law(count: int) -> tuple[Array, Array | None]:
+        batch = np.arange(count) * _BATCHES // count
+        found = mixture_law(mean[:count], covariance[:count], batch, "lognormal")
+        limits = Magnitude(found, device, period, omega).limits(level)
+        return np.log([limits.lower, limits.upper]), limits.errors
 
-    def adaptive(draws: int, bound: float) -> Grid:
-        ensemble = DrawCurves(device, stiffness[:draws], damping[:draws], period, level=level)
+    def curves(count: int) -> tuple[Array, Array | None]:
+        z = rng.standard_normal((_REPEATS, count, 2))
+        k, b = np.exp(mean[:count] + np.einsum("sij,rsj->rsi", root[:count], z)).reshape(-1, 2).T
+        drawn = perceived_magnitude(omega[:, None], device, k, b, period)
+        return np.log(np.quantile(drawn, [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=1)), None
 
-        def curves(omega: Array) -> Array:
-            bands = ensemble.at(omega)
-            out = 3.0 * bands.sd
-            return np.stack([bands.lower, bands.upper, np.exp(bands.mean - out), np.exp(bands.mean + out)])
-
-        smooth = np.array([False, False, True, True])
-        return adaptive_grid(curves, lower, upper, tolerance=bound, followed=smooth)
-
-    ways: list[tuple[str, int, float | None, Callable[[], Grid]]] = [
-        ("percept", draws, bound, partial(adaptive, draws, bound))
-        for draws in (kept // 16, kept // 4, kept)
-        for bound in _BOUNDS
+    ways: list[tuple[str, int, Callable[[], tuple[Array, Array | None]]]] = [
+        (way, len(mean) // part, partial(work, len(mean) // part))
+        for way, work in (("percept", law), ("draws", curves))
+        for part in _PARTS
+        if len(mean) // part >= _BATCHES
     ]
-    ways += [
-        ("all draws", stiffness.size, None, partial(every_draw, count))
-        for count in (*(count for count in _POINTS if count < points), points)
-    ]
-    runs = [timed(work, repeats) for *_, work in ways]
-    fine = np.log(np.geomspace(lower, upper, points))
-    band = np.log(runs[-1][0].values)
+    runs = [(way, count, *timed(work, repeats)) for way, count, work in ways]
+    band = next(found[0] for way, count, found, _ in runs if (way, count) == ("percept", len(mean)))
+    half_width = 0.5 * (band[1] - band[0])
+    known: dict[int, float] = {}
     costs = []
-    for (way, draws, bound, _), (grid, seconds) in zip(ways, runs, strict=True):
-        lines = [np.interp(fine, np.log(grid.omega), np.log(row)) for row in grid.values[:2]]
-        error = np.abs(np.stack(lines) - band) / (0.5 * (band[1] - band[0]))
+    for way, count, (limits, errors), seconds in runs:
+        stated = None if errors is None else _size(errors / half_width)
+        if stated is not None:
+            known[len(mean) // count] = stated
         costs.append(
             PropagationCost(
                 environment=name,
                 way=way,
-                draws=draws,
-                points=grid.omega.size,
-                bound=bound,
+                draws=count,
                 seconds=median(seconds),
                 seconds_low=min(seconds),
                 seconds_high=max(seconds),
-                ratio=median(seconds) / median(runs[-1][1]),
-                error=float(np.sqrt(np.mean(error**2))),
-                worst_error=float(error.max()),
+                stated=stated,
+                falls=None,
+                difference=_size((limits - band) / half_width),
             )
         )
-    return costs
+    return [_with_fall(cost, known, len(mean)) for cost in costs]
+
+
+def _with_fall(cost: PropagationCost, known: dict[int, float], draws: int) -> PropagationCost:
+    """Set the error of a sixteenth of the draws beside that of all of them."""
+    fewer = known.get(16 * (draws // cost.draws))
+    if cost.stated is None or fewer is None:
+        return cost
+    return PropagationCost(**{**vars(cost), "falls": fewer / cost.stated})
+
+
+def _size(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def study_propagation(
@@ -124,17 +136,13 @@ def study_propagation(
     fit, setup = study.fit, study.setup
     assert fit is not None
     assert setup is not None
-    ours = next(d for d in study.curve_draws if (d.method, d.kind) == ("bayesian", "user"))
-    points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
-    rng = np.random.default_rng(study.scene.inference.seed)
-    every = fit.scale.native(fit.model.draw(points, rng)[1])
-    column = {cell: c for c, cell in enumerate(fit.model.cells)}
+    assert isinstance(fit.model, Pooled)
+    mean, own, users = fit.model.pairs(fit.points)
     costs: list[PropagationCost] = []
-    for name, kept in ours.pairs.items():
-        rest = (every[:, column[parameter, name]] for parameter in ("k", "b"))
-        k, b = (np.concatenate(pair) for pair in zip(kept, rest, strict=True))
+    for j, name in enumerate(fit.environments):
+        origin = fit.scale.origin[[fit.column[parameter, name] for parameter in ("k", "b")]]
         costs += propagation_costs(
-            setup.device, k, b, setup.period,
-            kept=kept[0].size, name=name, level=ours.level, frequencies=frequencies, repeats=repeats,
+            setup.device, np.log(origin) + mean[:, j], own[:, j] + users[:, j], setup.period,
+            name=name, level=study.scene.inference.level, frequencies=frequencies, repeats=repeats,
         )  # fmt: skip
     return costs

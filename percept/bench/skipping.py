@@ -30,7 +30,7 @@ PACKAGES = (
 )  # fmt: skip
 #: What a study works out, each only when it is asked for.
 STAGES = (
-    "intervals", "fit", "posterior", "regions", "curve_draws", "boundaries", "sensitivity", "coupling",
+    "intervals", "fit", "posterior", "regions", "curve_laws", "boundaries", "sensitivity", "coupling",
     "realism", "coupling_design", "band",
 )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Curves over omega: frequencies that follow them, where they leave a boundary, how far two lie apart."""
+"""Curves over omega: frequencies to draw them at, where they leave a boundary, how far two lie apart."""
 
 from __future__ import annotations
 
@@ -14,19 +14,11 @@ from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
 
-# Largest relative distance of the lines from the curves.
-TOLERANCE = 1e-3
-# Below this fraction of the largest curve at an omega a curve counts as this fraction: it may dip to zero,
-# which no number of lines in log-log can follow.
-FLOOR = 1e-3
-_PER_DECADE = 8
-_ENDLESS = 1e300  # what a pole counts as that is hit on the way
-_MOST = 4096
-# A corner of a curve near one end of an interval lies up to twice as far from the lines through the middle,
-# once that is a point, as the middle lay from the line before.
-_CORNER = 2.0
-# Intervals of a smaller ratio of frequencies, less one, are not halved: around a pole no halving would do.
-_NARROWEST = 1e-9
+_PER_DECADE = 40
+# Beside a resonance curves bend within a few per cent of its omega.
+_BESIDE = 1.0 + np.array([-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
+# Frequencies nearer one another than this fraction show nothing more.
+_APART = 2e-3
 # Limits of zero and of infinity have no logarithm; at this depth (twelve decades) they can no longer be left.
 _DEEP = 12.0 * np.log(10.0)
 _TINY, _HUGE = np.finfo(np.float64).tiny, np.finfo(np.float64).max
@@ -34,75 +26,48 @@ _TINY, _HUGE = np.finfo(np.float64).tiny, np.finfo(np.float64).max
 _GAP_FLOOR = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Curves at frequencies chosen for them."""
+def drawing_grid(
+    curves: Callable[[Array], tuple[Array, Array]], lower: float, upper: float, resonances: Array
+) -> Array:
+    """Choose frequencies to draw curves at, rad/s: even in log omega, and where the curves turn or cross.
 
-    omega: Array  # (M,) rad/s, increasing
-    values: Array  # (C, M) The curves there
-    departure: float  # bound of the relative distance of the lines from the curves
-
-
-def adaptive_grid(
-    curves: Callable[[Array], Array],
-    lower: float,
-    upper: float,
-    *,
-    tolerance: float = TOLERANCE,
-    including: Array | None = None,
-    followed: NDArray[np.bool_] | None = None,
-) -> Grid:
-    """Choose frequencies so that lines between them in log-log follow every curve, or those `followed`.
-
-    Intervals of log omega are halved until the curves at their middle lie within half the tolerance of the
-    line between their ends. Those middles are kept: a smooth curve then lies within an eighth of the
-    tolerance, one with a corner in the interval within all of it.
+    `curves` gives the environment's own (C, M), and limits (B, 2, M). No verdict rests on the grid.
     """
     if not 0.0 < lower < upper:
         raise UsageError("frequencies must satisfy 0 < lower < upper, in rad/s.", value=(lower, upper))
-    if not 0.0 < tolerance < 1.0:
-        raise UsageError("tolerance must lie in (0, 1).", value=tolerance)
-    omega = _start(lower, upper, including)
-    values = curves(omega)
-    rows = np.ones(len(values), dtype=bool) if followed is None else followed
-    finite = np.isfinite(values).all(axis=0)
-    omega, values = omega[finite], values[:, finite]
-    logs = _followed(omega, values[rows])
-    left, farthest = np.arange(omega.size - 1), 0.0
-    while left.size:
-        middle = np.sqrt(omega[left] * omega[left + 1])
-        found = curves(middle)
-        true = _followed(middle, found[rows])
-        off = _CORNER * _departure(logs[:, left], logs[:, left + 1], true)
-        wide = logs[0, left + 1] - logs[0, left] > _NARROWEST
-        split = (off > tolerance) & wide & (omega.size < _MOST)
-        farthest = float(np.max(off[wide & ~split], initial=farthest))
-        omega = np.insert(omega, left + 1, middle)
-        values, logs = (np.insert(old, left + 1, new, axis=1) for old, new in ((values, found), (logs, true)))
-        new = left + np.arange(left.size)
-        left = np.sort(np.concatenate([new[split], new[split] + 1]))
-    finite = np.isfinite(values).all(axis=0)
-    return Grid(omega[finite], values[:, finite], farthest)
-
-
-def _start(lower: float, upper: float, including: Array | None) -> Array:
     count = max(3, int(np.ceil(_PER_DECADE * np.log10(upper / lower))) + 1)
-    extra = np.empty(0) if including is None else np.asarray(including, dtype=float)
-    extra = extra[(extra > lower) & (extra < upper)]
-    return np.unique(np.concatenate([np.geomspace(lower, upper, count), extra]))
+    beside = np.multiply.outer(np.asarray(resonances, dtype=float), _BESIDE).ravel()
+    even = np.geomspace(lower, upper, count)
+    omega = _apart(even, beside[(beside > lower) & (beside < upper)])
+    own, limits = curves(omega)
+    # At a pole curves are endless, and no line leads there.
+    finite = np.isfinite(own).all(axis=0) & np.isfinite(limits).all(axis=(0, 1))
+    omega, own, limits = omega[finite], own[:, finite], limits[..., finite]
+    x = np.log(omega)
+    rows = _log(np.concatenate([own, limits.reshape(-1, omega.size)]))
+    # A parabola through three points turns where they do.
+    left, right = rows[:, 1:-1] - rows[:, :-2], rows[:, 2:] - rows[:, 1:-1]
+    curve, at = np.nonzero(left * right < 0.0)
+    before, after = x[at + 1] - x[at], x[at + 2] - x[at + 1]
+    fall, rise = left[curve, at] / before, right[curve, at] / after
+    turns = 0.5 * (x[at] + x[at + 1]) + fall / (fall - rise) * 0.5 * (before + after)
+    gaps = [_log(limits[:, 1]) - _log(limits[:, 0])]
+    gaps += [_log(row) - _log(limits[:, side]) for row in own for side in (0, 1)]
+    depth = np.concatenate(gaps)
+    curve, at = np.nonzero(np.sign(depth[:, :-1]) * np.sign(depth[:, 1:]) < 0)
+    first, second = depth[curve, at], depth[curve, at + 1]
+    crossings = x[at] + first / (first - second) * (x[at + 1] - x[at])
+    return _apart(omega, np.exp(np.concatenate([turns, crossings])))
 
 
-def _followed(omega: Array, values: Array) -> Array:
-    """Logarithms of omega and, below it, of the curves; those below `FLOOR` of the largest count as that."""
-    finite = np.minimum(values, _ENDLESS)
-    return np.log(np.vstack([omega, np.maximum(finite, FLOOR * finite.max(axis=0))]))
-
-
-def _departure(left: Array, right: Array, true: Array) -> Array:
-    """Measure how far lines lie from curves between two points, the worst of them in each interval."""
-    fraction = (true[0] - left[0]) / (right[0] - left[0])
-    line = left[1:] + fraction * (right[1:] - left[1:])
-    return np.asarray(np.abs(line - true[1:]).max(axis=0))
+def _apart(omega: Array, more: Array) -> Array:
+    """Add frequencies that lie apart from one another and from those there are."""
+    for new in np.unique(more):
+        at = np.searchsorted(omega, new)
+        near = omega[max(at - 1, 0) : at + 1]
+        if np.abs(np.log(near / new)).min() > _APART:
+            omega = np.insert(omega, at, new)
+    return omega
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Shape = Literal["corner", "envelope", "pointwise"]
+Shape = Literal["corner", "envelope", "pointwise", "simultaneous"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,8 +27,9 @@ class Boundary:
         How the region or the draws behind it were made.
     shape : str
         "corner": both lower limits together and both upper together (Eqs 16-17); the curves can cross.
-        "envelope": exact smallest and largest magnitude over the region. "pointwise": quantiles of
-        draws at each omega.
+        "envelope": exact smallest and largest magnitude over the region. "pointwise": equal-tailed limits of
+        the law of (k, b) at each omega. "simultaneous": such limits at a level at which whole curves lie
+        inside with probability `level`; they contain the pointwise ones.
     level : float
         Level of the region, or of the curves.
     omega : ndarray, shape (M,)
@@ -39,14 +40,14 @@ class Boundary:
         abs(Z_h) of the reference environment, without coupling, N·s/m.
     coupled : ndarray, shape (M,), or None
         abs(Z_h) of the reference through the virtual coupling (Eq. 11), N·s/m.
-    departure : float or None
-        Where the frequencies were chosen for the curves: bound of the relative distance of straight lines
-        between them, in log-log, from every curve (a pointwise one counts as the smooth band it runs along).
-        None for frequencies asked for.
+    errors : ndarray, shape (2, M), or None
+        Monte Carlo standard errors of log lower and log upper, from batches of posterior draws. None for a
+        boundary around a region, and for a classical law, which is not drawn.
     error, largest_error : float or None
-        Of a pointwise boundary: typical (root mean square over log omega) and largest Monte Carlo error of
-        its curves, as a share of half the band's width, in logarithms. It compares two halves of the draws.
-        None for a boundary around a region, and without width.
+        Typical (root mean square over log omega) and largest of `errors`, as a fraction of half the band's
+        width in logarithms. None without errors, and without width.
+    pointwise_level, pointwise_level_error : float or None
+        Of a simultaneous boundary: the level of its limits at each omega, and the Monte Carlo error of that.
     """
 
     environment: str
@@ -61,9 +62,11 @@ class Boundary:
     upper: Array
     reference: Array
     coupled: Array | None = None
-    departure: float | None = None
+    errors: Array | None = None
     error: float | None = None
     largest_error: float | None = None
+    pointwise_level: float | None = None
+    pointwise_level_error: float | None = None
 
     @property
     def points(self) -> int:

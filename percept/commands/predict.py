@@ -52,10 +52,15 @@ def run(arguments: argparse.Namespace) -> int:
     tell_error(study)
     if arguments.json:
         print_json(
-            {"sentence": prediction.sentence, "extrapolates": prediction.extrapolates, **plain(prediction)}
+            {
+                "sentence": prediction.sentence,
+                "narrower": prediction.narrower,
+                "extrapolates": prediction.extrapolates,
+                **plain(prediction),
+            }
         )
         return 0
-    print(prediction.sentence)
+    print(" ".join(filter(None, (prediction.sentence, prediction.narrower))))
     print(prediction.intervals[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
     for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
         print(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}")

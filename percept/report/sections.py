@@ -43,7 +43,8 @@ _SHAPES = {
     "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
     "16 and 17); the two curves can cross",
     "envelope": "the exact smallest and largest |Z_h| that any k and b within their limits can give",
-    "pointwise": "quantiles of draws of |Z_h|, at each ω for itself",
+    "pointwise": "limits of |Z_h| by the law of k and b together, at each ω for itself",
+    "simultaneous": "such limits at a higher level, between which a curve stays at every ω drawn",
 }
 _LAWS = {"weber": "Weber, w·|Z|", "offset": "Weber with offset, c + w·|Z|", "power": "power law, w·|Z|^p"}
 

@@ -1,36 +1,33 @@
-"""Boundaries of a study: curves around every region of (k, b), and through draws of (k, b)."""
+"""Boundaries of a study: curves around every region of (k, b), and of every law of (k, b), on one grid."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterator, Sequence
-from functools import partial
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from percept.boundary.curves import Grid, adaptive_grid, curve_gap
-from percept.boundary.draws import DrawCurves, relative_error
+from percept.boundary.curves import curve_gap, drawing_grid
+from percept.boundary.limits import Calibration, Limits, Magnitude, relative_error
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
 from percept.scene import Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup
-from percept.study.regions import Draws, Region
+from percept.study.regions import Law, Region
 
-#: How k and b can be taken together: each by itself, both widened, one region, curves through draws.
+#: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
-# The proxies that a band through draws is followed by lie this many SDs out: about its usual half-width.
-_PROXY = 3.0
 # A close view shows this part of the frequency on either side: how closely the paper looks.
 _LOOK_BY = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """Frequencies of curves: a grid as asked, or as many as the curves need."""
+    """Frequencies of curves: a grid as asked, or one for each environment."""
 
     lower: float  # rad/s
     upper: float  # rad/s
@@ -74,104 +71,97 @@ def zoom_windows(scene: Scene, environments: Sequence[str]) -> Iterator[tuple[st
             yield Skipped(f"zoom window of {environment}", outside)
 
 
-def boundaries_of(
-    setup: Setup,
-    environments: Collection[str],
-    regions: Collection[Region],
-    draws: Collection[Draws],
-    frequencies: Range,
-) -> tuple[Boundary, ...]:
-    """Draw every boundary of the environments."""
-    found: list[Boundary] = []
-    for environment in environments:
-        around = [region for region in regions if region.environment == environment]
-        through = [drawn for drawn in draws if environment in drawn.pairs]
-        found += _around(setup, environment, around, frequencies)
-        found += _through(setup, environment, through, frequencies)
-    return tuple(found)
+class Drawing:
+    """Boundaries of environments over a range, each environment's on one grid of its own."""
 
+    def __init__(
+        self, setup: Setup, regions: Collection[Region], laws: Collection[Law], frequencies: Range
+    ) -> None:
+        self._setup, self._regions, self._laws, self._range = setup, regions, laws, frequencies
+        self._grids: dict[str, Array] = {}
+        self._calibrated: dict[Law, Calibration] = {}
 
-def _around(
-    setup: Setup, environment: str, regions: Sequence[Region], frequencies: Range
-) -> Iterator[Boundary]:
-    shapes: tuple[Shape, ...] = ("corner", "envelope")
-    for region in regions:
-        for shape in shapes if region.ellipse is None else shapes[1:]:
-            outline = partial(setup.outline, region, shape)
-            shared, (lower, upper) = _sampled(setup, environment, frequencies, outline, (True, True))
+    def at(
+        self,
+        frequencies: Range,
+        environments: Collection[str],
+        kinds: Collection[str],
+        joints: Collection[str] = JOINTS,
+    ) -> tuple[Boundary, ...]:
+        """Draw boundaries at frequencies asked for, or on the environments' grids."""
+        found: list[Boundary] = []
+        for environment in environments:
+            omega = self.grid(environment) if frequencies.omega is None else frequencies.omega
+            reference, coupled = (self._setup.curve(environment, omega, coupled=c) for c in (False, True))
+            shared: dict[str, Any] = {"environment": environment, "omega": omega, "reference": reference}
+            shared["coupled"] = coupled if self._setup.coupling is not None else None
+            for region in self._regions:
+                if region.environment == environment and region.kind in kinds and region.joint in joints:
+                    found += self._around(region, shared)
+            for law in self._laws:
+                if law.environment == environment and law.kind in kinds and "joint" in joints:
+                    found += self._of_law(law, shared)
+        return tuple(found)
+
+    def grid(self, environment: str) -> Array:
+        """Return the frequencies that all curves of an environment are drawn at, rad/s."""
+        if self._range.omega is not None:
+            return self._range.omega
+        if environment not in self._grids:
+            regions = [region for region in self._regions if region.environment == environment]
+
+            def curves(omega: Array) -> tuple[Array, Array]:
+                own = [self._setup.curve(environment, omega, coupled=coupled) for coupled in (False, True)]
+                limits = [
+                    self._setup.outline(region, shape, omega)
+                    for region in regions
+                    for shape in _shapes(region)
+                ]
+                return np.stack(own), np.array(limits).reshape(-1, 2, omega.size)
+
+            bends = self._setup.resonances(environment)
+            self._grids[environment] = drawing_grid(curves, self._range.lower, self._range.upper, bends)
+        return self._grids[environment]
+
+    def _around(self, region: Region, shared: dict[str, Any]) -> Iterator[Boundary]:
+        for shape in _shapes(region):
+            lower, upper = self._setup.outline(region, shape, shared["omega"])
             yield Boundary(
                 lower=lower, upper=upper, shape=shape, joint=region.joint, **_labels(region), **shared
             )
 
+    def _of_law(self, law: Law, shared: dict[str, Any]) -> Iterator[Boundary]:
+        """Yield the limits at each omega for itself, and those that hold over the environment's grid."""
+        grid = self.grid(law.environment)
+        magnitude = drawn = self._magnitude(law, shared["omega"])
+        if law not in self._calibrated:
+            drawn = magnitude if shared["omega"] is grid else self._magnitude(law, grid)
+            self._calibrated[law] = drawn.calibrate(law.level)
+        held = self._calibrated[law]
+        yield self._limits(law, "pointwise", magnitude.limits(law.level), shared)
+        together = magnitude.limits(held.level, held.shifts)
+        own = {"pointwise_level": held.level, "pointwise_level_error": held.error}
+        yield self._limits(law, "simultaneous", together, shared | own)
 
-def _through(
-    setup: Setup, environment: str, draws: Sequence[Draws], frequencies: Range
-) -> Iterator[Boundary]:
-    for drawn in draws:
-        k, b = drawn.pairs[environment]
-        ensemble = DrawCurves(setup.device, k, b, setup.period, level=drawn.level, hold=setup.hold)
+    def _magnitude(self, law: Law, omega: Array) -> Magnitude:
+        setup = self._setup
+        mass = float(setup.references[law.environment].mass)
+        return Magnitude(law.pair, setup.device, setup.period, omega, mass=mass, hold=setup.hold)
 
-        def curves(omega: Array, ensemble: DrawCurves = ensemble) -> list[Array]:
-            bands = ensemble.at(omega)
-            out = _PROXY * bands.sd
-            proxies = np.exp(bands.mean - out), np.exp(bands.mean + out)
-            return [bands.lower, bands.upper, *bands.error, *proxies]
-
-        # Quantiles of draws are rough on a small scale: the points follow the band's smooth proxies.
-        smooth = (False, False, False, False, True, True)
-        shared, (lower, upper, *errors) = _sampled(setup, environment, frequencies, curves, smooth)
-        error, largest = relative_error(shared["omega"], (lower, upper), np.array(errors[:2])) or (None, None)
-        yield Boundary(
-            lower=lower,
-            upper=upper,
-            shape="pointwise",
-            joint="joint",
-            error=error,
-            largest_error=largest,
-            **_labels(drawn),
-            **shared,
-        )
+    def _limits(self, law: Law, shape: Shape, limits: Limits, shared: dict[str, Any]) -> Boundary:
+        error, largest = relative_error(shared["omega"], limits) or (None, None)
+        return Boundary(
+            lower=limits.lower, upper=limits.upper, errors=limits.errors, error=error, largest_error=largest,
+            shape=shape, joint="joint", **_labels(law), **shared,
+        )  # fmt: skip
 
 
-def _sampled(
-    setup: Setup,
-    environment: str,
-    frequencies: Range,
-    curves: Callable[[Array], Sequence[Array]],
-    smooth: tuple[bool, ...],
-) -> tuple[dict[str, Any], Array]:
-    """Evaluate curves (rows `smooth` or not) where asked, or where they need it.
-
-    The environment's own curves are followed beside them. Returns what the boundary shares with all others,
-    and the curves.
-    """
-
-    def beside(omega: Array) -> Array:
-        own = [setup.curve(environment, omega, coupled=coupled) for coupled in (False, True)]
-        return np.stack([*own, *curves(omega)])
-
-    if frequencies.omega is not None:
-        grid = Grid(frequencies.omega, beside(frequencies.omega), np.nan)
-    else:
-        grid = adaptive_grid(
-            beside,
-            frequencies.lower,
-            frequencies.upper,
-            including=setup.resonances(environment),
-            followed=np.array((True, True, *smooth)),
-        )
-    reference, coupled = grid.values[:2]
-    shared = {
-        "environment": environment,
-        "omega": grid.omega,
-        "reference": reference,
-        "coupled": coupled if setup.coupling is not None else None,
-        "departure": grid.departure if frequencies.omega is None else None,
-    }
-    return shared, grid.values[2:]
+def _shapes(region: Region) -> tuple[Shape, ...]:
+    """Say which curves go around a region: an ellipse has no corners."""
+    return ("corner", "envelope") if region.ellipse is None else ("envelope",)
 
 
-def _labels(source: Region | Draws) -> dict[str, Any]:
+def _labels(source: Region | Law) -> dict[str, Any]:
     return {name: getattr(source, name) for name in ("kind", "method", "family", "level")}
 
 

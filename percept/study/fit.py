@@ -30,8 +30,6 @@ from percept.study.responses import ResponseScale, Trials, decades, references, 
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
 #: six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
 _PROPORTION = 1e-3
-#: Batches of walkers in an ensemble.
-_GROUPS = 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,23 +83,6 @@ class Fit(Prepared):
         """Coordinates thinned to the effective size, ensemble after ensemble, shape (S, d)."""
         kept = self.run.independent()
         return kept.reshape(-1, kept.shape[-1])
-
-    @cached_property
-    def batch(self) -> NDArray[np.intp]:
-        """Number of the batch of each of `points`, (S,): some walkers of one ensemble, at all their steps.
-
-        What a walker remembers stays in its batch.
-        """
-        ensembles, _, walkers, _ = self.run.points.shape
-        groups = np.arange(walkers) * _GROUPS // walkers
-        times = len(self.points) // (ensembles * walkers)
-        return (np.arange(ensembles)[:, None] * _GROUPS + np.tile(groups, times)).ravel()
-
-    @cached_property
-    def pair_moments(self) -> tuple[Array, Array, Array]:
-        """Moments of stiffness and damping together at `points`, as `CollapsedDensity.pairs`."""
-        assert isinstance(self.model, Pooled)
-        return self.model.pairs(self.points)
 
     @cached_property
     def moments(self) -> ConditionalMoments:
@@ -186,8 +167,26 @@ def fit_model(
     store: RunStore | None = None,
 ) -> Fit:
     """Sample a prepared model to the scene's tolerance, or find the run in the store."""
-    model = prepared.model
-    estimands = estimands_of(model, asked)
+    run = sampled(prepared.model, estimands_of(prepared.model, asked), asked, progress=progress, store=store)
+    laws = ConditionalMoments.unpack(run.components.reshape(-1, run.components.shape[-1]))
+    native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
+    return Fit(
+        **vars(prepared),
+        run=run,
+        limits={str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)},
+        estimate=prepared.scale.native(laws.mean.mean(axis=0)),
+    )
+
+
+def sampled(
+    model: Model,
+    estimands: IntervalEstimands,
+    asked: InferenceTable,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    store: RunStore | None = None,
+) -> Run:
+    """Sample a model until the estimands meet the scene's tolerance, or find the run in the store."""
     settings = Settings(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )
@@ -208,16 +207,8 @@ def fit_model(
         if store:
             store.keep(question, run)
     # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
-    components = np.ascontiguousarray(run.components)
-    run = dataclasses.replace(run, points=np.ascontiguousarray(run.points), components=components)
-    laws = ConditionalMoments.unpack(components.reshape(-1, components.shape[-1]))
-    native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
-    return Fit(
-        **vars(prepared),
-        run=run,
-        limits={str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)},
-        estimate=prepared.scale.native(laws.mean.mean(axis=0)),
-    )
+    points, components = (np.ascontiguousarray(part) for part in (run.points, run.components))
+    return dataclasses.replace(run, points=points, components=components)
 
 
 def bayesian_rows(fit: Fit, asked: InferenceTable, reference: References) -> Iterator[Row | Skipped]:

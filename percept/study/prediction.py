@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy import special
 
 from percept import haptics
@@ -15,22 +16,22 @@ from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.classical.moments import Moments
-from percept.inference.hierarchy.models import NewEnvironment, new_environment
+from percept.inference.hierarchy.models import NewEnvironment, NewEstimands, new_environment
 from percept.inference.record import Kind, percent
 from percept.scene import InferenceTable
 from percept.sessions.values import UNITS
 from percept.study.basics import NAMES, Array, Skipped, Stream, generator
-from percept.study.boundaries import boundaries_of
-from percept.study.fit import Fit, estimands_of
+from percept.study.boundaries import Drawing
+from percept.study.fit import Fit, estimands_of, sampled
 from percept.study.intervals import bayesian_row, cell_moments, known_moments
-from percept.study.regions import Draws, Region, displayable, draw_ellipses, rectangles
+from percept.study.regions import Law, Region, law_ellipse, posterior_law, rectangles
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-_DRAWS = 16_384
-_BATCHES = 20
+# Spreads of the new environment per posterior draw.
+_REPEATS = 4
 # Environments that leaving one out leaves a trend to.
 _FEWEST = 3
 #: Why a reference of zero cannot be predicted from, nor for.
@@ -85,6 +86,24 @@ class Prediction(NotebookRecord):
             return f"Extrapolation: {' and '.join(outside)}; {nearest}."
         return f"Inside the tested range of each parameter; {nearest}."
 
+    @property
+    def narrower(self) -> str:
+        """Why the share interval of a parameter is narrower than its user interval; empty where none is."""
+        of = {(row["parameter"], row["kind"]): row for row in self.intervals.to_dict("records")}
+        found = []
+        for parameter in self.decades:
+            share, user = (of.get((parameter, kind)) for kind in ("share", "user"))
+            if share and user and user["lower"] < share["lower"] and share["upper"] < user["upper"]:
+                found.append(share)
+        if not found:
+            return ""
+        names = " and ".join(NAMES[row["parameter"]] for row in found)
+        return (
+            f"For {names}, the share interval is narrower than the user interval: it may miss "
+            f"{percent(1.0 - found[0]['confidence'], 3)} of the populations, the ones that scatter most, and "
+            "these widen the user interval."
+        )
+
 
 def predict(
     study: Study,
@@ -132,7 +151,24 @@ def predict(
             )
     reference = np.array([_positive(p, given[p]) for p in study.parameters])
     refuse_no_ratio(study.reference, why=_NO_PLACE)
-    fit = _fit(study)
+    fit, asked = _fit(study), study.scene.inference
+    found = _predicted(study, fit, reference, name, kinds or asked.kinds, curves=curves)
+    if found.intervals["monte_carlo"].max() <= asked.tolerance:
+        return found
+    # The fit's draws were enough for the environments tested: sample until they are for this one.
+    x = np.array(list(found.decades.values()))
+    limits = NewEstimands(estimands_of(fit.model, asked), x, _REPEATS, asked.seed)
+    run = sampled(fit.model, limits, asked, progress=study.progress, store=study.store)
+    more = dataclasses.replace(fit, run=run)
+    if not more.passed:
+        return found
+    return _predicted(study, more, reference, name, kinds or asked.kinds, curves=curves)
+
+
+def _predicted(
+    study: Study, fit: Fit, reference: Array, name: str, kinds: tuple[Kind, ...], *, curves: bool
+) -> Prediction:
+    """Predict from the draws of a fit."""
     tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
     at = np.log10(reference)
     x = at - tested.mean(axis=1)
@@ -141,16 +177,17 @@ def predict(
     asked = study.scene.inference
     expected = expected_users(fit, x, asked)
     scale = ResponseScale.of(reference, asked.family)
-    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds or asked.kinds, name))
+    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds, name))
     boundaries: tuple[Boundary, ...] = ()
     if curves and study.setup is not None and len(study.parameters) == 2:
         regions: list[Region] = list(rectangles(intervals))
-        draws = [] if study.sessions.form == "summary" else list(_draws(expected, scale, asked, name))
-        for drawn in draws:
-            regions += draw_ellipses(drawn, {name: int(fit.counts.max())})
+        laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked, name))
+        for law in laws:
+            regions += law_ellipse(law)
         environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
         setup = dataclasses.replace(study.setup, references={name: environment})
-        boundaries = boundaries_of(setup, [name], regions, draws, study.frequencies)
+        drawing = Drawing(setup, regions, laws, study.frequencies)
+        boundaries = drawing.at(study.frequencies, [name], kinds)
     return Prediction(
         environment=name,
         decades=dict(zip(study.parameters, x.tolist(), strict=True)),
@@ -164,9 +201,8 @@ def predict(
 
 def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> NewEnvironment:
     """Work out what a fit expects of the users of a new environment."""
-    repeats = max(4, round(_DRAWS / len(fit.points)))
     rng = generator(asked.seed, Stream.NEW_ENVIRONMENT)
-    return new_environment(fit.model, fit.points, x, repeats=repeats, rng=rng)
+    return new_environment(fit.model, fit.points, x, repeats=_REPEATS, rng=rng)
 
 
 def _fit(study: Study) -> Fit:
@@ -209,7 +245,9 @@ def _rows(
     rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": fit.approximate}
     for kind in kinds:
         lower, upper, influence = estimands.limits(kind, laws)
-        error = _monte_carlo(influence).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
+        error = _monte_carlo(influence, fit.run.batches()).reshape(2, -1).max(axis=0) / (
+            0.5 * (upper - lower)
+        )
         low, high = _native(scale, lower), _native(scale, upper)
         for p, parameter in enumerate(fit.parameters):
             limits, reference = (low[p], high[p], estimate[p]), float(scale.origin[p])
@@ -217,24 +255,30 @@ def _rows(
             yield row | {"monte_carlo": float(error[p])}
 
 
-def _monte_carlo(influence: Array) -> Array:
-    """Estimate standard errors from means over batches of draws in the order they were kept."""
-    size = len(influence) // _BATCHES
-    means = influence[: size * _BATCHES].reshape(_BATCHES, size, -1).mean(axis=1)
-    return means.std(axis=0, ddof=1) / np.sqrt(_BATCHES)
+def _monte_carlo(influence: Array, batch: NDArray[np.intp]) -> Array:
+    """Estimate standard errors from means over batches of draws, each draw with its repeats."""
+    own = influence.reshape(len(batch), -1, influence.shape[1]).mean(axis=1)
+    means = np.stack([own[batch == number].mean(axis=0) for number in np.unique(batch)])
+    return means.std(axis=0, ddof=1) / np.sqrt(len(means))
 
 
-def _draws(
-    expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable, name: str
-) -> Iterator[Draws]:
-    """Draw the average and the next user of the environment."""
-    drawn = expected.draw(generator(asked.seed, Stream.NEW_BOUNDARIES))
-    for kind, responses in zip(("mean", "user"), drawn, strict=True):
+def _laws(
+    fit: Fit, expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable, name: str
+) -> Iterator[Law]:
+    """Yield the laws of the average and the next user of the environment."""
+    batch = np.repeat(fit.run.batches(), _REPEATS)
+    labels: dict[str, Any] = {
+        "environment": name,
+        "method": "bayesian",
+        "family": asked.family,
+        "level": asked.level,
+    }
+    for kind, every in (("mean", _REPEATS), ("user", 1)):
         if kind in asked.kinds:
-            k, b = displayable(_native(scale, responses)).T
-            yield Draws(
-                kind=kind, method="bayesian", family=asked.family, level=asked.level, pairs={name: (k, b)}
-            )
+            # The average does not depend on the spread, which takes the repeats.
+            covariance = expected.covariance + (expected.population if kind == "user" else 0.0)
+            pair = posterior_law(scale, expected.mean[::every], covariance[::every], batch[::every])
+            yield Law(kind=kind, pair=pair, n=int(fit.counts.max()), **labels)
 
 
 def _native(scale: ResponseScale, response: Array) -> Array:
@@ -283,16 +327,9 @@ def leave_one_environment_out(study: Study) -> LeftOut:
         table = study.sessions.table
         kept = dataclasses.replace(study.sessions, table=table[table["environment"] != environment])
         others = study.over(kept)
-        given = {p: study.reference[p, environment] for p in study.parameters}
+        reference = np.array([study.reference[p, environment] for p in study.parameters])
         try:
-            found = predict(
-                others,
-                stiffness=given.get("k"),
-                damping=given.get("b"),
-                name=environment,
-                kinds=("mean", "user"),
-                curves=False,
-            )
+            found = _predicted(others, _fit(others), reference, environment, ("mean", "user"), curves=False)
         except RefusalError as refused:
             skipped.append(Skipped(environment, str(refused)))
             continue

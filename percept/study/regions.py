@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -216,28 +216,38 @@ def laws_of(sources: Sources, fit: Fit | None, asked: InferenceTable) -> tuple[L
 
 
 def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[str]) -> Iterator[Law]:
-    mean, own, users = fit.pair_moments
+    from percept.inference.hierarchy.models import Pooled
+
+    assert isinstance(fit.model, Pooled)
+    mean, own, users = fit.model.pairs(fit.points)
+    batch = fit.run.batches()
     for j, environment in enumerate(fit.environments):
         cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
         scale, n = fit.scale.of_cells(cells), int(fit.counts[cells[0]])
-        labels = {"environment": environment, "method": "bayesian", "family": asked.family, "level": asked.level, "n": n}
+        labels: dict[str, Any] = {
+            "environment": environment,
+            "method": "bayesian",
+            "family": asked.family,
+            "level": asked.level,
+            "n": n,
+        }
         for kind in kinds:
             covariance = own[:, j] if kind == "mean" else own[:, j] + users[:, j]
-            yield Law(kind=kind, pair=posterior_law(scale, mean[:, j], covariance, fit.batch), **labels)
+            yield Law(kind=kind, pair=posterior_law(scale, mean[:, j], covariance, batch), **labels)
 
 
 def posterior_law(scale: ResponseScale, mean: Array, covariance: Array, batch: NDArray[np.intp]) -> PairLaw:
     """Return the law of (k, b) whose responses are normal given each draw, (S, 2) and (S, 2, 2)."""
     centre = np.log(scale.origin) if scale.log else scale.origin
     unit = np.multiply.outer(scale.unit, scale.unit)
-    family = "lognormal" if scale.log else "normal"
+    family: Family = "lognormal" if scale.log else "normal"
     return mixture_law(centre + scale.unit * mean, unit * covariance, batch, family)
 
 
 def _classical_laws(sources: Sources, level: float) -> Iterator[Law]:
     """Yield the laws behind the classical intervals, in both families."""
     for family, values in sources.pairs.items():
-        labels = {"method": "classical", "family": family, "level": level}
+        labels: dict[str, Any] = {"method": "classical", "family": family, "level": level}
         for environment, (k, b) in values.items():
             for kind in sources.kinds:
                 try:

@@ -20,7 +20,7 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.band import band_study, with_band
 from percept.study.basics import FAMILIES, Array, Skipped, analysed_parameters, referenced, results, select
-from percept.study.boundaries import JOINTS, Range, boundaries_of, compare_methods, zoom_windows
+from percept.study.boundaries import JOINTS, Drawing, Range, compare_methods, zoom_windows
 from percept.study.coupling import (
     CouplingStudy,
     Realisms,
@@ -38,7 +38,7 @@ from percept.study.device import (
     setup_of,
 )
 from percept.study.intervals import COLUMNS, Cell, Row, cell_moments, classical_rows, compare_intervals
-from percept.study.regions import Draws, Region, Sources, draws_of, regions_of, sources_of
+from percept.study.regions import Law, Region, Sources, laws_of, regions_of, sources_of
 from percept.study.responses import references, refuse_lone_subject
 
 # What imports the hierarchical model is imported where it is needed: the classical method does without.
@@ -93,12 +93,12 @@ class Study:
             )
         self.sessions = sessions
         self.scene = scene or Scene()
-        self._progress = progress
-        self._store = store
+        self.progress = progress
+        self.store = store
 
     def over(self, sessions: Sessions) -> Study:
         """Analyse other sessions under the same scene with the same progress and store."""
-        return Study(sessions, self.scene, progress=self._progress, store=self._store)
+        return Study(sessions, self.scene, progress=self.progress, store=self.store)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -149,7 +149,7 @@ class Study:
         from percept.study.fit import fit_model, prepare
 
         prepared = prepare(self.sessions, self.scene, self.parameters)
-        return fit_model(prepared, self.scene.inference, progress=self._progress, store=self._store)
+        return fit_model(prepared, self.scene.inference, progress=self.progress, store=self.store)
 
     @property
     def _passed(self) -> Fit | None:
@@ -172,7 +172,7 @@ class Study:
             return None
         from percept.study.checks import model_checks
 
-        found = model_checks(self._passed, self.scene, progress=self._progress)
+        found = model_checks(self._passed, self.scene, progress=self.progress)
         return None if isinstance(found, Skipped) else found
 
     @cached_property
@@ -181,7 +181,7 @@ class Study:
         from percept.study.model_choice import compare_models
 
         return compare_models(
-            self.sessions, self.scene, self.parameters, progress=self._progress, store=self._store
+            self.sessions, self.scene, self.parameters, progress=self.progress, store=self.store
         )
 
     @property
@@ -202,7 +202,7 @@ class Study:
 
     @cached_property
     def frequencies(self) -> Range:
-        """Where boundaries are drawn: on the scene's own grid, or at as many points as the curves need."""
+        """Where boundaries are drawn: on the scene's own grid, or on one grid an environment."""
         table = self.scene.frequency
         return Range(table.lower, table.upper, self.omega if table.points else None)
 
@@ -248,7 +248,7 @@ class Study:
         omega : array_like, shape (M,)
             rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all curves.
         environments, kinds, joints : collection of str, optional
-            Which environments, kinds, and treatments of k and b together ("joint" for curves through draws);
+            Which environments, kinds, and treatments of k and b together ("joint" for curves of their law);
             all by default.
 
         Returns
@@ -264,11 +264,15 @@ class Study:
         environments = select("environment", environments, self.with_reference)
         kinds = select("kind", kinds, self.scene.inference.kinds)
         joints = select("joint treatment", joints, JOINTS)
-        if self.setup is None:
+        if self._drawing is None:
             return ()
-        regions = [one for one in self.regions if one.kind in kinds and one.joint in joints]
-        draws = [one for one in self.curve_draws if one.kind in kinds and "joint" in joints]
-        return boundaries_of(self.setup, environments, regions, draws, frequencies)
+        return self._drawing.at(frequencies, environments, kinds, joints)
+
+    @cached_property
+    def _drawing(self) -> Drawing | None:
+        if self.setup is None:
+            return None
+        return Drawing(self.setup, self.regions, self.curve_laws, self.frequencies)
 
     @cached_property
     def _zoom(self) -> list[tuple[str, list[float]] | Skipped]:
@@ -284,15 +288,15 @@ class Study:
         return sources_of(self.sessions, self.scene, self.parameters, device=self.device is not None)
 
     @cached_property
-    def curve_draws(self) -> tuple[Draws, ...]:
-        """Draws of (k, b) of the average and the next user; empty where no correlation is known."""
-        return draws_of(self._sources, self._passed, self.scene.inference) if self._sources.kinds else ()
+    def curve_laws(self) -> tuple[Law, ...]:
+        """Laws of (k, b) of the average and the next user; empty where no correlation is known."""
+        return laws_of(self._sources, self._passed, self.scene.inference) if self._sources.kinds else ()
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:
         """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
         asked = self.scene.inference
-        return regions_of(self.intervals, self._sources, self.curve_draws, self._passed, asked)
+        return regions_of(self.intervals, self._sources, self.curve_laws, self._passed, asked)
 
     @cached_property
     def _banded(self) -> list[str | Skipped]:
@@ -361,7 +365,7 @@ class Study:
         from percept.study.ladder import climb
 
         whole = self.sessions, self.scene, self.parameters, self.intervals, self._passed
-        return climb(*whole, progress=self._progress, store=self._store)
+        return climb(*whole, progress=self.progress, store=self.store)
 
     @property
     def curve_comparison(self) -> pd.DataFrame:

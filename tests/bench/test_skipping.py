@@ -16,7 +16,7 @@ SAMPLER = {"emcee", "h5netcdf", "xarray"}
 ARVIZ = {"arviz_base", "arviz_stats"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
-CURVES = {"curve_draws", "boundaries", "sensitivity", "coupling_design"}
+CURVES = {"curve_laws", "boundaries", "sensitivity", "coupling_design"}
 BAYESIAN = {"fit", "posterior", "realism"}
 
 

@@ -9,14 +9,13 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
-from percept.boundary.curves import FLOOR, magnitude_membership
+from percept.boundary.curves import magnitude_membership
 from percept.boundary.records import Boundary
 from percept.haptics import perceived_magnitude
 from percept.inference.regions import ellipse_region
 from percept.study.basics import results
-from percept.study.boundaries import Range, boundaries_of, zoom_windows
+from percept.study.boundaries import zoom_windows
 from percept.study.coupling import study_coupling
-from percept.study.study import DEFAULT_POINTS
 from tests import DATASETS
 
 SHOWN = {"reference": False, "coupled": True}
@@ -36,44 +35,74 @@ def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study)
             assert (method, kind, "hotelling", "envelope") in found
             assert (method, kind, "joint", "pointwise") in found
     assert not any(kind == "share" and joint in ("hotelling", "joint") for _, kind, joint, _ in found)
-    assert {shape for *_, shape in found} == {"corner", "envelope", "pointwise"}
-    assert "inside the pointwise band" in dict(fitted.skipped)["simultaneous bands through draws"]
+    assert {shape for *_, shape in found} == {"corner", "envelope", "pointwise", "simultaneous"}
+    assert "simultaneous bands through draws" not in dict(fitted.skipped)
 
 
-def test_curves_through_draws_have_a_monte_carlo_error_and_those_around_regions_none(fitted: Study) -> None:
+def test_posterior_curves_have_a_monte_carlo_error_and_no_others(fitted: Study) -> None:
     for boundary in fitted.boundaries:
-        if boundary.shape != "pointwise":
-            assert boundary.error is boundary.largest_error is None
+        if boundary.joint != "joint" or boundary.method == "classical":
+            assert boundary.errors is boundary.error is boundary.largest_error is None
         else:
+            assert boundary.errors is not None
+            assert boundary.errors.shape == (2, boundary.points)
             assert boundary.error is not None
             assert boundary.largest_error is not None
-            assert 0.0 < boundary.error < boundary.largest_error < 2.0
-    (one,) = (
-        b
-        for b in fitted.boundaries_at([10.0], ("VE3",), kinds=("user",), joints=("joint",))
-        if b.method == "bayesian"
-    )
-    assert one.error is not None
-    assert one.largest_error is not None
-    assert one.error <= one.largest_error
+            assert 0.0 < boundary.error < boundary.largest_error < 0.5
 
 
-def test_halves_of_the_draws_share_no_scales(fitted: Study) -> None:
+def test_all_curves_of_an_environment_stand_at_the_same_frequencies(fitted: Study) -> None:
+    for environment in fitted.environments:
+        grids = [b.omega for b in fitted.boundaries if b.environment == environment]
+        assert all(np.array_equal(grid, grids[0]) for grid in grids)
+        assert grids[0][[0, -1]] == pytest.approx([0.1, 100.0])
+
+
+def bands(study: Study, shape: str) -> dict[tuple[str, ...], Boundary]:
+    return {(b.environment, b.kind, b.method, b.family): b for b in study.boundaries if b.shape == shape}
+
+
+def test_simultaneous_bands_contain_the_pointwise_ones(fitted: Study) -> None:
+    point, together = bands(fitted, "pointwise"), bands(fitted, "simultaneous")
+    assert point.keys() == together.keys()
+    for key, band in together.items():
+        assert (band.lower <= point[key].lower).all()
+        assert (band.upper >= point[key].upper).all()
+        assert (band.lower > 0.0).all()
+        assert band.pointwise_level is not None
+        assert band.pointwise_level_error is not None
+        assert band.level <= band.pointwise_level < 1.0
+        assert 0.0 < band.pointwise_level_error < 0.1 * (1.0 - band.pointwise_level)
+
+
+def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Study) -> None:
+    for read in fitted.boundaries_at([10.0], ("VE3",), kinds=("user",), joints=("joint",)):
+        if read.shape == "simultaneous":
+            whole = bands(fitted, "simultaneous")["VE3", "user", read.method, read.family]
+            assert read.pointwise_level == whole.pointwise_level
+            at = np.log(10.0), np.log(whole.omega)
+            assert np.log(read.upper[0]) == pytest.approx(np.interp(*at, np.log(whole.upper)), abs=2e-3)
+
+
+def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_level(fitted: Study) -> None:
+    """Draws of another kind: each curve by itself, from draws of locations and users given the scales."""
     assert fitted.fit is not None
-    scales = fitted.fit.run.independent()
-    ensembles, count = scales.shape[:2]
-    assert ensembles % 2 == 0
-    for drawn in fitted.curve_draws:
-        sizes = {k.size for k, _ in drawn.pairs.values()}
-        if drawn.method == "bayesian":
-            # Draws of one set of scales stand side by side, in the order of the ensembles.
-            assert all(size % (ensembles * count) == 0 for size in sizes)
-        else:
-            # Each half is spread evenly by itself.
-            for k, _ in drawn.pairs.values():
-                first, second = np.split(k, 2)
-                scatter = k.std() / np.sqrt(first.size)
-                assert abs(np.median(first) - np.median(second)) < 2 * scatter
+    assert fitted.setup is not None
+    repeats = 8
+    points = np.repeat(fitted.fit.points, repeats, axis=0)
+    drawn = fitted.fit.model.draw(points, np.random.default_rng(5))
+    for kind, responses in zip(("mean", "user"), drawn, strict=True):
+        for environment, (k, b) in fitted.fit.pairs(fitted.fit.scale.native(responses)).items():
+            key = (environment, kind, "bayesian", "lognormal")
+            point, together = (bands(fitted, shape)[key] for shape in ("pointwise", "simultaneous"))
+            curves = perceived_magnitude(point.omega[:, None], fitted.setup.device, k, b, fitted.setup.period)
+            below, above = curves < point.lower[:, None], curves > point.upper[:, None]
+            inside = (together.lower[:, None] <= curves) & (curves <= together.upper[:, None])
+            # Of each set of scales the draws are independent: their scatter is the sets' and the draws'.
+            for out, share in ((below, 0.005), (above, 0.005), (~inside.all(axis=0)[None], 0.01)):
+                sets = out.reshape(len(out), -1, repeats).mean(axis=2)
+                error = sets.std(axis=1) / np.sqrt(sets.shape[1])
+                assert (np.abs(out.mean(axis=1) - share) < 4.5 * error + 0.02 * share).all()
 
 
 def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
@@ -82,7 +111,7 @@ def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
     assert {(joint, shape) for _, _, joint, shape in keys(study, np.array([1.0, 2.0]))} == {
         (joint, shape) for joint in ("marginal", "bonferroni") for shape in ("corner", "envelope")
     }
-    assert study.curve_draws == ()
+    assert study.curve_laws == ()
 
 
 def test_classical_ellipse_is_that_of_the_subjects(fitted: Study) -> None:
@@ -117,64 +146,6 @@ def test_bonferroni_is_wider_and_leaves_out_half_as_many_draws(fitted: Study) ->
         for (low, high), (lower, upper) in zip(limits, wide[key], strict=True):  # type: ignore[arg-type]
             assert lower < low
             assert high < upper
-    # The limits come from a mixture of normals; draws of the same posterior count what they hold.
-    for drawn in fitted.curve_draws:
-        if drawn.method != "bayesian":
-            continue
-        for environment, pair in drawn.pairs.items():
-            for values, (low, high) in zip(pair, wide[environment, drawn.kind], strict=True):  # type: ignore[arg-type]
-                outside = np.mean((values < low) | (values > high))
-                # Of 16000 draws some 2500 are independent.
-                assert abs(outside - 0.005) < 4 * np.sqrt(0.005 / 2500)
-
-
-def departure_of(boundary: Boundary, omega: np.ndarray, true: dict[str, np.ndarray]) -> float:
-    """Farthest that lines between a boundary's points lie from curves, in logarithms."""
-    lines = {side: getattr(boundary, side) for side in true}
-    raised = []
-    for curves in (lines, true):
-        floor = FLOOR * np.max(list(curves.values()), axis=0)
-        raised.append({side: np.log(np.maximum(curve, floor)) for side, curve in curves.items()})
-    x, at = np.log(boundary.omega), np.log(omega)
-    return max(float(np.abs(np.interp(at, x, raised[0][s]) - raised[1][s]).max()) for s in true)
-
-
-def test_chosen_frequencies_follow_every_boundary_around_a_region(fitted: Study) -> None:
-    assert fitted.setup is not None
-    fine = np.exp(np.sort(np.random.default_rng(1).uniform(np.log(0.1), np.log(100.0), 400)))
-    for environment in fitted.environments:
-        regions = [r for r in fitted.regions if r.environment == environment]
-        found = [b for b in fitted.boundaries if b.environment == environment and b.joint != "joint"]
-        exact = boundaries_of(fitted.setup, [environment], regions, [], Range(0.1, 100.0, fine))
-        assert len(exact) == 42
-        for boundary, true in zip(found, exact, strict=True):
-            curves = {side: getattr(true, side) for side in ("lower", "upper", "reference", "coupled")}
-            assert departure_of(boundary, fine, curves) < 1e-3
-            assert boundary.departure is not None
-            assert boundary.departure <= 1e-3
-            assert true.departure is None
-    # Fewer altogether than the even grid, which misses the sharpest bends by more than they may.
-    assert sum(b.points for b in fitted.boundaries) < len(fitted.boundaries) * DEFAULT_POINTS
-
-
-def test_chosen_frequencies_follow_every_band_through_draws(fitted: Study) -> None:
-    assert fitted.setup is not None
-    fine = np.exp(np.sort(np.random.default_rng(2).uniform(np.log(0.1), np.log(100.0), 120)))
-    known = {(b.environment, b.kind, b.method, b.family, b.shape): b for b in fitted.boundaries}
-    for drawn in fitted.curve_draws:
-        tail = 0.5 * (1.0 - drawn.level)
-        for environment, pair in drawn.pairs.items():
-            key = (environment, drawn.kind, drawn.method, drawn.family)
-            curves = perceived_magnitude(fine[:, None], fitted.setup.device, *pair, fitted.setup.period)
-            point = known[*key, "pointwise"]
-            shown = {side: fitted.setup.curve(environment, fine, coupled=c) for side, c in SHOWN.items()}
-            assert departure_of(point, fine, shown) < 1e-3
-            # Quantiles are rough: the lines keep within one standard error of as many independent draws.
-            slack = np.sqrt(tail * (1.0 - tail) / pair[0].size)
-            for side, at in (("lower", tail), ("upper", 1.0 - tail)):
-                low, high = np.quantile(curves, [at - slack, at + slack], axis=1)
-                line = np.exp(np.interp(np.log(fine), np.log(point.omega), np.log(getattr(point, side))))
-                assert ((low * (1 - 1e-3) <= line) & (line <= high * (1 + 1e-3))).all()
 
 
 def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
@@ -183,7 +154,6 @@ def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
     few = Study(fitted.sessions, Scene.from_tables(tables))
     for boundary in few.boundaries:
         np.testing.assert_array_equal(boundary.omega, np.geomspace(0.1, 100.0, 7))
-        assert boundary.departure is None
 
 
 def test_realism_shares_are_those_of_membership(fitted: Study) -> None:
@@ -308,7 +278,6 @@ def test_an_undamped_mode_leaves_no_hole_in_the_numbers(points):
         assert np.all(np.diff(boundary.omega) > 0)
         assert not np.isnan([boundary.lower, boundary.upper, boundary.reference]).any()
         if not points:
-            assert boundary.departure is not None
             assert np.isfinite([boundary.lower, boundary.upper]).all()
     assert found.coupling is not None
     margins = found.coupling.realism[["margin_uncoupled", "margin_coupled"]].to_numpy(dtype=float)

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from percept.inference.hierarchy.blocks import Block, SharedCovariance, spread_over
 from percept.inference.hierarchy.information import Information, InformationProblem
@@ -19,6 +20,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 #: Numbers of coordinates per pass: fewer waste calls, and temporaries beyond the processor's cache cost more.
 _PASS = 49152
+# Powers of the plastic number: their multiples fill the square evenly.
+_STEPS = 1.32471795724474602596 ** np.array([-1.0, -2.0])
+_LEAST = 1e-12
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -156,11 +160,38 @@ class CollapsedDensity:
         return ConditionalMoments(np.concatenate(law.mean).T, sd, population_sd)
 
     def pairs(self, scales: Scales) -> tuple[Array, Array, Array]:
-        """Mean of both parameters' beta (W, J, 2), its covariance, and that of users about it (W, J, 2, 2)."""
+        """Mean of the pair of betas (W, J, 2), its covariance, and that of users about it (W, J, 2, 2)."""
         law = self.locations(scales)
         blocks = (law.covariance, self.population(scales))
         own, users = (np.moveaxis(_matrix(block), -1, 0) for block in blocks)
         return np.stack(law.mean).T, own, users
+
+    def new_environment(
+        self, scales: Scales, x: Array, repeats: int, rng: np.random.Generator
+    ) -> tuple[Array, Array, Array]:
+        """Moments at W sets of scales: the location is normal given these, log sigma is drawn evenly."""
+        count, width = x.size, scales.log_prior.size
+        # On alpha and gamma over their prior SDs.
+        rows = np.zeros((count, 2 * count))
+        rows[:, :count] = self.priors.alpha_sd * np.eye(count)
+        rows[:, count:] = self.priors.gamma_sd * np.diag(x)
+        mean, spread = self.locations(scales).trend(rows)
+        mean = mean.T
+        covariance = np.einsum("qpw,qrw->wpr", spread, spread)
+        named = scales.named
+        covariance[:, range(count), range(count)] += named["tau"].T ** 2
+        log_sigma = np.log(named["s"]) + named.get("kappa", 0.0) * x[:, None]
+        sigma = np.exp(
+            log_sigma + named.get("omega", np.zeros((count, 1))) * _even((repeats, count, width), rng)
+        )
+        population = _covariance(np.moveaxis(sigma, -1, 0), named.get("rho_w"))
+        if "sigma_u" in named:
+            population = population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
+        return (
+            np.repeat(mean, repeats, axis=0),
+            np.repeat(covariance, repeats, axis=0),
+            population.reshape(-1, count, count),
+        )
 
     def trial_block(self, scales: Scales) -> Block | None:
         """Covariance between trials with the resolution's share, entries (J, W)."""
@@ -192,3 +223,20 @@ def _matrix(block: Block) -> Array:
     """Covariances (J, P, P, W) of a block of entries (J, W)."""
     columns = np.stack([np.stack(column) for column in block.factor_columns()])
     return np.einsum("rpjw,rqjw->jpqw", columns, columns)
+
+
+def _even(shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
+    """Return standard normals (R, P, W) that fill the square evenly, R in turn for each draw."""
+    repeats, count, width = shape
+    place = np.multiply.outer(np.arange(width * repeats), _STEPS[:count]) + rng.random(count)
+    normals = special.ndtri(np.clip(place % 1.0, _LEAST, 1.0 - _LEAST))
+    return np.moveaxis(normals.reshape(width, repeats, count), 0, -1)
+
+
+def _covariance(sd: Array, rho: Array | None) -> Array:
+    """Covariances (W, R, P, P) from SDs (W, R, P) and a correlation (W,)."""
+    matrix = sd[..., :, None] * sd[..., None, :]
+    if rho is not None:
+        matrix[..., 0, 1] *= rho[:, None]
+        matrix[..., 1, 0] *= rho[:, None]
+    return matrix

@@ -8,7 +8,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
@@ -97,9 +96,10 @@ class Pooled:
         (packed,) = self.by_pass(points, lambda scales: (self.density.moments(scales).pack(),))
         return ConditionalMoments.unpack(packed)
 
-    def pairs(self, points: Array) -> tuple[Array, ...]:
+    def pairs(self, points: Array) -> tuple[Array, Array, Array]:
         """Conditional moments of the two parameters at coordinates (S, d), as `CollapsedDensity.pairs`."""
-        return self.by_pass(points, self.density.pairs)
+        mean, own, users = self.by_pass(points, self.density.pairs)
+        return mean, own, users
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
@@ -313,11 +313,6 @@ class NewEnvironment:
         variances = (np.diagonal(part, axis1=1, axis2=2) for part in (self.covariance, self.population))
         return ConditionalMoments(self.mean, *map(np.sqrt, variances))
 
-    def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw the average and a next user once per posterior draw, each (S, P)."""
-        average = self.mean + _correlated(self.covariance, rng)
-        return average, average + _correlated(self.population, rng)
-
 
 def new_environment(
     model: Model, points: Array, x: Array, *, repeats: int, rng: np.random.Generator
@@ -346,58 +341,33 @@ def new_environment(
             "one environment says nothing on others.", hint="Add sessions with more reference environments."
         )
     return NewEnvironment(
-        *model.by_pass(points, lambda scales: _new_environment(density, scales, x, repeats, rng))
+        *model.by_pass(points, lambda scales: density.new_environment(scales, x, repeats, rng))
     )
 
 
-def _new_environment(
-    density: CollapsedDensity, scales: Scales, x: Array, repeats: int, rng: np.random.Generator
-) -> tuple[Array, Array, Array]:
-    """Moments at W sets of scales: the location is normal given these, log sigma is drawn evenly."""
-    count, width = x.size, scales.log_prior.size
-    # On alpha and gamma over their prior SDs.
-    rows = np.zeros((count, 2 * count))
-    rows[:, :count] = density.priors.alpha_sd * np.eye(count)
-    rows[:, count:] = density.priors.gamma_sd * np.diag(x)
-    mean, spread = density.locations(scales).trend(rows)
-    mean = mean.T
-    covariance = np.einsum("qpw,qrw->wpr", spread, spread)
-    named = scales.named
-    covariance[:, range(count), range(count)] += named["tau"].T ** 2
-    log_sigma = np.log(named["s"]) + named.get("kappa", 0.0) * x[:, None]
-    sigma = np.exp(log_sigma + named.get("omega", np.zeros((count, 1))) * _even((repeats, count, width), rng))
-    population = _covariance(np.moveaxis(sigma, -1, 0), named.get("rho_w"))
-    if "sigma_u" in named:
-        population = population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
-    return (
-        np.repeat(mean, repeats, axis=0),
-        np.repeat(covariance, repeats, axis=0),
-        population.reshape(-1, count, count),
-    )
+class NewEstimands(IntervalEstimands):
+    """Endpoints of the intervals of a new environment, cells being parameters."""
 
+    def __init__(self, estimands: IntervalEstimands, x: Array, repeats: int, seed: int) -> None:
+        vars(self).update(vars(estimands))
+        self._all, self._x, self._repeats, self._seed = estimands, x, repeats, seed
+        self._rng = np.random.default_rng(seed)
+        self.cells = tuple((parameter, "new") for parameter in dict.fromkeys(p for p, _ in estimands.cells))
 
-def _even(shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
-    """Draw standard normals, along the first axis one from each of equally likely ranges."""
-    ranges = rng.permuted(np.broadcast_to(np.arange(shape[0])[:, None, None], shape), axis=0)
-    return special.ndtri((ranges + rng.uniform(1e-12, 1.0, shape)) / shape[0])
+    def identity(self) -> tuple[object, ...]:
+        """Return what beside the model decides the limits."""
+        return (*super().identity(), "new", tuple(self._x.tolist()), self._repeats, self._seed)
 
+    def components(self, points: Array) -> Array:
+        """ConditionalMoments per draw, shape (W, 3 P R): those of every spread side by side."""
+        found = new_environment(self._model, points, self._x, repeats=self._repeats, rng=self._rng)
+        return found.laws.pack().reshape(len(points), -1)
 
-def _covariance(sd: Array, rho: Array | None) -> Array:
-    """Covariances (W, R, P, P) from SDs (W, R, P) and a correlation (W,)."""
-    matrix = sd[..., :, None] * sd[..., None, :]
-    if rho is not None:
-        matrix[..., 0, 1] *= rho[:, None]
-        matrix[..., 1, 0] *= rho[:, None]
-    return matrix
+    def parts(self) -> list[IntervalEstimands]:
+        """Limits of one kind each."""
+        return [NewEstimands(part, self._x, self._repeats, self._seed) for part in self._all.parts()]
 
-
-def _correlated(covariance: Array, rng: np.random.Generator) -> Array:
-    """Draw from N(0, covariance), each (P, P) once; singular ones too."""
-    z = rng.standard_normal(covariance.shape[:2])
-    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    if sd.shape[1] == 1:
-        return sd * z
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rho = np.clip(np.nan_to_num(covariance[:, 0, 1] / (sd[:, 0] * sd[:, 1])), -1.0, 1.0)
-    second = rho * z[:, 0] + np.sqrt((1.0 - rho) * (1.0 + rho)) * z[:, 1]
-    return sd * np.stack([z[:, 0], second], axis=1)
+    def estimate(self, components: Array) -> tuple[Estimates, Array]:
+        """All limits, and the influence of each draw over all its spreads."""
+        found, influence = super().estimate(components.reshape(len(components) * self._repeats, -1))
+        return found, influence.reshape(len(components), self._repeats, -1).mean(axis=1)

@@ -64,6 +64,8 @@ class Gate:
     error_reached: str  # A sentence on the error where it misses the tolerance, else empty
 
 
+#: Batches of walkers in an ensemble.
+_GROUPS = 8
 #: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
 _RANKED = 1 << 14
 #: Normal score beyond which a draw lies in a tail: a twentieth of the draws at either end.
@@ -103,6 +105,16 @@ class Run:
         positions = np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
         index = (positions[:, None] * walkers + np.arange(walkers)).ravel()
         return np.broadcast_to(index, (ensembles, index.size))
+
+    def batches(self) -> NDArray[np.intp]:
+        """Return the number of the batch of each of the `independent` positions, ensemble after ensemble.
+
+        A batch holds some walkers of an ensemble at all their steps: what a walker remembers stays in it.
+        """
+        ensembles, _, walkers, _ = self.points.shape
+        groups = np.arange(walkers) * _GROUPS // walkers
+        times = self.thinned().shape[1] // walkers
+        return (np.arange(ensembles)[:, None] * _GROUPS + np.tile(groups, times)).ravel()
 
     def independent(self) -> Array:
         """Return kept positions thinned to the effective size, (E, N, d)."""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import NewEnvironment, Pooled, new_environment
+from percept.inference.hierarchy.models import IntervalEstimands, NewEstimands, Pooled, new_environment
 from tests.inference.hierarchy import designs
 
 PLACE = np.array([0.3, -0.4])
@@ -51,14 +50,16 @@ def test_spreads_of_stiffness_and_damping_leave_their_trends_independently() -> 
     assert abs(np.corrcoef(off.T)[0, 1]) < 4.0 / np.sqrt(len(off))
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_draws_have_the_stated_covariances(sign: float) -> None:
-    one, count = np.array([[4.0, 1.8 * sign], [1.8 * sign, 1.0]]), 20_000
-    many = NewEnvironment(
-        np.zeros((count, 2)), np.tile(one, (count, 1, 1)), np.tile(2.0 * one, (count, 1, 1))
-    )
-    average, user = many.draw(np.random.default_rng(1))
-    for drawn, wanted in ((average, one), (user - average, 2.0 * one), (user, 3.0 * one)):
-        # Variances s_ii s_jj + s_ij² over the number of draws, of nine numbers.
-        error = np.sqrt((np.outer(wanted.diagonal(), wanted.diagonal()) + wanted**2) / count)
-        np.testing.assert_array_less(np.abs(np.cov(drawn.T) - wanted), 4.5 * error)
+def test_estimands_average_the_pull_of_a_draw_over_its_spreads() -> None:
+    model, points = model_and_points(width=300)
+    asked = IntervalEstimands(model, kinds=("mean", "user"), level=0.9)
+    new = NewEstimands(asked, PLACE, 3, seed=0)
+    found, influence = new.estimate(new.components(points))
+    laws = new_environment(model, points, PLACE, repeats=3, rng=np.random.default_rng(0)).laws
+    assert found.names[0] == "lower mean limit of k in new"
+    for kind, part in (("mean", slice(0, 4)), ("user", slice(4, 8))):
+        lower, upper, pull = asked.limits(kind, laws)
+        np.testing.assert_array_equal(found.value[part], np.concatenate([lower, upper]))
+        np.testing.assert_allclose(influence[:, part], pull.reshape(300, 3, 4).mean(axis=1))
+    assert new.identity() != NewEstimands(asked, 2.0 * PLACE, 3, seed=0).identity() != asked.identity()
+    assert len(new.parts()) == 2

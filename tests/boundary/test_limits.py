@@ -1,0 +1,155 @@
+"""Limits of abs(Z_h) from a law of (k, b), against many draws of the law and quantiles of their curves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from percept.boundary.law import PairLaw, confidence_law, mixture_law
+from percept.boundary.limits import Limits, Magnitude, relative_error
+from percept.errors import UsageError
+from percept.haptics import Device, Environment, perceived_impedance, perceived_magnitude
+from tests.boundary.test_law import B, K, mixture
+
+DEVICE, PERIOD = Device(1.0, 5.0), 1e-3
+OMEGA = np.geomspace(0.1, 300.0, 61)
+DRAWS = 400_000
+
+
+def drawn_from(mean: np.ndarray, covariance: np.ndarray, seed: int) -> np.ndarray:
+    """Draws of a mixture, one component each in turn, shape (2, DRAWS)."""
+    rng, at = np.random.default_rng(seed), np.arange(DRAWS) % len(mean)
+    root = np.linalg.cholesky(covariance)
+    return (mean[at] + np.einsum("sij,sj->si", root[at], rng.standard_normal((DRAWS, 2)))).T
+
+
+def laws() -> list[tuple[PairLaw, np.ndarray]]:
+    mean, covariance = mixture()
+    batch = np.arange(400) % 16
+    found = [(mixture_law(mean, covariance, batch, "lognormal"), np.exp(drawn_from(mean, covariance, 1)))]
+    # Normal, so that k and b below zero belong to it; and k known far better than b.
+    scale = np.array([1000.0, 2.0])
+    mean, covariance = scale * (mean - [8.0, 1.0]), covariance * np.outer(scale, scale)
+    found.append((mixture_law(mean, covariance, batch, "normal"), drawn_from(mean, covariance, 2)))
+    rng = np.random.default_rng(3)
+    centre, shape = np.log([K, B]).mean(axis=1), np.cov(np.log([K, B])) * 1.1
+    t = rng.multivariate_normal([0.0, 0.0], shape, DRAWS) / np.sqrt(rng.chisquare(9, DRAWS) / 9)[:, None]
+    found.append((confidence_law(K, B, kind="user", family="lognormal"), np.exp(centre + t).T))
+    return found
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+@pytest.mark.parametrize("device", [DEVICE, Device(0.0, 0.5), Device(20.0, 300.0)], ids=str)
+def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) -> None:
+    law, (k, b) = laws()[which]
+    magnitude = Magnitude(law, device, PERIOD, OMEGA)
+    limits, together = magnitude.limits(0.99), magnitude.calibrate(0.99)
+    wide = magnitude.limits(together.level)
+    assert (wide.lower <= limits.lower).all()
+    assert (limits.upper <= wide.upper).all()
+    error, inside = np.sqrt(0.005 * 0.995 / DRAWS), np.ones(DRAWS, dtype=bool)
+    for m, omega in enumerate(OMEGA):
+        curve = perceived_magnitude(omega, device, k, b, PERIOD)
+        assert abs((curve < limits.lower[m]).mean() - 0.005) < 4.5 * error + 1e-4
+        assert abs((curve > limits.upper[m]).mean() - 0.005) < 4.5 * error + 1e-4
+        inside &= (wide.lower[m] <= curve) & (curve <= wide.upper[m])
+    # The level's own error moves the share in proportion.
+    share = np.hypot(np.sqrt(0.01 * 0.99 / DRAWS), 0.01 * together.error / (1.0 - together.level))
+    assert abs(inside.mean() - 0.99) < 4.5 * share
+
+
+def test_probability_of_a_distance_is_that_of_a_double_integral() -> None:
+    """One normal, a ball inside its law, by adaptive quadrature in polar coordinates."""
+    mean, sd = np.array([1000.0, 20.0]), np.array([150.0, 4.0])
+    law = mixture_law(np.array([mean] * 4), np.array([np.diag(sd**2)] * 4), np.arange(4), "normal")
+    omega = np.array([np.sqrt(1000.0), 5.0, 90.0])
+    magnitude = Magnitude(law, DEVICE, PERIOD, omega)
+    for m, size in ((0, 27.0), (1, 150.0), (2, 80.0)):
+        zero = np.array(
+            [
+                perceived_impedance(omega[m], DEVICE, Environment(k, b), PERIOD)
+                for k, b in ((0, 0), (1, 0), (0, 1))
+            ]
+        )
+        # abs(z0 + k zk + b zb): the law of the complex number is normal too.
+        steps = np.array([zero[1] - zero[0], zero[2] - zero[0]])
+
+        def density(
+            angle: float, radius: float, steps: np.ndarray = steps, first: complex = zero[0]
+        ) -> float:
+            value = radius * np.exp(1j * angle) - first
+            k, b = np.linalg.solve(
+                [[s.real for s in steps], [s.imag for s in steps]], [value.real, value.imag]
+            )
+            z = ((np.array([k, b]) - mean) / sd) ** 2
+            jacobian = abs((steps[0] * np.conj(steps[1])).imag)
+            return float(radius * np.exp(-0.5 * z.sum()) / (2 * np.pi * sd.prod() * jacobian))
+
+        exact = integrate.dblquad(density, 0.0, size, -np.pi, np.pi, epsabs=1e-7)[0]
+        for inner in (0, 1):
+            held, _ = magnitude.content(np.array([m]), np.array([size]), np.array([inner]))
+            assert held[0] == pytest.approx(exact, abs=2e-4)
+
+
+def test_stated_error_is_the_scatter_between_sets_of_draws() -> None:
+    omega, found = np.array([1.0, 30.0, 100.0]), []
+    for seed in range(60):
+        mean, covariance = mixture(320, seed)
+        law = mixture_law(mean, covariance, np.arange(320) % 16, "lognormal")
+        found.append(Magnitude(law, DEVICE, PERIOD, omega).limits(0.99))
+    scatter = np.log([(one.lower, one.upper) for one in found]).std(axis=0, ddof=1)
+    errors = np.array([one.errors for one in found])
+    stated = np.sqrt(np.mean(errors**2, axis=0))
+    # An SD of 60 numbers scatters by 1/sqrt(118); the errors, of 15 degrees of freedom each, by far less.
+    assert np.abs(np.log(stated / scatter)).max() < 4.0 / np.sqrt(118.0)
+
+
+def test_sixteen_times_the_draws_divide_the_error_by_four() -> None:
+    typical = []
+    for count in (512, 8192):
+        mean, covariance = mixture(count)
+        law = mixture_law(mean, covariance, np.arange(count) % 64, "lognormal")
+        errors = Magnitude(law, DEVICE, PERIOD, OMEGA).limits(0.99).errors
+        assert errors is not None
+        typical.append(np.sqrt((errors**2).mean()))
+    assert typical[0] / typical[1] == pytest.approx(4.0, rel=0.25)
+
+
+def test_relative_error_is_a_mean_over_log_omega_in_half_widths() -> None:
+    omega = np.array([1.0, 10.0, 1000.0, 2000.0])
+    lower, upper = np.full(4, 1.0), np.array([np.e**2, np.e**2, np.e**2, 1.0])  # no width at the last
+    error = np.array([[0.1, 0.1, 0.3, 9.0], [0.1, 0.1, 0.3, 9.0]])
+    found = relative_error(omega, Limits(lower, upper, error))
+    assert found is not None
+    assert found[1] == pytest.approx(0.3)
+    assert found[0] == pytest.approx(np.sqrt((0.01 + 2 * 0.5 * (0.01 + 0.09)) / 3))
+    first = Limits(lower[:1], upper[:1], error[:, :1])
+    assert relative_error(omega[:1], first) == pytest.approx((0.1, 0.1))
+    assert relative_error(omega[3:], Limits(lower[3:], upper[3:], error[:, 3:])) is None
+    assert relative_error(omega, Limits(np.full(4, np.inf), np.full(4, np.inf), error)) is None
+    assert relative_error(omega, Limits(lower, upper, None)) is None
+
+
+def test_a_frequency_the_device_alone_decides() -> None:
+    law = laws()[0][0]
+    nyquist = np.array([1.0, np.pi / PERIOD])
+    limits = Magnitude(law, DEVICE, PERIOD, nyquist).limits(0.9)
+    assert np.isinf([limits.lower[1], limits.upper[1]]).all()
+    assert np.isfinite([limits.lower[0], limits.upper[0]]).all()
+
+
+def test_the_mass_of_an_environment_moves_its_resonance() -> None:
+    law = laws()[0][0]
+    found, same = (
+        Magnitude(law, device, PERIOD, OMEGA, mass=mass).limits(0.9)
+        for device, mass in ((DEVICE, 0.5), (Device(1.5, 5.0), 0.0))
+    )
+    # Rigidly joined, half a kilogram is the device's or the environment's.
+    slow = OMEGA < 30.0
+    np.testing.assert_allclose(found.lower[slow], same.lower[slow], rtol=2e-2)
+
+
+def test_levels_lie_between_zero_and_one() -> None:
+    with pytest.raises(UsageError, match="level must lie in"):
+        Magnitude(laws()[0][0], DEVICE, PERIOD, OMEGA).limits(1.0)
