@@ -6,7 +6,13 @@ numbers are those of "The effect of static virtual couplings on realistic perfor
 
 from __future__ import annotations
 
-from percept.haptics.design import CouplingDesign, EnvironmentBoundary, QualifyingRegion, design_couplings
+from percept.haptics.design import (
+    CouplingDesign,
+    EnvironmentBoundary,
+    QualifyingCoupling,
+    QualifyingRegion,
+    design_couplings,
+)
 from percept.haptics.ellipse import magnitude_envelope_ellipse, magnitude_envelope_log_ellipse
 from percept.haptics.envelope import corner_crossings, corner_curves, magnitude_envelope
 from percept.haptics.impedance import (
@@ -46,6 +52,7 @@ __all__ = [
     "Environment",
     "EnvironmentBoundary",
     "Mode",
+    "QualifyingCoupling",
     "QualifyingRegion",
     "TabulatedDevice",
     "absolute_stability",

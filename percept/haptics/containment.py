@@ -27,8 +27,11 @@ _FRACTION = 1e-4
 _PIECES_PER_DECADE = 1.5
 # After so many halvings a piece is as narrow as the spacing of doubles allows; its bound is then widened.
 _HALVINGS = 40
-# What a departure counts as where a curve vanishes or has a pole.
-_DEEP = 12.0 * float(np.log(10.0))
+# A search that needs more pieces for a display widens its bound instead.
+_MOST_PIECES = 2048
+# What a departure counts as where a curve vanishes or has a pole; and deeper inside than a factor of 1,000,
+# whose square would leave too few digits to compare.
+_DEEP, _DEEPEST = 12.0 * float(np.log(10.0)), -3.0 * float(np.log(10.0))
 
 Points: TypeAlias = tuple[FloatArray, FloatArray]
 Verdict = Literal["inside", "marginal", "outside"]
@@ -138,13 +141,14 @@ def departures(
         if not work.item.size:
             break
         near, far = see(work.middle)
-        if halving >= _HALVINGS:
-            gap[work.item] *= 10
+        halve = halving < _HALVINGS and work.item.size <= _MOST_PIECES * count
+        if not halve:
+            gap[np.unique(work.item)] *= 10
         allowed = np.full(count, ON_LIMIT) if throughout else best + np.maximum(gap, _FRACTION * np.abs(best))
         squares = Squares.of(display if work.shared else display.at(work.owner), work.omega)
-        by = np.expm1(2 * np.clip(allowed, -_DEEP, _DEEP))[work.item]
+        by = np.expm1(2 * np.clip(allowed, _DEEPEST, _DEEP))[work.item]
         work = work.some(~squares.within(work.piece, far, near, by))
-        if halving < _HALVINGS:
+        if halve:
             work = work.halved()
         elif throughout:
             break
@@ -185,7 +189,7 @@ def departure(plane: Plane, shown: FloatArray, near: Points, far: Points) -> Flo
     with np.errstate(divide="ignore", invalid="ignore"):
         beyond = np.fmax(shown / plane.square(*far), plane.square(*near) / shown)
         found = 0.5 * np.log(beyond)
-    return np.clip(np.where(np.isnan(found), -_DEEP, found), -_DEEP, _DEEP)
+    return np.clip(np.where(np.isnan(found), _DEEPEST, found), _DEEPEST, _DEEP)
 
 
 def _keep_largest(
@@ -284,3 +288,27 @@ def shown_range(
     """
     stiffness, damping = shown_at(display, turning_points(display, lower, upper))
     return (float(stiffness.min()), float(stiffness.max())), (float(damping.min()), float(damping.max()))
+
+
+def plane_departures(
+    display: Display, limits: tuple[tuple[float, float], tuple[float, float]], lower: float, upper: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far the stiffness and damping shown leave limits at most, in widths, and at which ω; exact.
+
+    Negative inside; of one display or of N, shape (n,).
+    """
+    count = display.size or 1
+    if display.environment.mass:
+        alone = display.size is None
+        omega = [turning_points(display if alone else display.at(i), lower, upper) for i in range(count)]
+    else:
+        omega = [np.array([lower, upper])] * count
+    item = np.repeat(np.arange(count), [part.size for part in omega])
+    at = np.concatenate(omega)
+    shown = shown_at(display if display.size is None else display.at(item), at)
+    off: FloatArray = np.full(at.shape, -np.inf)
+    for value, (low, high) in zip(shown, limits, strict=True):
+        off = np.maximum(off, np.maximum(low - value, value - high) / (high - low or 1.0))
+    best, where = np.full(count, -np.inf), np.empty(count)
+    _keep_largest(off, at, item, best, where)
+    return best, where

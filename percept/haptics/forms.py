@@ -188,7 +188,9 @@ class Squares:
                 own, springs = b * b * damping, k * k * stiffness
                 rest = own + b * across + springs - k * along
                 beyond = side * (rest - shown) + by * (device + (rest if side > 0 else shown))
-                lost = np.abs(by) * slack + _ROUNDING * (size + np.abs(own) + np.abs(springs))
+                lost = np.abs(by) * slack + _ROUNDING * (1 + np.abs(by)) * (
+                    size + np.abs(own) + np.abs(springs)
+                )
                 good &= (beyond >= lost).all(axis=0)
         return good
 

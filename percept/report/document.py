@@ -17,7 +17,6 @@ from percept.report.select import EACH_BY_ITSELF, distinct
 from percept.study.intervals import adjustments, design_counts, normality_tests
 
 if TYPE_CHECKING:
-    from percept.haptics import Coupling
     from percept.study import Study
 
 SCHEMA = "percept-report/1"
@@ -150,11 +149,9 @@ def design_of(study: Study) -> dict[str, Any] | None:
     designs = study.coupling_design
     if not designs:
         return None
-    (frequencies,) = {design.frequencies for design in designs.values()}
     return {
         "kind": "user",
         "family": study.scene.inference.family,
-        "frequencies": frequencies,
         "stable": _stable_edge(study),
         "maps": [
             {
@@ -164,8 +161,8 @@ def design_of(study: Study) -> dict[str, Any] | None:
                     {
                         "name": name,
                         "intervals": plain(region.intervals),
-                        "largest": _coupling(region.largest),
-                        "softest": _coupling(region.softest),
+                        "largest": plain(region.largest),
+                        "softest": plain(region.softest),
                     }
                     for name, region in zip(
                         (*study.environments, None), (*design.each, design.common), strict=True
@@ -183,12 +180,6 @@ def _stable_edge(study: Study) -> dict[str, Any] | None:
         return None
     region = stable_region(float(device.damping), table.period, hold=table.hold, points=_EDGE_POINTS)
     return {"stiffness": plain(region.stiffness), "damping": plain(region.damping)}
-
-
-def _coupling(coupling: Coupling | None) -> dict[str, Any] | None:
-    if coupling is None:
-        return None
-    return {"stiffness": float(coupling.stiffness), "damping": float(coupling.damping)}
 
 
 def _checks(study: Study) -> dict[str, Any] | None:

@@ -292,6 +292,9 @@ def _by_method(records: list[Record]) -> list[dict[str, Any]]:
     ]
 
 
+_BINDS = {"stability": "stability", "magnitude": "|Z_h|", "plane": "k and b"}
+
+
 def design(document: Record) -> Section | None:
     """Return the stiffest and the softest coupling for each environment, and for all together."""
     record = document["design"]
@@ -303,6 +306,7 @@ def design(document: Record) -> Section | None:
             "method": by_method["method"],
             "pointer": region["pointer"],
             "found": region["largest"] is not None,
+            "binds": ", ".join(_BINDS[one] for one in (region["largest"] or {"binds": []})["binds"]),
         }
         for by_method in pointed(record["maps"], "/design/maps")
         for region in pointed(by_method["environments"], f"{by_method['pointer']}/environments")

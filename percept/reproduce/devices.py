@@ -202,29 +202,30 @@ class TradeOff:
     static: float  # The b_d that the paper's tuned coupling needs, N·s/m
 
 
-def next_user_boundaries(
-    published: Published, device: Device, omega: Array
-) -> tuple[EnvironmentBoundary, ...]:
-    """Return the next user's boundary of each environment: prediction interval, exact envelope."""
+def next_user_boundaries(published: Published) -> tuple[EnvironmentBoundary, ...]:
+    """Return the limits of each environment: prediction intervals of the next user."""
     return tuple(
-        EnvironmentBoundary(wall.environment, *magnitude_envelope(omega, device, k, b, published.period))
+        EnvironmentBoundary(wall.environment, k, b)
         for wall, (k, b) in zip(published.walls, published.next_user, strict=True)
     )
 
 
-def adapted_couplings(published: Published, *, points: int = 61) -> Adapted:
+def adapted_couplings(published: Published) -> Adapted:
     """Return the couplings that qualify on the device Fig. 4 implies."""
     device = Device(published.device.mass, published.needed())
-    omega = published.omega(points)
-    boundaries = next_user_boundaries(published, device, omega)
-    design = design_couplings(omega, device, boundaries, published.period)
+    boundaries = next_user_boundaries(published)
+    design = design_couplings(device, boundaries, _range(published), published.period)
     line = np.array([float(published.tuned.damping)])
-    tuned = design_couplings(omega, device, boundaries, published.period, damping=line)
+    tuned = design_couplings(device, boundaries, _range(published), published.period, damping=line)
     static = (
         any(low <= published.tuned.stiffness <= high for low, high in region.intervals[0].tolist())
         for region in tuned.each
     )
     return Adapted(device, design, tuple(static))
+
+
+def _range(published: Published) -> tuple[float, float]:
+    return published.scene.frequency.lower, published.scene.frequency.upper
 
 
 def trade_off(published: Published) -> TradeOff:
@@ -262,11 +263,12 @@ def _bracket(softest: Array) -> tuple[float, float]:
 def _softest(published: Published, damping: float, rows: Sequence[int]) -> float:
     """Return the smallest k_c that suits some environments on a device of b_d, N/m; NaN without any."""
     device = Device(published.device.mass, damping)
-    omega = published.omega(_RANGE)
-    boundaries = next_user_boundaries(published, device, omega)
+    boundaries = next_user_boundaries(published)
     lines = 8 * damping * np.sin(np.linspace(0.0, np.pi / 2, _LINES)) ** 2
     some = [boundaries[row] for row in rows]
-    softest = design_couplings(omega, device, some, published.period, damping=lines).common.softest
+    softest = design_couplings(
+        device, some, _range(published), published.period, damping=lines
+    ).common.softest
     return float("nan") if softest is None else float(softest.stiffness)
 
 

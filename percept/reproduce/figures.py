@@ -321,7 +321,7 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
         "design",
         "Couplings that are stable and feel real, by environment",
         f"For {_device(adapted.device)}, the damping Fig. 4 implies. Shaded: stable, and inside the next "
-        "user’s boundary at every perceivable ω. The cross is the paper’s tuned coupling.",
+        "user’s limits at every perceivable ω, by |Z_h| and by k and b. Cross: the paper’s tuned coupling.",
         (175.0, 16.0 + 52.0 * -(-len(regions) // 3)),
         draw,
     )

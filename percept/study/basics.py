@@ -96,12 +96,6 @@ def referenced(
         )
 
 
-def thin(omega: Array, most: int) -> Array:
-    """Return at most `most` of the frequencies (M,), both ends among them."""
-    kept = np.unique(np.linspace(0, omega.size - 1, min(most, omega.size)).round().astype(int))
-    return omega[kept]
-
-
 @enum.unique
 class Stream(enum.IntEnum):
     """What draws are for; two purposes with one number would share their draws."""

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 #: By environment, and whether it is displayed through the coupling.
 Realisms = dict[tuple[str, bool], Realism]
 _LABELS = ("environment", "method", "kind", "family", "joint")
-# Frequencies that Llewellyn's criterion is drawn at, and that couplings are designed at.
-_STABILITY_POINTS, _DESIGN_POINTS = 400, 81
+# Frequencies that Llewellyn's criterion is drawn at.
+_STABILITY_POINTS = 400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -188,10 +188,9 @@ def no_design(setup: Setup, kinds: Sequence[str]) -> Skipped | None:
 
 
 def design_by_method(
-    setup: Setup, regions: Sequence[Region], family: str, omega: Array
+    setup: Setup, regions: Sequence[Region], family: str, within: tuple[float, float]
 ) -> dict[str, haptics.CouplingDesign]:
-    """Map the couplings that are stable and realistic, by the envelope of kind user of each method."""
-    grid = np.geomspace(omega[0], omega[-1], min(_DESIGN_POINTS, omega.size))
+    """Map the couplings that are stable and realistic, by the limits of kind user of each method."""
     found = {}
     for method in ("classical", "bayesian"):
         of_user = {
@@ -202,10 +201,11 @@ def design_by_method(
         if of_user.keys() != setup.references.keys():
             continue
         limits = [
-            haptics.EnvironmentBoundary(reference, *setup.outline(of_user[name], "envelope", grid))
+            haptics.EnvironmentBoundary(reference, *box)
             for name, reference in setup.references.items()
+            if (box := of_user[name].limits) is not None
         ]
-        found[method] = haptics.design_couplings(grid, setup.device, limits, setup.period, hold=setup.hold)
+        found[method] = haptics.design_couplings(setup.device, limits, within, setup.period, hold=setup.hold)
     return found
 
 

@@ -7,15 +7,17 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from percept import haptics
 from percept.boundary.records import Shape
 from percept.errors import UsageError
 from percept.haptics import AnyDevice, Coupling, Device, Environment, TabulatedDevice
+from percept.haptics.containment import ON_LIMIT, Boxes, departures
 from percept.haptics.forms import Display
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable, Scene
-from percept.study.basics import Array, Skipped, thin
+from percept.study.basics import Array, Skipped
 from percept.study.regions import Region
 
 BOXES = {"corner": haptics.corner_curves, "envelope": haptics.magnitude_envelope}
@@ -23,9 +25,8 @@ _NO_DEVICE = "the scene has no [device]"
 _RESPONSE = ("omega", "real", "imaginary")
 # Rows of a measured device that a grid starts from, at most twice as many.
 _MOST_ROWS = 128
-# Of the scene's mass and damping, for the devices that verdicts are given for; and their frequencies.
+# Of the scene's mass and damping, for the devices that verdicts are given for.
 _TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-_POINTS = 61
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -169,7 +170,6 @@ class DeviceSensitivity(NotebookRecord):
     own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
     verdict: tuple[tuple[str | None, ...], ...]  # By damping and mass: "stable", "marginal" or "unstable"
     inside: Mapping[str, tuple[tuple[int, ...], ...]]  # By kind: for how many environments abs(Z_h) stays in
-    frequencies: int  # At how many omega that was checked
     environments: int  # How many were judged
     required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
     method: str  # Whose limits
@@ -187,7 +187,7 @@ def fixed_device(setup: Setup, method: str) -> Skipped | None:
 
 
 def device_sensitivity(
-    setup: Setup, regions: Sequence[Region], asked: InferenceTable, omega: Array
+    setup: Setup, regions: Sequence[Region], asked: InferenceTable, within: tuple[float, float]
 ) -> DeviceSensitivity | None:
     """Judge stability and realism again for 49 devices about the scene's; None without a region."""
     own, period, hold = setup.device, setup.period, setup.hold
@@ -209,16 +209,15 @@ def device_sensitivity(
             for damping in dampings
         ]
     # All 49 at once: mass along the rows, damping down them.
-    every = dataclasses.replace(own, mass=np.array(masses), damping=np.array(dampings)[:, None])
-    together = dataclasses.replace(setup, device=every)
-    omega = thin(omega, _POINTS)[:, None, None]
-    coupled = setup.coupling is not None
-    felt = {e: together.curve(e, omega, coupled=coupled) for e in setup.references}
+    damping, mass = (axis.ravel() for axis in np.meshgrid(dampings, masses, indexing="ij"))
+    together = dataclasses.replace(setup, device=dataclasses.replace(own, mass=mass, damping=damping))
 
-    def stays_inside(region: Region) -> Array:
-        lower, upper = together.outline(region, "envelope", omega)
-        shown = felt[region.environment]
-        return ((lower <= shown) & (shown <= upper)).all(axis=0).astype(int)
+    def stays_inside(region: Region) -> NDArray[np.bool_]:
+        assert region.limits is not None
+        k, b = ((np.full(mass.size, low), np.full(mass.size, high)) for low, high in region.limits)
+        display = together.display(region.environment, coupled=setup.coupling is not None)
+        found = departures(display, Boxes(k, b), *within, throughout=True)
+        return (found.largest <= ON_LIMIT).reshape(len(dampings), len(masses))
 
     some = next(iter(limits.values()))
     return DeviceSensitivity(
@@ -230,7 +229,6 @@ def device_sensitivity(
             str(kind): tuple(map(tuple, np.sum([stays_inside(one) for one in found], axis=0).tolist()))
             for kind, found in limits.items()
         },
-        frequencies=omega.size,
         environments=len(some),
         required_damping=needed,
         method="classical",

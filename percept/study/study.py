@@ -342,14 +342,14 @@ class Study:
         """Couplings, by method, that are stable and realistic to the next user; empty without a device."""
         if self.setup is None or no_design(self.setup, self.scene.inference.kinds):
             return {}
-        return design_by_method(self.setup, self.regions, self.scene.inference.family, self.omega)
+        return design_by_method(self.setup, self.regions, self.scene.inference.family, self.frequencies.ends)
 
     @cached_property
     def sensitivity(self) -> DeviceSensitivity | None:
         """How the verdicts move with the device's mass and damping; None without a device that has them."""
         if self.setup is None or fixed_device(self.setup, self.scene.inference.method):
             return None
-        return device_sensitivity(self.setup, self.regions, self.scene.inference, self.omega)
+        return device_sensitivity(self.setup, self.regions, self.scene.inference, self.frequencies.ends)
 
     @property
     def comparison(self) -> pd.DataFrame | None:
