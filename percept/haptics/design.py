@@ -24,7 +24,7 @@ from percept.haptics.impedance import device_impedance, device_parts, environmen
 from percept.haptics.impedance import hold as zero_order_hold
 from percept.haptics.limits import stable_stiffness
 from percept.haptics.records import AnyDevice, Coupling, Environment, refuse_arrays
-from percept.haptics.search import search_grid, section_minimum
+from percept.haptics.search import Gaps, search_grid, section_minimum, where_positive
 from percept.haptics.stability import demands
 from percept.html import NotebookRecord
 
@@ -340,68 +340,6 @@ def _apart(omega: FloatArray) -> FloatArray:
     """Thin frequencies to one in each thousandth."""
     _, first = np.unique(np.round(np.log(omega) * 1e3), return_index=True)
     return omega[first]
-
-
-@dataclass(frozen=True, eq=False)
-class Gaps:
-    """Qualifying intervals of k_c on lines of b_c; where `kept`, `low` to `high`, increasing, N/m."""
-
-    low: FloatArray
-    high: FloatArray
-    kept: BoolArray
-
-    @classmethod
-    def of(cls, ceiling: FloatArray, forbidden: FloatArray) -> Gaps:
-        """Take open intervals (lines, cuts, 2) out of [0, ceiling] of each line; NaN forbids nothing."""
-        absent = np.isnan(forbidden).any(axis=2)
-        starts = np.where(absent, np.inf, forbidden[..., 0])
-        ends = np.where(absent, -np.inf, forbidden[..., 1])
-        order = starts.argsort(axis=1)
-        starts, ends = np.take_along_axis(starts, order, axis=1), np.take_along_axis(ends, order, axis=1)
-        none = np.zeros((ceiling.size, 1))
-        high = np.minimum(np.concatenate([starts, none + np.inf], axis=1), ceiling[:, None])
-        low = np.maximum.accumulate(np.concatenate([none, ends], axis=1), axis=1)
-        # After an interval that forbids nothing the same gap would stand again.
-        again = np.concatenate([none > 0, high[:, 1:] == high[:, :-1]], axis=1)
-        return cls(low, high, (high > low) & ~again & (ceiling > 0)[:, None])
-
-    def inset(self, fraction: float) -> Gaps:
-        """Pull both ends inside by a fraction of the value, at most to the middle; 0 stays."""
-        low, high = np.where(self.kept, self.low, 0.0), np.where(self.kept, self.high, 0.0)
-        half = (high - low) / 2
-        low, high = low + np.minimum(half, fraction * low), high - np.minimum(half, fraction * high)
-        return Gaps(low, high, self.kept.copy())
-
-    def lines(self) -> tuple[FloatArray, ...]:
-        """Return the intervals of each line, shape (m, 2)."""
-        pairs = np.stack([self.low[self.kept], self.high[self.kept]], axis=1)
-        return tuple(np.split(pairs, np.cumsum(self.kept.sum(axis=1))[:-1]))
-
-    def costs(self) -> FloatArray:
-        """Return −(largest k_c) and the smallest k_c of each line, shape (2, lines); inf without any."""
-        largest = np.where(self.kept, -self.high, np.inf).min(axis=1)
-        return np.stack([largest, np.where(self.kept, self.low, np.inf).min(axis=1)])
-
-
-def where_positive(a: FloatArray, half_b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return where a·k² + 2·half_b·k + c > 0: two open intervals, NaN where absent; shape (..., 4)."""
-    # A line counts as a parabola that bends down, with its other root at infinity.
-    a = np.where(a == 0, -0.0, a)
-    always = (a == 0) & (half_b == 0) & (c > 0)
-    discriminant = half_b**2 - a * c
-    real = discriminant > 0
-    root = half_b + np.copysign(np.sqrt(np.where(real, discriminant, 0.0)), half_b)
-    one, other = ratio(-root, a, empty=np.nan), ratio(-c, root, empty=np.nan)
-    low, high = np.fmin(one, other), np.fmax(one, other)
-    convex = a > 0
-    outside, between = convex & real, ~convex & real
-    ends = np.empty((*low.shape, 4))
-    ends[..., 0] = np.where(convex | always, -np.inf, np.where(between, low, np.nan))
-    ends[..., 1] = np.where(convex | always, np.inf, np.where(between, high, np.nan))
-    ends[outside, 1] = low[outside]
-    ends[..., 2] = np.where(outside, high, np.nan)
-    ends[..., 3] = np.where(outside, np.inf, np.nan)
-    return ends
 
 
 def _extreme(gaps: Callable[[FloatArray], Gaps], lines: FloatArray, side: int) -> Coupling | None:

@@ -19,7 +19,7 @@ from percept.haptics import (
     perceived_impedance,
     required_damping,
 )
-from percept.haptics.design import Gaps, where_positive
+from percept.haptics.search import Gaps, where_positive
 
 T = 1e-3
 RANGE = (0.1, 100.0)
