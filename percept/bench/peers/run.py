@@ -12,7 +12,7 @@ from pathlib import Path
 from percept.bench.growth import SIZES, growth
 from percept.bench.peers.document import build_document, write_benchmark
 from percept.bench.peers.engines import ENGINES, engine, missing_packages
-from percept.bench.peers.processes import COMMANDS, measure, whole_commands
+from percept.bench.peers.processes import COMMANDS, LONGEST, measure, whole_commands
 from percept.bench.peers.reference import make_reference, stored_reference
 from percept.errors import RefusalError
 from percept.report.plain import plain
@@ -44,7 +44,7 @@ def run_benchmark(
     begun, before = time.perf_counter(), os.getloadavg()[0]
     whole, grown = [], []
     if repeats:
-        commands = dict(COMMANDS)
+        commands = {name: words for name, words in COMMANDS.items() if not quick or name not in LONGEST}
         if missing_packages(("pymc",)):
             del commands["import pymc"]
             left_out["import pymc"] = ("pymc",)
