@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from percept.sessions.chunks import Reduced, reduce_sessions
 from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
-from percept.sessions.proposal import Proposal, propose_columns
+from percept.sessions.proposal import propose_columns
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source
 from percept.sessions.validate import Validation, format_validation, validate
@@ -14,7 +14,6 @@ __all__ = [
     "ExcludeRule",
     "Exclusion",
     "Notice",
-    "Proposal",
     "ReadError",
     "ReadOptions",
     "Reduced",

@@ -16,7 +16,7 @@ from percept.sessions.files import expand, load
 from percept.sessions.grids import Grid
 from percept.sessions.options import ReadOptions
 from percept.sessions.reading import open_blocks
-from percept.sessions.records import IDS
+from percept.sessions.records import IDS, MASS
 from percept.sessions.values import is_missing
 
 _WORDS = {
@@ -49,22 +49,11 @@ _FILES, _ROWS = 20, 5000
 
 @dataclass(frozen=True)
 class Proposal:
-    """How percept would read a file with unknown column names.
+    """How percept would read a file with unknown column names."""
 
-    Attributes
-    ----------
-    text : str
-        TOML of a scene: `[quantities]`, `[columns]` and `[sessions]` as far as they are needed, with what
-        was seen as comments, and commented lines for what was not found.
-    guessed : tuple of str
-        Canonical columns that rest on a guess of this module.
-    missing : tuple of str
-        Canonical columns that an analysis needs and that were not found.
-    """
-
-    text: str
-    guessed: tuple[str, ...]
-    missing: tuple[str, ...]
+    text: str  # TOML of a scene, what was seen as comments; of what was not found commented lines
+    guessed: tuple[str, ...]  # Canonical columns that rest on a guess of this module
+    missing: tuple[str, ...]  # Canonical columns that an analysis needs and that were not found
 
 
 @dataclass
@@ -116,6 +105,7 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
     Returns
     -------
     Proposal
+        `text`, TOML of a scene; `guessed`, columns that rest on words and values; `missing`, needed ones.
 
     Raises
     ------
@@ -169,19 +159,21 @@ def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
         if numbers:
             guessed["environment"] = numbers[0]
     found = {c: by_name[name] for c, name in known.items()} | guessed
-    needed = ["subject", "environment"]
-    for c in [c for c in found if c.endswith("_adj")] or ["NAME_adj"]:
-        needed += [c.replace("_adj", "_ref"), c]
-    missing = tuple(c for c in needed if c not in found and c not in options.environments)
+    stems = dict.fromkeys(c.rpartition("_")[0] for c in found if c.endswith(("_ref", "_adj")) and c != MASS)
+    needed = [
+        "subject",
+        "environment",
+        *(f"{n}_{kind}" for n in stems or ["NAME"] for kind in ("ref", "adj")),
+    ]
+    declared = {name for references in options.environments.values() for name in references}
+    missing = tuple(c for c in needed if c not in found and c not in declared)
     experiment = next((c for c in columns if c.words == ["experiment"] and len(c.texts) > 1), None)
     tables = _columns_table(found, missing, quantities, experiment) + _sessions_table(
         found, options, experiment
     )
     head = [f"# {' '.join(remark.split())}" for remark in remarks]
-    units = [
-        f"[quantities.{name}]\nunit = {_toml(unit)}{_unit_remark(unit)}\n"
-        for name, unit in quantities.items()
-    ]
+    ask = "  # no name of a column gives it: fill it in"
+    units = [f"[quantities.{n}]\nunit = {_toml(u)}{'' if u else ask}\n" for n, u in quantities.items()]
     rest = [f"# not used: {_toml(c.name)}: {c.seen()}" for c in columns if c not in found.values()]
     text = "\n".join([*head, "", *units, *tables, "", *rest]).rstrip() + "\n"
     return Proposal(text, tuple(guessed), missing)
@@ -263,10 +255,6 @@ def _sessions_table(
     repeats, rows = _repeats(found, experiment), len(next(iter(found.values())).cells) if found else 0
     seen = f"{counted(repeats, 'row')} of {rows} repeat a subject and environment, without numbers"
     return ["", "[sessions]", f'trial = "order"  # {seen}'] if repeats else []
-
-
-def _unit_remark(unit: str) -> str:
-    return "" if unit else "  # no name of a column gives it: fill it in"
 
 
 def _toml(text: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import csv
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -31,7 +31,6 @@ from percept.sessions.records import (
 from percept.sessions.summary import check_summary
 from percept.sessions.table import FileTable
 
-_SPECIAL = re.compile(r'[",\r\n]')
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -169,7 +168,6 @@ class Sessions:
 
         `for_spreadsheets` puts an apostrophe before text that a spreadsheet would run as a formula.
         """
-        clean = neutralised if for_spreadsheets else str
         table = self.table
         if self.form == "trials":
             # Columns of a parameter that was not measured would claim that it was.
@@ -178,16 +176,13 @@ class Sessions:
                 columns=[c for pair in pairs if table[pair].isna().all(axis=None) for c in pair]
             )
 
-        def cell(value: Any) -> str:
-            if isinstance(value, float):
-                return "" if value != value else repr(value)
-            text = clean(str(value)) if isinstance(value, str) else str(value)
-            # csv.writer leaves a lone carriage return bare when lines end with LF.
-            return '"' + text.replace('"', '""') + '"' if _SPECIAL.search(text) else text
-
-        columns = [[cell(str(name)), *map(cell, table[name].tolist())] for name in table.columns]
-        text = "".join(",".join(record) + "\n" for record in zip(*columns, strict=True))
-        Path(path).write_bytes(text.encode())
+        texts = [c for c in table if not pd.api.types.is_numeric_dtype(table[c])]
+        if for_spreadsheets:
+            table = table.assign(**{c: table[c].map(neutralised) for c in texts}).rename(columns=neutralised)
+        # csv.writer leaves a lone carriage return bare when lines end with LF.
+        bare = any("\r" in text for c in texts for text in (c, *self.table[c].unique()))
+        quoting = csv.QUOTE_NONNUMERIC if bare else csv.QUOTE_MINIMAL
+        table.to_csv(path, index=False, lineterminator="\n", quoting=quoting)
 
     def _repr_html_(self) -> str:
         counts = "".join(

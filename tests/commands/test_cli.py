@@ -160,9 +160,9 @@ def test_a_map_is_proposed_for_one_file_read_as_the_scene_says(tmp_path, capsys)
     scene.write_text('[sessions]\ndelimiter = "|"\n')
     assert main(["validate", path, "--scene", str(scene), "--write-map"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert 'subject = "subject"' in lines
-    assert '# k_adj = { name = "", unit = "N/m" }' in lines
-    assert "# set, k: 9" in lines
+    assert 'subject = "subject"  # 1 different: S1' in lines
+    assert '# k_adj = ""  # not found: fill in the name of its column' in lines
+    assert '# not used: "set, k": 1 different: 9' in lines
     assert refused(["validate", path, path, "--write-map"], capsys) == (
         2,
         f"percept: value {path!r}: --write-map takes one file.\n",
