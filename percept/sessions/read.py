@@ -175,13 +175,12 @@ class Sessions:
             table = table.drop(
                 columns=[c for pair in pairs if table[pair].isna().all(axis=None) for c in pair]
             )
-
-        texts = [c for c in table if not pd.api.types.is_numeric_dtype(table[c])]
+        texts = [str(c) for c in table if not pd.api.types.is_numeric_dtype(table[c])]
         if for_spreadsheets:
             table = table.assign(**{c: table[c].map(neutralised) for c in texts}).rename(columns=neutralised)
         # csv.writer leaves a lone carriage return bare when lines end with LF.
         bare = any("\r" in text for c in texts for text in (c, *self.table[c].unique()))
-        quoting = csv.QUOTE_NONNUMERIC if bare else csv.QUOTE_MINIMAL
+        quoting: Any = csv.QUOTE_NONNUMERIC if bare else csv.QUOTE_MINIMAL
         table.to_csv(path, index=False, lineterminator="\n", quoting=quoting)
 
     def _repr_html_(self) -> str:
