@@ -6,41 +6,91 @@ import argparse
 import importlib
 import io
 import os
+import re
 import select
 import sys
 from collections.abc import Collection, Sequence
+from typing import NoReturn
 
 from percept import __version__
-from percept.errors import PerceptError, printable
+from percept.commands import Command
+from percept.errors import PerceptError, UsageError, did_you_mean, printable
 
-#: Commands in the order of an analyst's work, with the line each has in the help.
-COMMANDS = {
-    "new": "write a commented scene file",
-    "validate": "check session files",
-    "report": "analyse sessions and write the report",
-    "fit": "fit the model and write its intervals",
-    "compare": "compare methods, or two studies, groups or devices",
-    "predict": "predict an untested environment",
-    "plan": "plan the number of subjects",
-    "calibrate": "simulate, refit and report real coverage",
-    "batch": "fit many studies, on this machine or a cluster",
-    "cache": "show or clear kept posteriors",
-    "sbc": "simulation-based calibration of the model and sampler",
-    "simulate": "simulate sessions like a published table",
-    "reproduce": "reproduce the paper, claim by claim",
-    "bench": "run time against error, and digits kept",
-    "doctor": "check the environment",
-    "completion": "print shell completion",
+#: Commands by what they are for, each with its line in the help.
+GROUPS = {
+    "analyse": {
+        "report": "analyse sessions and write the report",
+        "fit": "fit the model and print its intervals",
+        "compare": "compare methods, or two studies, groups or devices",
+        "predict": "predict an untested environment",
+        "batch": "fit many studies, on this machine or a cluster",
+    },
+    "design": {
+        "plan": "plan the number of subjects",
+        "calibrate": "simulate, refit and report real coverage",
+    },
+    "data": {
+        "new": "write a commented scene file",
+        "validate": "check session files and say what they hold",
+        "simulate": "simulate sessions like a published table",
+        "reproduce": "reproduce the paper, claim by claim",
+    },
+    "maintain": {
+        "doctor": "check the installation",
+        "cache": "show or clear kept posteriors",
+        "completion": "print shell completion",
+        "sbc": "simulation-based calibration of the model and sampler",
+        "bench": "run time against error, and digits kept",
+    },
 }
+COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
+# What argparse says of a word that is none of an option's choices or no number, and of one that is lacking.
+_CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*)' \(choose from (.*)\)")
+_NUMBER = re.compile(r"argument (\S+): invalid (int|float) value: '(.*)'")
+_REQUIRED = "the following arguments are required: "
+#: Commands that stand in the module of another.
+_HOMES = {"completion": "doctor", "sbc": "calibrate"}
+#: Commands that keep what is finished when they are interrupted.
+_RESUMED = ("batch", "calibrate", "sbc")
 
 _EXAMPLE = """example:
   percept report sessions/ --scene scene.toml --out results
+
+percept COMMAND --help says more about a command.
 """
+
+
+class _Parser(argparse.ArgumentParser):
+    """Tells a mistake in a line of percept's own; the help of the whole lists its commands in groups."""
+
+    def error(self, message: str) -> NoReturn:
+        if found := _CHOICE.fullmatch(message):
+            option, word, choices = found[1], found[2], found[3].replace("'", "")
+            near = did_you_mean(word, choices.split(", "))
+            message = f"{option} is one of {choices}, not {word!r}.{near}".removesuffix(".")
+        elif found := _NUMBER.fullmatch(message):
+            kind = {"int": "a whole number", "float": "a number"}[found[2]]
+            message = f"{found[1]} must be {kind}, not {found[3]!r}"
+        elif message.startswith(_REQUIRED):
+            message = f"{message.removeprefix(_REQUIRED)} is missing"
+        end = "" if message.endswith("?") else "."
+        self.exit(2, f"{self.prog}: {message}{end} See {self.prog} --help.\n")
+
+    def format_help(self) -> str:
+        if self.prog != "percept":
+            return super().format_help()
+        wide = max(map(len, COMMANDS))
+        groups = "".join(
+            f"{group}:\n" + "".join(f"  {name:<{wide}}  {line}\n" for name, line in lines.items()) + "\n"
+            for group, lines in GROUPS.items()
+        )
+        options = super().format_help().partition("options:\n")[2]
+        return f"usage: percept COMMAND ...\n\n{self.description}\n\n{groups}options:\n{options}"
 
 
 def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser:
     """Build the parser; imports the command modules, which import no numerics."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="percept",
         description="Realistic performance boundaries of haptic systems, classical and Bayesian.",
         epilog=_EXAMPLE,
@@ -48,26 +98,52 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
     )
     parser.add_argument("--version", action="version", version=f"percept {__version__}")
     parser.add_argument("--debug", action="store_true", help="show a traceback with an error")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name, line in COMMANDS.items():
         if only is not None and name not in only:
             commands.add_parser(name, help=line)
             continue
-        module = importlib.import_module(f"percept.commands.{name}")
+        module = importlib.import_module(f"percept.commands.{_HOMES.get(name, name)}")
+        part: Command = (
+            getattr(module, name.upper())
+            if name in _HOMES
+            else Command(module.__doc__, module.EXAMPLE, module.add_arguments, module.run)
+        )
         command = commands.add_parser(
             name,
             help=line,
-            description=module.__doc__,
-            epilog=f"example:\n  {module.EXAMPLE}\n",
+            description=part.description,
+            epilog=f"example:\n  {part.example}\n",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        module.add_arguments(command)
+        part.add_arguments(command)
         # Also behind the command; without a default of its own it leaves what stood before it.
         command.add_argument(
             "--debug", action="store_true", default=argparse.SUPPRESS, help="show a traceback with an error"
         )
-        command.set_defaults(run=module.run)
+        command.set_defaults(run=part.run, parser=command)
     return parser
+
+
+def _see(command: str | None) -> str:
+    return f"See {' '.join(filter(None, ('percept', command)))} --help."
+
+
+def _parsed(words: Sequence[str]) -> argparse.Namespace:
+    """Parse the words of a command line; what percept does not know it refuses, with what is like it."""
+    # The first word that is no option is the command: no option before it takes a value.
+    first = next((word for word in words if not word.startswith("-")), None)
+    if first is not None and first not in COMMANDS:
+        raise UsageError(f"there is no command {first!r}.{did_you_mean(first, COMMANDS)}", hint=_see(None))
+    parser = build_parser([first] if first else [])
+    parsed, unknown = parser.parse_known_args(words)
+    for word in unknown:
+        if not word.startswith("-"):
+            raise UsageError("there is one argument too many.", value=word, hint=_see(first))
+        option = word.partition("=")[0]
+        options = getattr(parsed, "parser", parser)._option_string_actions
+        raise UsageError(f"there is no option {option}.{did_you_mean(option, options)}", hint=_see(first))
+    return parsed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -76,26 +152,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A locale without ω or × is no reason to print nothing.
         sys.stdout.reconfigure(errors="backslashreplace")
     words = sys.argv[1:] if arguments is None else arguments
-    # The first word that names a command is the command: no option before it takes a value.
-    parsed = build_parser([word for word in words if word in COMMANDS][:1]).parse_args(words)
     # The matrices are a few tens wide: a second BLAS thread costs more than it brings.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    debug, command = "--debug" in words, None
     try:
+        parsed = _parsed(words)
+        command = parsed.command
+        if command is None:
+            build_parser(()).print_help()
+            return 0
         code = int(parsed.run(parsed))
         sys.stdout.flush()
         return code
     except PerceptError as error:
-        if parsed.debug:
+        if debug:
             raise
         _complain(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        print("percept: interrupted.", file=sys.stderr)
+        left = "keeps what is finished and goes on" if command in _RESUMED else "starts again from the data"
+        print(f"percept: interrupted. The same command {left}.", file=sys.stderr)
         return 130
     except OSError as error:
         if isinstance(error, BrokenPipeError) and _output_is_closed():
             return 141
-        if parsed.debug:
+        if debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
         _complain(f"{place}{error.strerror or error}.")

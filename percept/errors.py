@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-__all__ = ["PerceptError", "RefusalError", "UsageError", "counted", "printable"]
+import difflib
+from collections.abc import Iterable
+
+__all__ = ["PerceptError", "RefusalError", "UsageError", "counted", "did_you_mean", "printable"]
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:
@@ -13,6 +16,12 @@ def counted(number: int, one: str, many: str | None = None) -> str:
 def printable(text: str) -> str:
     """Escape what could move a terminal's cursor or hide text: control and bidirectional characters."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return a question that names the known word most like a wrong one; nothing where none is like it."""
+    alike = difflib.get_close_matches(word, list(known), n=1)
+    return f" Did you mean {alike[0]}?" if alike else ""
 
 
 class PerceptError(ValueError):

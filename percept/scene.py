@@ -18,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from percept.errors import UsageError
+from percept.errors import UsageError, did_you_mean
 from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
 from percept.sessions.options import Columns, Environments, SessionsTable, Table, said
@@ -167,7 +167,8 @@ class ModelTable(Table):
         known = [field.name for field in dataclasses.fields(Priors)]
         unknown = [name for name in priors if name not in known]
         if unknown:
-            raise ValueError(f"no such prior as {unknown[0]}; there are {', '.join(known)}")
+            meant = did_you_mean(unknown[0], known)
+            raise ValueError(f"there is no prior {unknown[0]}; there are {', '.join(known)}.{meant}")
         Priors(**priors)
         return priors
 
@@ -227,7 +228,9 @@ class Scene(Table):
     environments: Environments = Field(default_factory=dict)
     _folder: Path = PrivateAttr(default=Path())
 
-    def __init__(self, /, **tables: Any) -> None:
+    def __init__(self, /, *paths: Any, **tables: Any) -> None:
+        if paths:
+            raise UsageError(f"a scene's file is read by Scene.load({str(paths[0])!r}).")
         try:
             super().__init__(**tables)
         except ValidationError as error:

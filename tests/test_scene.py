@@ -14,9 +14,16 @@ from percept.sessions import ReadOptions
     [
         ("[devic]\n", "devic: there is no such key; there are device, coupling, frequency, inference"),
         ("[inference]\nlevle = 0.9\n", "inference.levle = 0.9: there is no such key; there are level, share"),
+        ("[inference]\nlevle = 0.9\n", "most_steps. Did you mean level?"),
+        ("[devic]\n", "Did you mean device?"),
+        ("[model.priors]\ntau_scal = 1\n", "Did you mean tau_scale?"),
+        ("[environments.A]\nk_rf = 1\n", "Did you mean k_ref?"),
+        ("[device]\nmass = 1\ndamping = -2\nperiod = 1e-3\n", "device.damping = -2: must be 0 or more."),
+        ("[device]\nmass = 1\ndamping = 2\nperiod = 0.0\n", "device.period = 0.0: must be above 0."),
+        ("[inference]\nwalkers = 64.5\n", "inference.walkers = 64.5: must be a whole number."),
         (
             "[device]\nmass = 1\ndamping = 2\nperiod = 1e-3\nmodes = [{ weight = 1 }]\n",
-            "device.modes.0.mass: is missing.",
+            "device.modes.0.weight = 1: there is no such key; there are mass, stiffness, damping.",
         ),
         (
             "[device]\nmass = 1\ndamping = 2\nperiod = 1e-3\nmodes = [{ mass = 1, stiffness = 1, x = 2 }]\n",
@@ -25,9 +32,9 @@ from percept.sessions import ReadOptions
         ("[device]\nmass = 1\n", "device.period: is missing."),
         (
             "[device]\nmass = true\ndamping = 2\nperiod = 1e-3\n",
-            "device.mass = True: input should be",
+            "device.mass = True: must be a number.",
         ),
-        ('[checks]\nrefit = "yes"\n', "checks.refit = 'yes': input should be a valid boolean."),
+        ('[checks]\nrefit = "yes"\n', "checks.refit = 'yes': must be true or false."),
         ("[report.zoom]\nVE1 = [9, 9]\n", "report.zoom: the window of VE1 must begin below its end."),
         (
             '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',
@@ -39,7 +46,7 @@ from percept.sessions import ReadOptions
         ),
         (
             '[inference]\nfamily = "log"\n',
-            "inference.family = 'log': input should be 'lognormal' or 'normal'.",
+            "inference.family = 'log': must be 'lognormal' or 'normal'.",
         ),
         ("[frequency]\nlower = 5\nupper = 1\n", "frequency: lower, 5, must be below upper, 1."),
         (
@@ -52,14 +59,14 @@ from percept.sessions import ReadOptions
             '[model]\npooling = "none"\nprior = "reference"\nresolution = { k = 1.0 }\n',
             'model: resolution goes with pooling = "partial".',
         ),
-        ("[model.priors]\ntau = 1\n", "model.priors: no such prior as tau; there are alpha_sd, gamma_sd"),
+        ("[model.priors]\ntau = 1\n", "model.priors: there is no prior tau; there are alpha_sd, gamma_sd"),
         (
             '[model.priors]\ntau_scale = "2"\n',
-            "model.priors.tau_scale = '2': input should be a valid number.",
+            "model.priors.tau_scale = '2': must be a number.",
         ),
         (
             "[model.priors]\ntau_scale = true\n",
-            "model.priors.tau_scale = True: input should be a valid number.",
+            "model.priors.tau_scale = True: must be a number.",
         ),
         ("[device]\nmass = 1\nperiod = 1e-3\n", "device: give mass and damping, or response."),
         (
@@ -97,7 +104,7 @@ def test_a_file_that_is_not_there(tmp_path):
             {"sessions": {"comma": ","}},
             "sessions.comma = ',': there is no such key; there are decimal, delimiter",
         ),
-        ({"sessions": {"decimal": "x"}}, "sessions.decimal = 'x': input should be '.' or ','."),
+        ({"sessions": {"decimal": "x"}}, "sessions.decimal = 'x': must be '.' or ','."),
         (
             {"environments": {"A": {"k": 3}}},
             "environments.A.k: there is no such key; there are k_ref, b_ref, m_ref.",
@@ -170,6 +177,11 @@ def test_stiffness_comes_first_and_the_average_user():
 def test_single_values_are_read_where_the_curves_are(lower, upper, at):
     scene = Scene.from_tables({"frequency": {"lower": lower, "upper": upper}})
     assert scene.frequency.read_at == pytest.approx(at, rel=1e-15)
+
+
+def test_a_path_is_told_how_a_file_is_read():
+    with pytest.raises(UsageError, match=r"a scene's file is read by Scene\.load\('scene\.toml'\)\."):
+        Scene("scene.toml")
 
 
 def test_keyword_arguments_are_refused_as_tables_are():

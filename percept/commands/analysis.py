@@ -45,13 +45,17 @@ def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
 def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene and the settings of `[inference]` that have a flag."""
     parser.add_argument("--scene", metavar="FILE", help="TOML file that says what to analyse")
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of the sampler")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the sampler (1)")
     parser.add_argument(
         "--tolerance", type=float, metavar="X", help="Monte Carlo error over half-width (0.01)"
     )
     parser.add_argument("--level", type=float, metavar="X", help="confidence or credibility (0.99)")
-    parser.add_argument("--family", choices=("lognormal", "normal"), help="scale of the hierarchical model")
-    parser.add_argument("--method", choices=("both", "classical", "bayesian"), help="which method to run")
+    parser.add_argument(
+        "--family", choices=("lognormal", "normal"), help="scale of the hierarchical model (lognormal)"
+    )
+    parser.add_argument(
+        "--method", choices=("both", "classical", "bayesian"), help="which method to run (both)"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress, no notices")
 
 
@@ -61,7 +65,7 @@ def add_check_arguments(parser: argparse.ArgumentParser, *, usual: bool = False)
         "--checks",
         action=argparse.BooleanOptionalAction,
         default=usual or None,
-        help="check the model: normality, subjects left out, predictions, priors",
+        help=f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})",
     )
     parser.add_argument(
         "--refit", action="store_true", help="and sample anew without each influential subject"

@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from percept.errors import UsageError
+from percept.errors import UsageError, did_you_mean
 from percept.sessions.records import IDS, MASS, NUMBERS
 from percept.sessions.values import factor
 
@@ -33,7 +33,17 @@ _PLAIN = {
     "model_type": "must be a table",
     "string_type": "must be text",
     "tuple_type": "must be a list",
+    "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "int_type": "must be a whole number",
+    "bool_type": "must be true or false",
+    "greater_than": "must be above {gt:g}",
+    "greater_than_equal": "must be {ge:g} or more",
+    "less_than_equal": "must be {le:g} or less",
+    "literal_error": "must be {expected}",
+    "string_too_short": "must not be empty",
 }
+_NO_KEY = "there is no such key; there are "
 
 
 class Table(BaseModel):
@@ -43,8 +53,9 @@ class Table(BaseModel):
 
 
 def said(table: type[BaseModel], error: ValidationError, *, file: str | None = None) -> UsageError:
-    """Say the first thing that is wrong with the keys of a table, and where."""
-    first = error.errors(include_url=False)[0]
+    """Say the first thing that is wrong with the keys of a table, unknown ones before all else, and where."""
+    # A misspelt key is missing too; its own name says more.
+    first = min(error.errors(include_url=False), key=lambda one: not _unknown_key(one))
     context, where, value = first.get("ctx", {}), list(first["loc"]), first["input"]
     message = first["msg"].removeprefix("Value error, ")
     path = ".".join(map(str, where))
@@ -54,15 +65,24 @@ def said(table: type[BaseModel], error: ValidationError, *, file: str | None = N
     if first["type"] == "missing":
         message, value = "is missing", None
     elif first["type"] == "extra_forbidden":
-        message = f"there is no such key; there are {', '.join(_keys_at(table, where))}"
+        message = _NO_KEY + ", ".join(_keys_at(table, where))
     elif where and where[-1] == "[key]":
         path, value = path.removesuffix(".[key]"), None
-    else:
-        message = _PLAIN.get(first["type"], message)
+    elif first["type"] in _PLAIN:
+        message = _PLAIN[first["type"]].format(**context)
     message = f"{message[:1].lower()}{message[1:]}".removesuffix(".")
+    names = message.removeprefix(_NO_KEY) if message.startswith(_NO_KEY) else ""
     return UsageError(
-        f"{message}.", file=file, key=path or None, value=None if isinstance(value, dict) else value
+        f"{message}.",
+        file=file,
+        key=path or None,
+        value=None if isinstance(value, dict) else value,
+        hint=did_you_mean(path.rpartition(".")[2], names.split(", ")).strip() or None,
     )
+
+
+def _unknown_key(problem: Any) -> bool:
+    return problem["type"] == "extra_forbidden" or problem["loc"][-1:] == ("[key]",)
 
 
 def _keys_at(table: type[BaseModel], where: Sequence[str | int]) -> list[str]:
@@ -203,7 +223,7 @@ def _one_of(names: Sequence[str]) -> AfterValidator:
 
     def check(name: str) -> str:
         if name not in names:
-            raise ValueError(f"there is no such key; there are {', '.join(names)}")
+            raise ValueError(_NO_KEY + ", ".join(names))
         return name
 
     return AfterValidator(check)

@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from percept.cli import COMMANDS, build_parser, main
+from percept.cli import COMMANDS, GROUPS, build_parser, main
 from percept.errors import UsageError
 from tests import DATASETS
 from tests.unmixed import unmixed_sessions
@@ -125,6 +126,92 @@ def test_every_command_has_help_with_an_example(command, capsys):
     assert stopped.value.code == 0
     text = capsys.readouterr().out
     assert f"percept {command}" in text.split("example:")[1]
+
+
+def test_percept_alone_prints_its_commands_in_groups(capsys):
+    assert main([]) == 0
+    alone = capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert capsys.readouterr().out == alone
+    for group, lines in GROUPS.items():
+        listed = alone.partition(f"\n{group}:\n")[2].partition("\n\n")[0].splitlines()
+        assert [tuple(line.split(maxsplit=1)) for line in listed] == list(lines.items())
+
+
+def options_of(command):
+    parser = build_parser([command])
+    (commands,) = (action for action in parser._actions if action.dest == "command")
+    return [action for action in commands.choices[command]._actions if action.option_strings]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_every_default(command):
+    for action in options_of(command):
+        value = action.default
+        if value in (None, False, True, [], ()) or value == "==SUPPRESS==":
+            continue
+        shown = (
+            " ".join(map(str, value))
+            if isinstance(value, list)
+            else f"{value:g}"
+            if isinstance(value, float)
+            else str(value)
+        )
+        assert f"({shown})" in action.help, action.option_strings
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["repotr", SESSIONS], "there is no command 'repotr'. Did you mean report? See percept --help."),
+        (["frobnicate"], "there is no command 'frobnicate'. See percept --help."),
+        (["fit", SESSIONS, "--sceen", "s"], "there is no option --sceen. Did you mean --scene? See"),
+        (["--versoin"], "there is no option --versoin. Did you mean --version? See percept --help."),
+        (["cache", "clear", "it"], "value 'it': there is one argument too many. See percept cache --help."),
+    ],
+    ids=["command", "nothing like it", "option", "option before a command", "argument"],
+)  # fmt: skip
+def test_a_slip_is_told_with_what_is_like_it(words, said, capsys):
+    assert main(words) == 2
+    assert capsys.readouterr().err.startswith(f"percept: {said}")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--method", "baysian"], "--method is one of both, classical, bayesian, not 'baysian'. Did you mean"),
+        (["--seed", "1.5"], "--seed must be a whole number, not '1.5'. See percept fit --help."),
+        (["--level", "x"], "--level must be a number, not 'x'. See"),
+        ([], "PATH is missing. See percept fit --help."),
+    ],
+    ids=["choice", "whole number", "number", "missing"],
+)  # fmt: skip
+def test_a_wrong_value_of_an_option_is_told_in_plain_words(words, said, capsys):
+    paths = [SESSIONS] if words else []
+    with pytest.raises(SystemExit) as stopped:
+        main(["fit", *paths, *words])
+    assert stopped.value.code == 2
+    assert capsys.readouterr().err.startswith(f"percept fit: {said}")
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [("batch", "keeps what is finished and goes on"), ("validate", "starts again from the data")],
+)
+def test_an_interrupted_command_says_how_to_go_on(command, said, tmp_path):
+    """A real interrupt, sent while the command reads a pipe that nobody writes to."""
+    pipe = tmp_path / "sessions.csv"
+    os.mkfifo(pipe)
+    listed = ["--from", str(pipe)] if command == "batch" else [str(pipe)]
+    words = [sys.executable, "-m", "percept", command, *listed]
+    with (
+        subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process,
+        pipe.open("w"),  # opens once the command reads
+    ):
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == f"percept: interrupted. The same command {said}.\n"
+    assert process.returncode == 130
 
 
 def imported_by(code):

@@ -644,9 +644,9 @@ def test_trials_and_summary_do_not_mix(tmp_path):
             {"sessions": {"decimals": ","}},
             "sessions.decimals = ',': there is no such key; there are decimal,",
         ),
-        ({"sessions": {"decimal": ";"}}, "sessions.decimal = ';': input should be '.' or ','."),
+        ({"sessions": {"decimal": ";"}}, "sessions.decimal = ';': must be '.' or ','."),
         ({"sessions": {"delimiter": '"'}}, "sessions.delimiter = '\"': must be one character, not a quote."),
-        ({"sessions": {"keep": "first"}}, "sessions.keep = 'first': input should be 'last'."),
+        ({"sessions": {"keep": "first"}}, "sessions.keep = 'first': must be 'last'."),
         ({"sessions": {"filename": "subject"}}, "sessions.filename = 'subject': must name {subject}"),
         ({"sessions": {"groups": 1.5}}, "sessions.groups = 1.5: must be a text or a list of texts."),
         ({"sessions": {"groups": [True]}}, "sessions.groups.0 = True: must be text."),
@@ -659,13 +659,22 @@ def test_trials_and_summary_do_not_mix(tmp_path):
         ),
         (
             {"sessions": {"exclude": [{"column": "x", "above": "3"}]}},
-            "sessions.exclude.0.above = '3': input should be a valid number.",
+            "sessions.exclude.0.above = '3': must be a number.",
         ),
         (
             {"columns": {"k": "x"}},
             "columns.k: there is no such key; there are subject, session, environment,",
         ),
-        ({"columns": {"k_adj": {"nme": "x"}}}, "columns.k_adj.name: is missing."),
+        ({"columns": {"k_adj": {"unit": "N/m"}}}, "columns.k_adj.name: is missing."),
+        (
+            {"columns": {"k_adj": {"nme": "x"}}},
+            "columns.k_adj.nme = 'x': there is no such key; there are name, unit, path, also, offset. "
+            "Did you mean name?",
+        ),
+        (
+            {"columns": {"k_ajd": "x"}},
+            "columns.k_ajd: there is no such key; there are subject, session,",
+        ),
         (
             {"columns": {"k_adj": 3}},
             "columns.k_adj = 3: a column is a name, a list of names, or a table of name, unit and path.",
@@ -673,11 +682,11 @@ def test_trials_and_summary_do_not_mix(tmp_path):
         ({"columns": {"k_adj": " "}}, "columns.k_adj.name = ' ': is blank."),
         (
             {"environments": {"a": {"k_ref": "3"}}},
-            "environments.a.k_ref = '3': input should be a valid number.",
+            "environments.a.k_ref = '3': must be a number.",
         ),
         (
             {"environments": {"a": {"k_ref": math.inf}}},
-            "environments.a.k_ref = inf: input should be a finite",
+            "environments.a.k_ref = inf: must be a finite number",
         ),
         ({"environments": []}, "environments = []: must be a table."),
     ],
@@ -689,7 +698,7 @@ def test_options_are_checked(tables, message):
 
 
 def test_options_given_as_keywords_are_checked_too():
-    with pytest.raises(UsageError, match="unfinished = 'drop': input should be 'keep' or 'exclude'"):
+    with pytest.raises(UsageError, match="unfinished = 'drop': must be 'keep' or 'exclude'"):
         ReadOptions(unfinished="drop")
     with pytest.raises(UsageError, match=r"columns\.k: there is no such key"):
         read_sessions("f.csv", columns={"k": "x"})
