@@ -180,7 +180,7 @@ def test_a_slip_is_told_with_what_is_like_it(words, said, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--method", "baysian"], "--method is one of both, classical, bayesian, not 'baysian'. Did you mean"),
+        (["--method", "baysian"], "--method is one of both, classical, bayesian, not 'baysian'. Did"),
         (["--seed", "1.5"], "--seed must be a whole number, not '1.5'. See percept fit --help."),
         (["--level", "x"], "--level must be a number, not 'x'. See"),
         ([], "PATH is missing. See percept fit --help."),
