@@ -33,12 +33,12 @@ _EXACT = 1e-4
 # Where they are first looked for; and how many bands from there, in logarithms, they may lie.
 _TAIL, _WIDER = 0.005, 3.0
 # Bands, in logarithms, that a limit moves by at most per SD.
-_STEEPEST = 2.0
+_STEEPEST, _NARROWEST = 2.0, 1e-9
 # One point in so many says where to look.
 _SOME = 5
 _BLOCK_VALUES, _TINY = 1 << 20, np.finfo(np.float64).tiny
 # A level is calibrated to this many SDs of a normal.
-_CLOSE, _MOST_STEPS = 0.003, 12
+_CLOSE, _MOST_STEPS, _FARTHEST = 0.003, 12, 3.0
 # Fewest points that a share is read from, and parts of the points whose scatter says how far off it is.
 _FEWEST, _PARTED = 16, 4
 
@@ -118,7 +118,7 @@ class Magnitude:
             step, fall = _level_of(farthest, held[0], 1.0 - level)
             if abs(step) < _CLOSE or (score == first and step < 0.0):
                 break
-            score = max(first, score + step)
+            score = min(max(first, score + step), first + _FARTHEST)
         turn = np.flatnonzero(leave) % _PARTED
         steps = [
             _level_of(farthest[turn == i], _PARTED * held[0, turn == i], 1.0 - level)[0]
@@ -212,7 +212,8 @@ class Magnitude:
             value[np.abs(value) < _EXACT] = 0.0
             return value.copy(), rate.copy()
 
-        scale = np.tile(start[1] - start[0], 2)
+        # A band far narrower than its magnitude may have no width among the points looked at.
+        scale = np.tile(np.maximum(start[1] - start[0], _NARROWEST), 2)
         low, high = start.ravel() - _WIDER * scale, start.ravel() + _WIDER * scale
         x = root(short, start.ravel(), low, high, scale, _EXACT)
         held, slope = self.content(at, np.exp(x), inner, every=True)

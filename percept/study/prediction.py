@@ -162,11 +162,21 @@ def predict(
     more = dataclasses.replace(fit, run=run)
     if not more.passed:
         return found
-    return _predicted(study, more, reference, name, kinds or asked.kinds, curves=curves)
+    # The run's own limits and errors rest on all draws that it kept.
+    values, errors = (part.reshape(len(asked.kinds), 2, -1) for part in (run.estimates.value, run.errors))
+    known = {str(kind): (values[i], errors[i].max(axis=0)) for i, kind in enumerate(asked.kinds)}
+    return _predicted(study, more, reference, name, kinds or asked.kinds, curves=curves, known=known)
 
 
 def _predicted(
-    study: Study, fit: Fit, reference: Array, name: str, kinds: tuple[Kind, ...], *, curves: bool
+    study: Study,
+    fit: Fit,
+    reference: Array,
+    name: str,
+    kinds: tuple[Kind, ...],
+    *,
+    curves: bool,
+    known: Mapping[str, tuple[Array, Array]] | None = None,
 ) -> Prediction:
     """Predict from the draws of a fit."""
     tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
@@ -177,7 +187,7 @@ def _predicted(
     asked = study.scene.inference
     expected = expected_users(fit, x, asked)
     scale = ResponseScale.of(reference, asked.family)
-    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds, name))
+    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds, name, known or {}))
     boundaries: tuple[Boundary, ...] = ()
     if curves and study.setup is not None and len(study.parameters) == 2:
         regions: list[Region] = list(rectangles(intervals))
@@ -238,16 +248,19 @@ def _rows(
     asked: InferenceTable,
     kinds: tuple[Kind, ...],
     name: str,
+    known: Mapping[str, tuple[Array, Array]],
 ) -> Iterator[dict[str, Any]]:
-    """Yield a row of the interval table for every kind and parameter, with its Monte Carlo error."""
+    """Yield a row for every kind and parameter; limits (2, P) and errors (P,) of some kinds are known."""
     estimands, laws = estimands_of(fit.model, asked), expected.laws
     estimate = _native(scale, laws.mean.mean(axis=0))
     rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": fit.approximate}
     for kind in kinds:
-        lower, upper, influence = estimands.limits(kind, laws)
-        error = _monte_carlo(influence, fit.run.batches()).reshape(2, -1).max(axis=0) / (
-            0.5 * (upper - lower)
-        )
+        if kind in known:
+            (lower, upper), error = known[kind]
+        else:
+            lower, upper, influence = estimands.limits(kind, laws)
+            error = _monte_carlo(influence, fit.run.batches()).reshape(2, -1).max(axis=0)
+        error = error / (0.5 * (upper - lower))
         low, high = _native(scale, lower), _native(scale, upper)
         for p, parameter in enumerate(fit.parameters):
             limits, reference = (low[p], high[p], estimate[p]), float(scale.origin[p])
