@@ -16,6 +16,7 @@ from percept.boundary.realism import Populations, Realism, realism
 from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.haptics import Coupling, TabulatedDevice
+from percept.haptics.containment import Boxes, departures, plane_departures
 from percept.haptics.search import covers_range
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable
@@ -52,8 +53,10 @@ class CouplingStudy(NotebookRecord):
     omega, bound, admittance : ndarray, shape (M,)
         Frequencies, rad/s; the criterion's bound and the real part of the coupling's admittance there.
     realism : DataFrame
-        Per boundary: share of the range inside, where curves leave, and the margin; without and through the
-        coupling.
+        Per boundary: share of the range inside, where curves leave, and the margin, as drawn; without and
+        through the coupling. Of envelopes of rectangles also the verdict at every omega ("inside", "marginal"
+        or "outside"), the largest departure (log ratio, negative inside) with its omega, and that of
+        effective k and b, in widths.
     read_at : float
         Where single values are read, rad/s.
     probability : DataFrame or None
@@ -148,8 +151,27 @@ def _memberships(
             )
             row["plane_uncoupled"] = direct.inside
             row["plane_coupled"], row["plane_leaves_coupled"] = coupled.inside, coupled.leaves
+        region = known.get(key)
+        if region is not None and region.limits is not None and boundary.shape == "envelope":
+            row |= _verdicts(setup, region, boundary)
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def _verdicts(setup: Setup, region: Region, boundary: Boundary) -> dict[str, Any]:
+    """Judge a reference against a rectangle at every omega, without and through the coupling."""
+    assert region.limits is not None
+    ends = float(boundary.omega[0]), float(boundary.omega[-1])
+    k, b = ((np.array([low]), np.array([high])) for low, high in region.limits)
+    box, found = Boxes(k, b), dict[str, Any]()
+    for name in ("uncoupled", "coupled"):
+        display = setup.display(region.environment, coupled=name == "coupled")
+        departed = departures(display, box, *ends)
+        found[f"verdict_{name}"] = departed.verdict()
+        found[f"departure_{name}"] = float(departed.largest[0])
+        found[f"departure_omega_{name}"] = float(departed.omega[0])
+        found[f"plane_departure_{name}"] = float(plane_departures(display, region.limits, *ends)[0][0])
+    return found
 
 
 def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:

@@ -103,3 +103,27 @@ def test_no_grid_moves_a_probability(fitted: Study) -> None:
     study.fit = fitted.fit  # the same posterior, not sampled again
     for key, found in fitted.realism.items():
         assert dataclasses.asdict(study.realism[key]) == dataclasses.asdict(found)
+
+
+def test_verdicts_of_envelopes_are_those_of_a_fine_grid(fitted: Study) -> None:
+    assert fitted.setup is not None
+    assert fitted.coupling is not None
+    setup, omega = fitted.setup, np.geomspace(0.1, 100.0, 20_000)
+    regions = {r.environment: r for r in fitted.regions if _of_user(r)}
+    table = fitted.coupling.realism
+    verdicts = set()
+    for row in table[(table["shape"] == "envelope") & table.apply(_of_user, axis=1)].to_dict("records"):
+        limits = regions[row["environment"]].limits
+        assert limits is not None
+        lower, upper = magnitude_envelope(omega, setup.device, *limits, setup.period)
+        for coupled, name in ((False, "uncoupled"), (True, "coupled")):
+            shown = setup.curve(row["environment"], omega, coupled=coupled)
+            seen = float(np.maximum(np.log(shown / upper), np.log(lower / shown)).max())
+            assert row[f"departure_{name}"] == pytest.approx(seen, rel=1e-3, abs=1e-6)
+            assert row[f"verdict_{name}"] == ("outside" if seen > 0 else "inside")
+            verdicts.add(row[f"verdict_{name}"])
+    assert verdicts == {"inside", "outside"}
+
+
+def _of_user(one) -> bool:
+    return (one.method, one.kind, one.family, one.joint) == ("bayesian", "user", "lognormal", "marginal")
