@@ -10,10 +10,12 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Field,
     PrivateAttr,
     StrictBool,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -21,7 +23,8 @@ from pydantic import (
 from percept.errors import UsageError, did_you_mean
 from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
-from percept.sessions.options import Columns, Environments, SessionsTable, Table, said
+from percept.sessions.options import DataTables, SessionsTable, Table, said
+from percept.sessions.quantities import is_impedance
 
 __all__ = [
     "ChecksTable",
@@ -33,6 +36,7 @@ __all__ = [
     "ModelTable",
     "ReportTable",
     "Scene",
+    "StudyTable",
 ]
 
 
@@ -111,7 +115,10 @@ class FrequencyTable(Table):
 
 
 class InferenceTable(Table):
-    """Levels, family and accuracy of the intervals; `share` defaults to `level`."""
+    """Levels, family and accuracy of the intervals; `share` defaults to `level`.
+
+    One or two quantities have a model together; of more, `together` names two that have one.
+    """
 
     level: Probability = 0.99
     share: Probability | None = None
@@ -119,23 +126,24 @@ class InferenceTable(Table):
     family: Literal["lognormal", "normal"] = "lognormal"
     method: Literal["both", "classical", "bayesian"] = "both"
     kinds: tuple[Kind, ...] = ("mean", "user", "share")
-    parameters: tuple[Literal["k", "b"], ...] | None = None
+    parameters: tuple[str, ...] | None = None
+    together: tuple[str, ...] | None = None
     tolerance: Probability = 0.01
     seed: Annotated[int, Field(ge=0, strict=True)] = 1
     walkers: Annotated[int, Field(ge=64, strict=True)] | None = None
     most_steps: Annotated[int, Field(ge=200, strict=True)] = 20_000
 
-    @field_validator("kinds", "parameters")
+    @field_validator("kinds", "parameters", "together")
     @classmethod
-    def _each_once(cls, chosen: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    def _each_once(cls, chosen: tuple[str, ...] | None, info: ValidationInfo) -> tuple[str, ...] | None:
         if chosen is None:
             return None
         if not chosen:
             raise ValueError("give at least one, or leave the key out")
         if repeated := [name for name in chosen if chosen.count(name) > 1]:
             raise ValueError(f"{repeated[0]} stands there twice")
-        # One order, whatever the file's: stiffness comes first everywhere.
-        return tuple(name for name in (*get_args(Kind), "k", "b") if name in chosen)
+        # One order, whatever the file's; that of quantities is known to the scene.
+        return tuple(k for k in get_args(Kind) if k in chosen) if info.field_name == "kinds" else chosen
 
     @property
     def held_share(self) -> float:
@@ -148,8 +156,8 @@ class ModelTable(Table):
 
     `scale` gives a parameter whose references include zero a unit to divide by (normal family);
     `resolution` is the step of the adjustment, whose variance step²/12 makes up for scatter in cells that
-    show none or whose stiffness and damping move in proportion, and is added nowhere else. Both in N/m and
-    N·s/m.
+    show none or whose parameters move in proportion, and is added nowhere else. Both in the parameter's
+    unit.
     """
 
     pooling: Literal["partial", "none"] = "partial"
@@ -158,8 +166,8 @@ class ModelTable(Table):
     subject_effect: StrictBool = True
     weber: StrictBool = False
     common_spread: StrictBool = False
-    scale: dict[Literal["k", "b"], Positive] = Field(default_factory=dict)
-    resolution: dict[Literal["k", "b"], Positive] = Field(default_factory=dict)
+    scale: dict[str, Positive] = Field(default_factory=dict)
+    resolution: dict[str, Positive] = Field(default_factory=dict)
 
     @field_validator("priors")
     @classmethod
@@ -192,6 +200,31 @@ class ChecksTable(Table):
     compare: StrictBool = False
 
 
+def _plural(word: str) -> str:
+    """Write the plural of an English noun that follows the rules."""
+    if word.endswith("y") and word[-2:-1] not in "aeiou":
+        return f"{word[:-1]}ies"
+    return f"{word}es" if word.endswith(("s", "x", "ch", "sh")) else f"{word}s"
+
+
+def _noun(value: Any) -> Any:
+    """Take a noun with its plural, or work the plural out."""
+    return (value, _plural(value)) if isinstance(value, str) and value else value
+
+
+Noun = Annotated[tuple[str, str], BeforeValidator(_noun)]
+
+
+class StudyTable(Table):
+    """What the study calls its environments and subjects, as a noun or as singular and plural.
+
+    Without a word environments are "conditions" where the quantities adjusted make no impedance.
+    """
+
+    environment: Noun | None = None
+    subject: Noun = ("subject", "subjects")
+
+
 class ReportTable(Table):
     """What the page shows: its title, and close views of environments (windows of ω, rad/s)."""
 
@@ -209,7 +242,7 @@ class ReportTable(Table):
         return zoom
 
 
-class Scene(Table):
+class Scene(DataTables):
     """An analysis: every table is optional, and what depends on a missing one is skipped.
 
     Parameters are keyword arguments named after the tables of the TOML form. `columns`, `sessions`
@@ -222,10 +255,9 @@ class Scene(Table):
     inference: InferenceTable = InferenceTable()
     model: ModelTable = ModelTable()
     checks: ChecksTable | None = None
+    study: StudyTable = StudyTable()
     report: ReportTable = ReportTable()
-    columns: Columns = Field(default_factory=dict)
     sessions: SessionsTable = SessionsTable()
-    environments: Environments = Field(default_factory=dict)
     _folder: Path = PrivateAttr(default=Path())
 
     def __init__(self, /, *paths: Any, **tables: Any) -> None:
@@ -235,6 +267,27 @@ class Scene(Table):
             super().__init__(**tables)
         except ValidationError as error:
             raise said(type(self), error) from error
+
+    @model_validator(mode="after")
+    def _of_the_quantities(self) -> Self:
+        """Hold every key that names quantities to those there are."""
+        asked, model = self.inference, self.model
+        for key, names in (
+            ("inference.parameters", asked.parameters),
+            ("inference.together", asked.together),
+            ("model.scale", model.scale),
+            ("model.resolution", model.resolution),
+        ):
+            for name in names or ():
+                if name not in self.quantities:
+                    known = ", ".join(self.quantities)
+                    raise UsageError(f"there is no such quantity; there are {known}.", key=key, value=name)
+        for key in ("parameters", "together"):
+            if (names := getattr(asked, key)) is not None:
+                object.__setattr__(asked, key, tuple(q for q in self.quantities if q in names))
+        if asked.together is not None and len(asked.together) != 2:
+            raise UsageError("two quantities have a model together.", key="inference.together")
+        return self
 
     @model_validator(mode="after")
     def _below_nyquist(self) -> Self:
@@ -248,6 +301,12 @@ class Scene(Table):
             value=self.frequency.upper,
             hint="Set upper of [frequency] below that (it is 100 by default), or correct period of [device].",
         )
+
+    @property
+    def environment_noun(self) -> tuple[str, str]:
+        """What environments are called, one and several."""
+        usual = _noun("environment" if is_impedance(self.quantities) else "condition")
+        return self.study.environment or usual
 
     @property
     def folder(self) -> Path:

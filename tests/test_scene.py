@@ -12,7 +12,7 @@ from percept.sessions import ReadOptions
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[devic]\n", "devic: there is no such key; there are device, coupling, frequency, inference"),
+        ("[devic]\n", "devic: there is no such key; there are quantities, columns, environments, device"),
         ("[inference]\nlevle = 0.9\n", "inference.levle = 0.9: there is no such key; there are level, share"),
         ("[inference]\nlevle = 0.9\n", "most_steps. Did you mean level?"),
         ("[devic]\n", "Did you mean device?"),
@@ -187,7 +187,7 @@ def test_a_path_is_told_how_a_file_is_read():
 def test_keyword_arguments_are_refused_as_tables_are():
     with pytest.raises(UsageError, match=r"inference\.tolerence = 0\.1: there is no such key; there are"):
         Scene(inference={"tolerence": 0.1})
-    with pytest.raises(UsageError, match="self: there is no such key; there are device, coupling"):
+    with pytest.raises(UsageError, match="self: there is no such key; there are quantities, columns"):
         Scene.from_tables({"self": {}})
     with pytest.raises(
         UsageError, match=r"frequency\.upper = 4000\.0: does not lie below the Nyquist frequency"

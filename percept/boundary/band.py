@@ -1,4 +1,4 @@
-"""The band against the environment's impedance: how wide, and by what law.
+"""The band against the environment's impedance, or a reference of another quantity: how wide, by what law.
 
 Three laws are fitted on the log scale to many sets of bands at once. Weber: w|Z|. Offset: c + w|Z|, c ≥ 0.
 Power: w|Z|^p. Each is a model of its own: a few environments cannot tell all of c, w and p apart.
@@ -29,6 +29,8 @@ _GONE = 0.1
 _OF_NO_USE = math.log(10.0)
 # ConditionalMoments within this factor in leave-one-out error are called equal.
 _ALIKE = 1.25
+# Impedances within this share of each other leave an exponent to rounding.
+_EQUAL = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +56,7 @@ class BandLaw(NotebookRecord):
     left_out_error: float | None = None
     best: float | None = None  # Share of the draws in which this law has the smallest such error of the three
     carried_by: str | None = None  # The one environment without which the offset all but vanishes
+    parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,13 +68,14 @@ class BandStatement(NotebookRecord):
     family: str  # Whose bands
     statement: str  # In words
     probability: float  # Share of the posterior draws, or of the bootstrap's
+    parameter: str | None = None  # As in `BandLaw`
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BandStudy(NotebookRecord):
-    """Bands of the device-free environment impedance at one frequency, and their laws."""
+    """Bands of the device-free environment impedance, or of other quantities, and their laws."""
 
-    omega: float  # rad/s
+    omega: float | None  # rad/s; None where the quantities make no impedance
     rows: pd.DataFrame
     laws: tuple[BandLaw, ...]  # Three per method, kind and family, with at least three environments
     statements: tuple[BandStatement, ...] = ()
@@ -99,6 +103,7 @@ def band_laws(
     kind: str,
     family: str,
     level: float,
+    parameter: str | None = None,
 ) -> tuple[BandLaw, ...]:
     """Fit the three laws, each with intervals, leave-one-environment-out error and what it rests on."""
     count = impedance.size
@@ -131,33 +136,42 @@ def band_laws(
                 law,
                 parameters,
                 level,
-                _sentence(law, parameters, typical, carried),
+                _sentence(law, parameters, typical, carried, size_name(parameter)),
                 typical[law],
                 float(best[law]),
                 carried,
+                parameter,
             )
         )
     return tuple(found)
 
 
 def band_statements(
-    impedance: Array, replicates: Array, *, method: str, kind: str, family: str
+    impedance: Array,
+    replicates: Array,
+    *,
+    method: str,
+    kind: str,
+    family: str,
+    parameter: str | None = None,
 ) -> tuple[BandStatement, ...]:
     """Judge two statements on discrimination at low against high impedance."""
+    size = size_name(parameter)
     order = np.argsort(impedance)
     absolute = replicates[:, order]
     relative = absolute / impedance[order]
     lowest, highest = absolute[:, 0], absolute[:, -1]
-    ends = "The band is narrower at the lowest impedance than at the highest"
+    ends = f"The band is narrower at the lowest {size} than at the highest"
     said = {
         f"{ends} (absolute width).": lowest < highest,
-        f"{ends}, relative to the impedance.": relative[:, 0] < relative[:, -1],
-        "The band widens from each environment to the next higher impedance (absolute width).": np.all(
+        f"{ends}, relative to the {size}.": relative[:, 0] < relative[:, -1],
+        f"The band widens from each environment to the next higher {size} (absolute width).": np.all(
             np.diff(absolute, axis=1) > 0, axis=1
         ),
     }
     return tuple(
-        BandStatement(method, kind, family, text, float(np.mean(true))) for text, true in said.items()
+        BandStatement(method, kind, family, text, float(np.mean(true)), parameter)
+        for text, true in said.items()
     )
 
 
@@ -170,7 +184,7 @@ def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> st
 
 
 def _sentence(
-    law: str, parameters: dict[str, Estimate], errors: dict[str, float], carried_by: str | None
+    law: str, parameters: dict[str, Estimate], errors: dict[str, float], carried_by: str | None, size: str
 ) -> str:
     smallest = min(errors.values())
     alike = [name for name, error in errors.items() if error <= _ALIKE * smallest]
@@ -180,19 +194,31 @@ def _sentence(
     if not smallest < _OF_NO_USE:
         error = "With one environment left out, no law predicts the band to within a factor of ten."
     if law == "weber":
-        return f"The band is {parameters['w'].value:.3g} times the impedance. {error}"
+        return f"The band is {parameters['w'].value:.3g} times the {size}. {error}"
     if law == "offset":
         on = f" The offset rests on {carried_by} alone." if carried_by else ""
         c, w = parameters["c"], parameters["w"]
         if c.value == 0.0:
-            return f"The offset vanishes, and the band is {w.value:.3g} times the impedance. {error}"
+            return f"The offset vanishes, and the band is {w.value:.3g} times the {size}. {error}"
         reaching = ", whose interval reaches zero," if c.lower <= 0.0 else ""
-        return f"The band is an offset{reaching} and a share of the impedance. {error}{on}"
+        return f"The band is an offset{reaching} and a share of the {size}. {error}{on}"
     p = parameters["p"]
     if p.lower <= 1.0 <= p.upper:
         return f"The exponent's interval holds 1: Weber's law is not ruled out. {error}"
     growing = "faster" if p.lower > 1.0 else "slower"
-    return f"The band grows {growing} than the impedance: the exponent's interval does not hold 1. {error}"
+    return f"The band grows {growing} than the {size}: the exponent's interval does not hold 1. {error}"
+
+
+def size_name(parameter: str | None) -> str:
+    """Name what bands lie against: the impedance, or the reference of a quantity."""
+    return "impedance" if parameter is None else "reference"
+
+
+def determines_laws(sizes: ArrayLike) -> bool:
+    """Whether environments of these sizes determine every law without any one of them."""
+    every = np.asarray(sizes, dtype=float)
+    rest = (np.delete(every, j) for j in range(every.size))
+    return every.size >= 3 and all(np.ptp(others) > _EQUAL * others.max() for others in rest)
 
 
 def fit_law(law: str, impedance: Array, bands: Array) -> Array:

@@ -18,8 +18,8 @@ from percept.calibration.judge import EACH, CoveragePlan, Judgement, judge_study
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.models import Pooled
+from percept.sessions.quantities import Quantities
 from percept.study import Study
-from percept.study.basics import NAMES
 from percept.study.intervals import cell_moments, known_moments
 from percept.study.responses import refuse_no_ratio
 from percept.workers import Mapper
@@ -45,7 +45,9 @@ def refuse_unfit(study: Study) -> None:
             "calibration simulates stiffness and damping together; one of them is missing.",
             hint="Give sessions of both, and leave [inference] parameters out.",
         )
-    refuse_no_ratio(study.reference, why="and simulated responses are ratios to it")
+    refuse_no_ratio(
+        study.reference, study.sessions.quantities, why="and simulated responses are ratios to it"
+    )
 
 
 def fitted_values(study: Study) -> dict[str, Any]:
@@ -82,7 +84,9 @@ def fitted_values(study: Study) -> dict[str, Any]:
 def own_values(study: Study, fitted: dict[str, Any]) -> dict[str, Any]:
     """Take the mean and SD of every cell as the truth of normal users, and the fitted trial noise."""
     known = known_moments(cell_moments(study.sessions, study.parameters, "normal"), "normal")
-    if missing := [f"{NAMES[p]} in {e}" for p, e in study.reference if (p, e) not in known]:
+    if missing := [
+        f"{study.sessions.quantities[p].label} in {e}" for p, e in study.reference if (p, e) not in known
+    ]:
         raise RefusalError(f"{missing[0]} has no mean and SD of its own to simulate from.")
     counts = study.sessions.table.groupby(["environment", "subject"], sort=False).size()
     of_mean = (1.0 / counts).groupby("environment", sort=False).mean().to_numpy()[:, None]
@@ -261,12 +265,12 @@ def recommend(
         table = pd.read_csv(path)
         needed = table["method"].map(dict(zip(_METHODS, studies, strict=True)))
         table = table[table["plan"].isin(keys) & (table["studies"] >= needed)]
-        if said := list(_sentences(table, study.intervals)):
+        if said := list(_sentences(table, study.intervals, study.sessions.quantities)):
             return said
     return [f"{_THEORY} For this design {command} would tell."]
 
 
-def _sentences(table: pd.DataFrame, intervals: pd.DataFrame) -> Iterator[str]:
+def _sentences(table: pd.DataFrame, intervals: pd.DataFrame, quantities: Quantities) -> Iterator[str]:
     """Recommend one method for each interval that both methods were judged for under both truths."""
     user = intervals[(intervals["kind"] == "user") & (intervals["joint"] == "marginal")]
     for (environment, parameter), shown in user.groupby(["environment", "parameter"], sort=False):
@@ -286,7 +290,7 @@ def _sentences(table: pd.DataFrame, intervals: pd.DataFrame) -> Iterator[str]:
         }
         stated, ratio = 100 * least[use]["stated"], size[other] / size[use]
         yield (
-            f"For {NAMES[str(parameter)]} in {environment} use the {_METHODS[use]} interval of the next "
-            f"user: it covers {covers[use]} where {stated:g} % is stated. "
+            f"For {quantities[str(parameter)].label} in {environment} use the {_METHODS[use]} interval of "
+            f"the next user: it covers {covers[use]} where {stated:g} % is stated. "
             f"The {_METHODS[other]} one covers {covers[other]} and is {ratio:.2f} times as wide."
         )

@@ -20,9 +20,10 @@ from percept.report.select import (
     each_by_itself,
     escaped,
     family_of,
+    makes_impedance,
     pointed,
+    quantities_of,
 )
-from percept.study.basics import NAMES
 
 
 def comparison(document: Record) -> Section | None:
@@ -33,6 +34,7 @@ def comparison(document: Record) -> Section | None:
     values = {
         "families": distinct(rows, "family"),
         "methods": METHODS,
+        "units": units_said(document),
         "sentence": _apart(rows),
         "ladder": document["ladder"],
         "rows": rows,
@@ -153,14 +155,14 @@ _TABLES = (
     ),
     _Table(
         "shrinkage",
-        "Centres before and after pooling, in N/m (k) and N·s/m (b), and the share of the way from the raw "
+        "Centres before and after pooling, in {units}, and the share of the way from the raw "
         "mean to the trend over environments that they moved.",
         _CELL,
         {**_plain(4, raw="raw mean", centre="centre", trend="trend"), "moved": ("moved", 2, "percent")},
     ),
     _Table(
         "correlation",
-        "Correlation of k and b between users: of the deviations within an environment, of the effect "
+        "Correlation of {pair} between users: of the deviations within an environment, of the effect "
         "shared by all, and of the population of each environment.",
         {"of": "Of", "environment": "Environment"},
         _SIGN,
@@ -180,8 +182,7 @@ _TABLES = (
     ),
     _Table(
         "prior",
-        "What the priors alone say, before any data: quantiles of the average and the next user, in N/m (k) "
-        "and N·s/m (b).",
+        "What the priors alone say, before any data: quantiles of the average and the next user, in {units}.",
         {**_CELL, "kind": "Kind"},
         _plain(3, **{f"q{percent}": f"{percent} %" for percent in (0.5, 5, 25, 50, 75, 95, 99.5)}),
     ),
@@ -195,10 +196,14 @@ def checks(document: Record) -> Section | None:
         return None
     tables = []
     bayesian = record.get("loo") is not None
+    pair = " and ".join(quantity.symbol for quantity in quantities_of(document).values())
     for table in _TABLES:
         rows: Any = reduce(lambda inner, step: inner and inner.get(step), table.steps.split("/"), record)
         if rows:
-            tables.append({**table._asdict(), "pointer": f"/checks/{table.steps}", "rows": rows})
+            caption = table.caption.format(units=units_said(document), pair=pair)
+            tables.append(
+                {**table._asdict(), "caption": caption, "pointer": f"/checks/{table.steps}", "rows": rows}
+            )
     if not bayesian:
         return Section("checks", "Checks of the model", {"messages": [], "tables": tables, "bayesian": False})
     messages = list(record["loo"]["messages"])
@@ -225,6 +230,14 @@ def data(document: Record) -> Section:
     return Section("data", "Data", values)
 
 
+def units_said(document: Record) -> str:
+    """Name the unit of each quantity: "N/m (k) and N·s/m (b)"."""
+    quantities = list(quantities_of(document).values())
+    if len(quantities) == 1:
+        return quantities[0].unit or "its own unit"
+    return " and ".join(f"{q.unit or 'its own unit'} ({q.symbol})" for q in quantities)
+
+
 _CLASSICAL = {
     "mean": "t-intervals of the mean",
     "user": "prediction intervals of the next user",
@@ -241,7 +254,8 @@ def methods(document: Record) -> Section:
     references = cited(document)
     values = {
         "data": document["data"],
-        "parameters": [NAMES[name] for name in document["data"]["parameters"]],
+        "quantities": quantities_of(document),
+        "impedance": makes_impedance(document),
         "boundaries": bool(document["boundaries"]),
         "worst": worst_curve(document["boundaries"]),
         "missed": (document["diagnostics"] or {}).get("gate", {}).get("tolerance_met") is False,
@@ -277,7 +291,9 @@ def worst_curve(boundaries: Sequence[Record]) -> dict[str, Any] | None:
 def _model(document: Record) -> str:
     """Say what the hierarchical model is made of; data and scene leave parts of it out."""
     record, model = document["data"], document["provenance"]["scene"].get("model", {})
-    pair = len({row["parameter"] for row in document["intervals"]}) == 2
+    quantities = quantities_of(document)
+    names = [quantities[p].label for p in dict.fromkeys(row["parameter"] for row in document["intervals"])]
+    pair = len(names) == 2
     sessions, several = record["form"] == "trials", len(record["environments"]) > 1
     parts = [
         "a regression of bias on the logarithm of the reference with a deviation for each environment"
@@ -285,14 +301,14 @@ def _model(document: Record) -> str:
         else "a bias"
     ]
     if sessions and several and model.get("subject_effect", True):
-        both = " and correlated between stiffness and damping" if pair else ""
+        both = f" and correlated between {' and '.join(names)}" if pair else ""
         parts.append(f"subject effects shared by all environments{both}")
     scatter = "between-subject scatter"
     if several:
         scatter += " alike in all environments" if model.get("common_spread") else " within each environment"
     if several and model.get("weber"):
         scatter += ", in proportion to the reference but for each environment’s own deviation"
-    by_itself = " (stiffness and damping each by itself)" if pair and not sessions else ""
+    by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""
     return f"{', '.join(parts)}, and {scatter}{by_itself}"
 
 
@@ -323,20 +339,20 @@ def _references() -> tuple[Reference, ...]:
     return tuple(Reference(key, **table) for key, table in tables.items())
 
 
-def cited(document: Mapping[str, Any]) -> list[Reference]:
+def cited(document: Record) -> list[Reference]:
     """Return what the methods paragraph of a document cites, in order."""
     methods = {row["method"] for row in document["intervals"]}
-    needed = {"boundaries", "percept"}
+    needed = {"percept"} | ({"boundaries"} if makes_impedance(document) else set())
     if "classical" in methods:
         needed.add("meeker2017")
     if "bayesian" in methods:
         needed |= {"emcee", "cotter2013", "vehtari2021"}
-    if document["provenance"]["scene"].get("coupling"):
+    if document["provenance"]["scene"].get("coupling") and makes_impedance(document):
         needed.add("adams1999")
     return [reference for reference in _references() if reference.key in needed]
 
 
-def bibtex(document: Mapping[str, Any]) -> str:
+def bibtex(document: Record) -> str:
     """Return the BibTeX entries of what a document cites."""
     return "\n".join(reference.bibtex for reference in cited(document))
 

@@ -45,8 +45,8 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``, ``design``,
         ``sensitivity``, ``comparison``, ``ladder``, ``curve_comparison``, ``diagnostics``, ``checks``,
         ``skipped``, and what is worked out from them: ``summary``. JSON values only (see
-        `percept.report.plain`), in the units of the tables: N/m, N·s/m, rad/s, kg, s. No durations, no
-        folders.
+        `percept.report.plain`), in the units of the tables: those of the quantities, and N/m, N·s/m, rad/s,
+        kg, s. No run times, no folders.
     """
     boundaries = plain(study.boundaries) if curves else []
     shown = distinct(boundaries, "environment")
@@ -110,6 +110,8 @@ def _data(study: Study) -> dict[str, Any]:
         "rows": len(sessions.table),
         "environments": list(sessions.environments),
         "parameters": list(sessions.parameters),
+        "quantities": {p: sessions.quantities[p].model_dump() for p in sessions.parameters},
+        "words": plain({"environment": study.scene.environment_noun, "subject": study.scene.study.subject}),
         "counts": plain(sessions.counts),
         "notices": [_located(notice, "text") for notice in sessions.notices],
         "doubts": [_located(warning, "text") for warning in sessions.warnings],
@@ -208,7 +210,7 @@ def _skipped(study: Study, *, curves: bool) -> list[dict[str, str]]:
         "coupling: Z_h_vc and stability": coupled,
         "admissible couplings": coupled,
         "sensitivity to the device's mass and damping": study.setup is not None,
-        "band law": len(study.parameters) == 2 and len(study.environments) > 1,
+        "band law": len(study.environments) > 1,
     }
     listed = {row["what"] for row in skipped}
     names = [name for name, there in report_alone.items() if there and name not in listed]

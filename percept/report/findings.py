@@ -25,7 +25,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
         "cautions": [
             *_inaccurate(document.get("diagnostics")),
             *_few(intervals),
-            *_below_zero(intervals),
+            *_below_zero(intervals, document["data"]["quantities"]),
             *_active(document["passivity"]),
             *_misfits(document.get("checks")),
             *_warnings(document["data"]["doubts"]),
@@ -50,15 +50,16 @@ def _few(intervals: list[Record]) -> Iterator[str]:
         yield f"{subjects} subjects are few: {', '.join(methods)}."
 
 
-def _below_zero(intervals: list[Record]) -> Iterator[str]:
+def _below_zero(intervals: list[Record], quantities: Mapping[str, Record]) -> Iterator[str]:
     cells: dict[str, dict[str, None]] = {}
     for row in matching(intervals, family="normal", joint="marginal"):
         if row["lower"] is not None and float(row["lower"]) < 0 <= (row["reference"] or 0.0):
             cells.setdefault(row["kind"], {})[f"{row['parameter']} of {row['environment']}"] = None
     if cells:
+        labels = " or ".join(record["label"] for record in quantities.values())
         where = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in cells.items())
         yield (
-            "Some limits of the normal family are below zero, where no environment's stiffness or damping is "
+            f"Some limits of the normal family are below zero, where no environment's {labels} is "
             f"({where}). Those of the lognormal family never are."
         )
 

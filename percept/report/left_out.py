@@ -21,6 +21,7 @@ def left_out_document(study: Study, result: LeftOut) -> dict[str, Any]:
         "schema": SCHEMA,
         "provenance": provenance(study),
         "simulated": study.sessions.simulated,
+        "quantities": [study.sessions.quantities[p].model_dump() for p in study.parameters],
         "sentence": result.sentence,
         **plain(result),
     }
@@ -56,7 +57,14 @@ def left_out_markdown(document: Mapping[str, Any]) -> str:
         ]
         lines.append("| " + " | ".join(cells) + " |")
     lines += [f"\nNo prediction of {name}: {why}" for name, why in document["skipped"]]
-    return "\n".join([*lines, "", _LEGEND])
+    return "\n".join([*lines, "", f"{_units(document)}. {_LEGEND}"])
+
+
+def _units(document: Mapping[str, Any]) -> str:
+    """Say the unit of each parameter."""
+    return ", ".join(
+        f"{q['symbol']} in {q['unit']}" if q["unit"] else q["symbol"] for q in document["quantities"]
+    )
 
 
 def _cell(text: str) -> str:
@@ -65,7 +73,7 @@ def _cell(text: str) -> str:
 
 
 _LEGEND = (
-    "k in N/m, b in N·s/m. Place: predictive probability that as many other users have a lower mean; for "
+    "Place: predictive probability that as many other users have a lower mean; for "
     "published limits even over (0, 1) where the predictions mean what they say. (Users of sessions were "
     "seen in the other environments too: what they have in common there draws their places towards one half, "
     "and the noise of single trials drives them apart.) Users inside: of a population with the observed mean "

@@ -15,10 +15,11 @@ from percept.report.select import (
     distinct,
     families_of,
     first,
+    makes_impedance,
     matching,
     pointed,
+    quantities_of,
 )
-from percept.study.basics import NAMES
 
 #: More names than this are counted, not listed.
 _NAMED = 5
@@ -33,7 +34,9 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
     """
     rows = [row for cell in _cells(document) if (row := _row(document, *cell))]
     realism = _realism(document)
-    sentences = [*_biases(rows), *_feelings(document, realism), *_stability(document), *_next_users(rows)]
+    labels = {name: quantity.label for name, quantity in quantities_of(document).items()}
+    sentences = [*_biases(rows, labels), *_feelings(document, realism), *_stability(document)]
+    sentences += _next_users(rows, labels)
     # The next user's ranges answer where no device lets percept judge what feels real.
     return {"rows": rows, "realism": realism, "sentences": sentences[: max(3, len(_parameters(rows)) + 2)]}
 
@@ -111,7 +114,7 @@ def _departure(margin: float | None) -> float | None:
     return None if margin is None else max(0.0, math.expm1(-min(float(margin), 0.0)))
 
 
-def _biases(rows: Sequence[Record]) -> list[str]:
+def _biases(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
     """Say for every quantity where users set too much and where too little."""
     several = len(distinct(rows, "environment")) > 1
     sentences = []
@@ -120,7 +123,7 @@ def _biases(rows: Sequence[Record]) -> list[str]:
         clear = [row for row in known if row["bias_lower"] is not None and row["bias_upper"] is not None]
         high = [row for row in clear if row["bias_lower"] > 0]
         low = [row for row in clear if row["bias_upper"] < 0]
-        name = NAMES[parameter].capitalize()
+        name = labels[parameter][:1].upper() + labels[parameter][1:]
         parts = [
             f"{_sizes(found)} too {word}{f' in {_names(found, clear)}' if several else ''}"
             for word, found in (("high", high), ("low", low))
@@ -203,7 +206,7 @@ def _stability(document: Record) -> list[str]:
     ]
 
 
-def _next_users(rows: Sequence[Record]) -> list[str]:
+def _next_users(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
     """Say between which multiples of the reference the next user's settings lie."""
     sentences = []
     for parameter in _parameters(rows):
@@ -222,7 +225,7 @@ def _next_users(rows: Sequence[Record]) -> list[str]:
             + (f" ({row['environment']}, the {extreme})" if len(known) > 1 else "")
             for row, extreme in zip(shown, ("narrowest", "widest"), strict=False)
         ]
-        sentences.append(f"The next user sets {NAMES[parameter]} to {' and '.join(ranges)}.")
+        sentences.append(f"The next user sets {labels[parameter]} to {' and '.join(ranges)}.")
     return sentences
 
 
@@ -251,10 +254,11 @@ def summary(document: Record) -> Section:
         "method": rows[0]["method"] if rows else None,
         "family": rows[0]["family"] if rows else None,
         "data": document["data"],
-        "parameters": [NAMES[name] for name in document["data"]["parameters"]],
+        "quantities": quantities_of(document),
+        "impedance": makes_impedance(document),
         "references": _references(document),
         "widths": _widths(document),
-        "law": _law(document),
+        "laws": _laws(document),
         "cautions": document["summary"]["cautions"],
         "gate": (document["diagnostics"] or {}).get("gate"),
     }
@@ -280,6 +284,7 @@ def digits_of(value: float | str | None, lower: float | str | None, upper: float
 def _widths(document: Record) -> list[Record]:
     """Return, per parameter, the widths of one kind and method: the next user's, Bayesian if there is one."""
     rows = pointed(document["summary"]["widths"], "/summary/widths")
+    quantities = quantities_of(document)
     preferred = (
         first(
             matching(rows, parameter=parameter),
@@ -287,9 +292,9 @@ def _widths(document: Record) -> list[Record]:
             method=("bayesian", "classical"),
             family=families_of(document),
         )
-        for parameter in NAMES
+        for parameter in quantities
     )
-    return [{**row, "name": NAMES[row["parameter"]]} for row in preferred if row is not None]
+    return [{**row, "name": quantities[row["parameter"]].label} for row in preferred if row is not None]
 
 
 def _references(document: Record) -> list[dict[str, Any]]:
@@ -302,11 +307,16 @@ def _references(document: Record) -> list[dict[str, Any]]:
     return list(sentences.values())
 
 
-def _law(document: Record) -> Record | None:
-    """Return the law to quote: the best predictor for the average user, Bayesian if there is one."""
-    laws = (document["band"] or {}).get("laws") or ()
-    preferred = first(laws, kind=KINDS, method=("bayesian", "classical"), family=families_of(document))
-    if preferred is None:
-        return None
-    alike = matching(laws, **{name: preferred[name] for name in ("kind", "method", "family")})
-    return min(alike, key=lambda law: (law["left_out_error"] is None, law["left_out_error"]))
+def _laws(document: Record) -> list[Record]:
+    """Return the laws to quote: the best predictors for the average user, Bayesian if there are any."""
+    every, quantities = (document["band"] or {}).get("laws") or (), quantities_of(document)
+    found = list[Record]()
+    for parameter in dict.fromkeys(law.get("parameter") for law in every):
+        laws = matching(every, parameter=parameter)
+        preferred = first(laws, kind=KINDS, method=("bayesian", "classical"), family=families_of(document))
+        if preferred is not None:
+            alike = matching(laws, **{name: preferred[name] for name in ("kind", "method", "family")})
+            best = min(alike, key=lambda law: (law["left_out_error"] is None, law["left_out_error"]))
+            size = "impedance" if parameter is None else f"the reference {quantities[parameter].label}"
+            found.append({**best, "size": size})
+    return found

@@ -14,12 +14,14 @@ from markupsafe import Markup, escape
 
 from percept.report.numbers import number, rounded
 from percept.report.sections import build_sections
+from percept.report.select import title_of, worded
 
 if TYPE_CHECKING:
     from percept.report.figures.canvas import Drawing
 
 _PACKAGE = "percept.report"
-_TITLE = "Realistic performance boundaries"
+#: Tags and expressions of a template, which the study's words leave alone.
+_MARKUP = re.compile(r"(\{\{.*?\}\}|\{%.*?%\}|<[^>]*>)", re.DOTALL)
 #: What stands on a page where there is no number.
 _NO_NUMBER = Markup('<span class="none">–</span>')
 
@@ -38,13 +40,19 @@ def render_page(
             return _NO_NUMBER
         return Markup('<data value="{}" data-at="{}">{}</data>').format(shown.exact, pointer, shown.text)
 
-    environment = _environment(_PACKAGE).overlay()
-    environment.filters = {**environment.filters, "embedded": _embedded, "symbols": _symbols}
+    nouns = {name: tuple(both) for name, both in document["data"]["words"].items()}
+    environment = _environment(_PACKAGE, nouns=tuple(nouns.items())).overlay()
+
+    def said(text: str) -> Markup:
+        return _symbols(worded(text, nouns))
+
+    environment.filters = {**environment.filters, "embedded": _embedded, "symbols": said}
     return environment.get_template("page.html.j2").render(
         document=document,
         words=document["provenance"]["scene"]["report"],
         files=files,
-        title=document["provenance"]["scene"]["report"].get("title") or _TITLE,
+        title=document["provenance"]["scene"]["report"].get("title") or title_of(document),
+        nouns=nouns,
         sections=build_sections(document),
         date=date,
         n=written,
@@ -77,11 +85,29 @@ def render_standalone(
     return environment.get_template(template).render(plots=plots, n=written, style=style, **values)
 
 
+class _Worded(PackageLoader):
+    """Templates whose text, beside tags and expressions, is in the study's own words."""
+
+    def __init__(self, package: str, nouns: Mapping[str, tuple[str, ...]]) -> None:
+        super().__init__(package)
+        self._nouns = nouns
+
+    def get_source(
+        self, environment: Environment, template: str
+    ) -> tuple[str, str, Callable[[], bool] | None]:
+        """Return a template's source; names that come from the data are not in it."""
+        source, file, current = super().get_source(environment, template)
+        parts = _MARKUP.split(source)
+        parts[::2] = [worded(text, self._nouns) for text in parts[::2]]
+        return "".join(parts), file, current
+
+
 @cache
-def _environment(*packages: str) -> Environment:
-    """Return the templates of packages; a name is looked for in the order of the packages."""
+def _environment(*packages: str, nouns: tuple[tuple[str, tuple[str, ...]], ...] = ()) -> Environment:
+    """Return the templates of packages, looked for in this order, in a study's words if it has any."""
+    loaders = [_Worded(package, dict(nouns)) if nouns else PackageLoader(package) for package in packages]
     return Environment(
-        loader=ChoiceLoader([PackageLoader(package) for package in packages]),
+        loader=ChoiceLoader(loaders),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -27,6 +27,8 @@ def plain(value: Any) -> Any:
         return [plain(part) for part in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if hasattr(value, "model_dump"):
+        return plain(value.model_dump())
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     if hasattr(value, "to_dict"):

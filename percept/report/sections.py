@@ -30,7 +30,9 @@ from percept.report.select import (
     first,
     matching,
     pointed,
+    quantities_of,
 )
+from percept.sessions.quantities import Quantity
 
 _COLUMNS = (
     ("classical", "normal"),
@@ -38,7 +40,6 @@ _COLUMNS = (
     ("bayesian", "lognormal"),
     ("bayesian", "normal"),
 )
-_PARAMETERS = {"k": "Stiffness k", "b": "Damping b"}
 _SHAPES = {
     "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
     "16 and 17); the two curves can cross",
@@ -46,7 +47,7 @@ _SHAPES = {
     "pointwise": "limits of |Z_h| by the law of k and b together, at each ω for itself",
     "simultaneous": "such limits at a higher level, between which a curve stays at every ω drawn",
 }
-_LAWS = {"weber": "Weber, w·|Z|", "offset": "Weber with offset, c + w·|Z|", "power": "power law, w·|Z|^p"}
+_LAWS = {"weber": "Weber, w·{0}", "offset": "Weber with offset, c + w·{0}", "power": "power law, w·{0}^p"}
 
 
 def build_sections(document: Record) -> list[Section]:
@@ -67,7 +68,7 @@ def intervals(document: Record) -> Section | None:
     marginal = matching(rows, joint="marginal")
     values = {
         "matrices": [
-            _matrix(matching(marginal, parameter=name), families_of(document))
+            _matrix(matching(marginal, parameter=name), families_of(document), quantities_of(document)[name])
             for name in distinct(marginal, "parameter")
         ],
         "tables": tables,
@@ -76,7 +77,7 @@ def intervals(document: Record) -> Section | None:
     return Section("intervals", "Intervals of the adjustments", values)
 
 
-def _matrix(rows: list[Record], families: Sequence[str]) -> dict[str, Any]:
+def _matrix(rows: list[Record], families: Sequence[str], quantity: Quantity) -> dict[str, Any]:
     """Return a row per environment and a column per kind and method, in the first family each has."""
     columns = [
         {"kind": kind, "method": method}
@@ -93,7 +94,7 @@ def _matrix(rows: list[Record], families: Sequence[str]) -> dict[str, Any]:
     ]
     used = {cell["family"] for _, cells in shown for cell in cells if cell}
     return {
-        "title": _PARAMETERS[rows[0]["parameter"]],
+        "title": quantity.head,
         "parameter": rows[0]["parameter"],
         "unit": rows[0]["unit"],
         "family": ", else ".join(family for family in families if family in used),
@@ -118,20 +119,20 @@ def interval_tables(document: Record) -> list[dict[str, Any]]:
     """Return one table per joint treatment and parameter: rows of environment and kind, columns of method."""
     rows = pointed(document["intervals"], "/intervals")
     return [
-        _interval_table(cell_rows)
+        _interval_table(cell_rows, quantities_of(document)[parameter])
         for joint in distinct(rows, "joint")
         for parameter in distinct(rows, "parameter")
         if (cell_rows := matching(rows, parameter=parameter, joint=joint))
     ]
 
 
-def _interval_table(rows: list[Record]) -> dict[str, Any]:
+def _interval_table(rows: list[Record], quantity: Quantity) -> dict[str, Any]:
     present = {(row["method"], row["family"]) for row in rows}
     columns = [column for column in _COLUMNS if column in present]
     pointers = {(r["environment"], r["kind"], r["method"], r["family"]): r["pointer"] for r in rows}
     reference = {row["environment"]: f"{row['pointer']}/reference" for row in reversed(rows)}
     return {
-        "title": _PARAMETERS[rows[0]["parameter"]],
+        "title": quantity.head,
         "parameter": rows[0]["parameter"],
         "joint": rows[0]["joint"],
         "unit": rows[0]["unit"],
@@ -330,17 +331,38 @@ def device(document: Record) -> Section | None:
 
 
 def band(document: Record) -> Section | None:
-    """Return how wide the bands are against the impedance of the environment, and the laws."""
+    """Return how wide the bands are against the impedance, or against references, and the laws."""
     record: Mapping[str, Any] = document["band"] or {}
     if not record.get("rows"):
         return None
-    family = family_of(document)
-    rows = matching(pointed(record["rows"], "/band/rows"), family=family)
-    laws = matching(pointed(record.get("laws"), "/band/laws"), family=family)
-    statements = matching(pointed(record.get("statements"), "/band/statements"), family=family)
     values = {
+        "parts": [
+            _band_part(document, record, parameter)
+            for parameter in dict.fromkeys(row.get("parameter") for row in record["rows"])
+        ],
+        "trend": pointed(record.get("kappa"), "/band/kappa"),
+    }
+    against = "impedance" if values["parts"][0]["size"] == "impedance" else "the reference"
+    return Section("band", f"Band against {against}", values)
+
+
+def _band_part(document: Record, record: Record, parameter: str | None) -> dict[str, Any]:
+    """Return the bands of the impedance, or of one parameter, with their laws and statements."""
+    family = family_of(document)
+    rows, laws, statements = (
+        matching(pointed(record.get(name), f"/band/{name}"), family=family, parameter=parameter)
+        for name in ("rows", "laws", "statements")
+    )
+    quantity = None if parameter is None else quantities_of(document)[parameter]
+    size = "|Z|" if quantity is None else "reference"
+    return {
+        "size": "impedance" if quantity is None else "reference",
+        "symbol": size,
+        "words": None if quantity is None else quantity.words,
+        "name": "band" if parameter is None else f"band_{parameter}",
+        "unit": "N·s/m" if quantity is None else quantity.unit,
         "rows": _by_method(rows),
-        "laws": {name: _LAWS.get(name, name) for name in distinct(laws, "model")},
+        "laws": {name: _LAWS.get(name, name).format(size) for name in distinct(laws, "model")},
         "law_rows": [_law_row(alike) for alike in _by_kind_and_method(laws)],
         "family": family,
         "statements": [
@@ -351,10 +373,8 @@ def band(document: Record) -> Section | None:
             {"kind": row["kind"], "method": row["method"]}
             for row in matching(statements, statement=statements[0]["statement"] if statements else None)
         ],
-        "trend": pointed(record.get("kappa"), "/band/kappa"),
         "methods": _ordered(METHODS, rows, "method"),
     }
-    return Section("band", "Band against impedance", values)
 
 
 def _by_kind_and_method(records: list[Record]) -> list[list[Record]]:

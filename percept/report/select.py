@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
+from percept.sessions.quantities import IMPEDANCE, Quantity
 
 Record = Mapping[str, Any]
 
+_WORDS = re.compile(r"\b(?:[Ee]nvironment|[Ss]ubject)s?\b")
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
 EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
@@ -28,6 +31,33 @@ class Section:
     name: str  # Id on the page, and name of its template
     title: str  # Heading
     values: Record  # What the template reads
+
+
+def quantities_of(document: Record) -> dict[str, Quantity]:
+    """Return what the study adjusted, by name."""
+    return {name: Quantity(**record) for name, record in document["data"]["quantities"].items()}
+
+
+def makes_impedance(document: Record) -> bool:
+    """Say whether the study is of an impedance, so that haptics may be spoken of."""
+    return document["data"]["quantities"].keys() <= IMPEDANCE.keys()
+
+
+def title_of(document: Record) -> str:
+    """Return the title of the page where the scene gives none."""
+    if makes_impedance(document):
+        return "Realistic performance boundaries"
+    return f"Intervals of {' and '.join(q.label for q in quantities_of(document).values())}"
+
+
+def worded(text: str, words: Mapping[str, Sequence[str]]) -> str:
+    """Say a sentence of percept in the study's words for environments and subjects."""
+
+    def own(found: re.Match[str]) -> str:
+        word = words[found[0].lower().removesuffix("s")][found[0].endswith("s")]
+        return word if found[0].islower() else word[:1].upper() + word[1:]
+
+    return _WORDS.sub(own, text)
 
 
 def family_of(document: Record) -> str:

@@ -9,9 +9,8 @@ from typing import Any
 
 from percept.report.numbers import SUPERSCRIPT, number
 from percept.report.sections import interval_tables
-from percept.report.select import Record, distinct, matching
+from percept.report.select import Record, distinct, matching, quantities_of
 from percept.sessions.read import neutralised
-from percept.sessions.values import UNITS
 
 _INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
 _CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
@@ -20,9 +19,10 @@ _CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
 def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
     """Return the tables of a document as CSV, by file name."""
     tables = {}
+    quantities = quantities_of(document)
     for parameter in distinct(document["intervals"], "parameter"):
         heads = {name: name for name in _INTERVAL}
-        heads |= _with_unit(("lower", "upper", "estimate", "reference"), UNITS[parameter])
+        heads |= _with_unit(("lower", "upper", "estimate", "reference"), quantities[parameter].unit)
         heads |= {"n": "n", "covers": "covers"}
         tables[f"intervals_{parameter}"] = _table(heads, matching(document["intervals"], parameter=parameter))
     if document["boundaries"]:
@@ -30,13 +30,17 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
     cells = document["data"]["cells"]
     for parameter in distinct(cells, "parameter"):
         heads = {"environment": "environment", "n": "n"}
-        heads |= _with_unit(("reference", "mean", "sd"), UNITS[parameter])
+        heads |= _with_unit(("reference", "mean", "sd"), quantities[parameter].unit)
         tables[f"data_{parameter}"] = _table(heads, matching(cells, parameter=parameter))
     band = document["band"] or {}
-    if band.get("rows"):
+    for parameter in dict.fromkeys(row.get("parameter") for row in band.get("rows") or ()):
         heads = {name: name for name in ("environment", "method", "kind", "family")}
-        heads |= {**_with_unit(("impedance", "band"), "N·s/m"), "relative": "relative"}
-        tables["band"] = _table(heads, band["rows"])
+        size, unit = (
+            ("impedance", "N·s/m") if parameter is None else ("reference", quantities[parameter].unit)
+        )
+        heads |= {**_with_unit((size, "band"), unit), "relative": "relative"}
+        name = "band" if parameter is None else f"band_{parameter}"
+        tables[name] = _table(heads, matching(band["rows"], parameter=parameter))
     for name, rows in (
         ("comparison", document["comparison"]),
         ("comparison_curves", document["curve_comparison"]),
@@ -47,7 +51,7 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _with_unit(names: Iterable[str], unit: str) -> dict[str, str]:
-    return {name: f"{name} ({unit})" for name in names}
+    return {name: f"{name} ({unit})" if unit else name for name in names}
 
 
 def _curves(records: Sequence[Record]) -> str:
@@ -92,8 +96,7 @@ _ESCAPES = str.maketrans(
     }
 )  # fmt: skip
 _LOWERED = {raised: plain for plain, raised in SUPERSCRIPT.items()}
-_UNITS = {"N/m": "N/m", "N·s/m": r"N\,s/m"}
-_WIDENED = {"marginal": "", "bonferroni": ", widened so that stiffness and damping hold together"}
+_WIDENED = {"marginal": "", "bonferroni": ", widened so that {} hold together"}
 
 
 def latex_tables(document: Mapping[str, Any]) -> dict[str, str]:
@@ -107,19 +110,23 @@ def latex_tables(document: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _latex(document: Mapping[str, Any], table: Record, label: str) -> str:
-    columns = table["columns"]
+    columns, quantities = table["columns"], quantities_of(document)
+    symbol = quantities[table["parameter"]].symbol.translate(_ESCAPES)
+    unit = table["unit"].translate(_ESCAPES).replace("·", r"\,")
+    one = str(document["data"]["words"]["environment"][0]).translate(_ESCAPES)
+    both = " and ".join(quantity.label for quantity in quantities.values()).translate(_ESCAPES)
     heads = " & ".join(rf"\multicolumn{{2}}{{c}}{{{c['method']}, {c['family']}}}" for c in columns)
     lines = [
         r"\begin{table}",
         r"\centering",
-        rf"\caption{{Adjusted ${table['parameter']}$ in {_UNITS[table['unit']]}: limits by environment, kind "
-        rf"and method{_WIDENED[table['joint']]}.}}",
+        rf"\caption{{Adjusted {symbol if len(symbol) > 1 else f'${symbol}$'}{f' in {unit}' if unit else ''}: "
+        rf"limits by {one}, kind and method{_WIDENED[table['joint']].format(both)}.}}",
         rf"\label{{tab:intervals-{label}}}",
         rf"\begin{{tabular}}{{llr{'rr' * len(columns)}}}",
         r"\toprule",
         rf"& & & {heads} \\",
         "".join(rf"\cmidrule(lr){{{4 + 2 * i}-{5 + 2 * i}}}" for i in range(len(columns))),
-        "Environment & Kind & Reference" + " & lower & upper" * len(columns) + r" \\",
+        f"{one[:1].upper()}{one[1:]} & Kind & Reference" + " & lower & upper" * len(columns) + r" \\",
     ]
     environment = None
     for row in table["rows"]:

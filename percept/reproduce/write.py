@@ -26,7 +26,7 @@ from percept.reproduce import claims_figures as figures
 from percept.reproduce import claims_table as table
 from percept.reproduce.devices import Adapted, TradeOff, adapted_couplings, trade_off
 from percept.reproduce.published import Claim, Published, Verdict, unjudged
-from percept.sessions.values import UNITS
+from percept.sessions.quantities import IMPEDANCE
 
 PAGE = "reproduction.html"
 SCHEMA = "percept-reproduction/2"
@@ -182,7 +182,7 @@ def _table(published: Published) -> list[dict[str, Any]]:
             {
                 "environment": name,
                 "parameter": parameter,
-                "unit": UNITS[parameter],
+                "unit": IMPEDANCE[parameter].unit,
                 "reference": str(limits.reference[i][p]),
                 "lower_printed": str(limits.lower[i][p]),
                 "upper_printed": str(limits.upper[i][p]),

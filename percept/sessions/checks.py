@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError, counted
+from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, MASS, Exclusion, Notice, Place, Problems, shown
 
 #: What tells a trial from others.
@@ -85,7 +86,7 @@ def settle_references(
 
 
 def in_order(environments: Sequence[str], references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
-    """Order environments as the scene lists them, and the rest by reference, first by that of stiffness."""
+    """Order environments as the scene lists them, and the rest by references, the first quantity first."""
     ranks = {name: at for at, name in enumerate(listed)}
     keys = {
         name: (ranks.get(name, len(ranks)), *(np.inf if v != v else v for v in row))
@@ -172,7 +173,7 @@ def units_differ(ratio: float) -> bool:
 
 
 def check_units(
-    parameter: str,
+    quantity: Quantity,
     ratio: float,
     declared: Set[str],
     place: Mapping[str, object],
@@ -183,7 +184,7 @@ def check_units(
     """Refuse adjustments that are typically `ratio` times their references, with the units `declared`."""
     if not units_differ(ratio):
         return []
-    adjusted, reference = f"{parameter}_adj", f"{parameter}_ref"
+    adjusted, reference = f"{quantity.name}_adj", f"{quantity.name}_ref"
     text = f"{adjusted} is {ratio:.3g} times {reference} at the median: their units seem to differ."
     settled = {adjusted, reference} & declared
     if len(settled) == 2:
@@ -192,28 +193,31 @@ def check_units(
     hint = f"Correct the unit in [columns], or declare the units of both {adjusted} and {reference}."
     if not settled:
         # A slip makes numbers too small where the larger unit was meant.
-        column, unit = adjusted if ratio < 1 else reference, "N/mm" if parameter == "k" else "N·s/mm"
+        column = adjusted if ratio < 1 else reference
+        unit = quantity.unit.replace("/m", "/mm") or "…"
         hint = f'Declare the unit: [columns] {column} = {{ name = "…", unit = "{unit}" }}.'
     problems.add(text, column=adjusted, value=value, hint=hint, **place)
     return []
 
 
 def check_plausible(
-    table: pd.DataFrame, parameters: Iterable[str], declared: Set[str], place: Place, problems: Problems
+    table: pd.DataFrame, quantities: Iterable[Quantity], declared: Set[str], place: Place, problems: Problems
 ) -> list[Notice]:
     """Refuse adjustments whose median ratio to their references is at least 100, or at most 1/100.
 
     A file whose own ratio is about a thousand times the others' is refused too: one machine wrote N/mm.
     """
     notices: list[Notice] = []
-    for p in parameters:
-        adjusted, reference = (table[f"{p}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref"))
+    for quantity in quantities:
+        adjusted, reference = (
+            table[f"{quantity.name}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref")
+        )
         known = np.flatnonzero((adjusted > 0) & (reference > 0))
         if len(known):
             at, value = int(known[0]), float(adjusted[known[0]])
             ratio = typical_ratio(adjusted[known], reference[known])
-            notices += check_units(p, ratio, declared, place(at), problems, value=value)
-            files = table["file"].to_numpy()[known]
+            notices += check_units(quantity, ratio, declared, place(at), problems, value=value)
+            p, files = quantity.name, table["file"].to_numpy()[known]
             if files[0] == files[-1]:
                 continue
             by_file = pd.Series(np.log(adjusted[known] / reference[known])).groupby(files).median()

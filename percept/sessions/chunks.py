@@ -15,13 +15,13 @@ import pandas as pd
 from percept.errors import RefusalError, UsageError
 from percept.sessions import checks
 from percept.sessions.options import ReadOptions
+from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.sessions.reading import Reading
 from percept.sessions.records import IDS, Notice, Place, Source
 from percept.sessions.table import FileTable
 
 #: Each trial of a subject, session and environment takes a bit, so that its number is bounded.
 _TRIALS = 1 << 24
-_PAIRS = ("kk", "kb", "bb")
 _Family = Literal["lognormal", "normal"]
 
 
@@ -44,6 +44,7 @@ class Reduced:
     notices : tuple of Notice
     counts : mapping of str to int
         Rows by what became of them.
+    quantities : mapping of str to Quantity
     """
 
     cells: pd.DataFrame
@@ -52,6 +53,7 @@ class Reduced:
     sources: tuple[Source, ...] = ()
     notices: tuple[Notice, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
+    quantities: Quantities = field(default_factory=lambda: IMPEDANCE)
 
 
 def reduce_sessions(
@@ -117,7 +119,7 @@ class _Cells:
         if table.form != "trials":
             hint = "Read it with read_sessions."
             raise UsageError("a published summary is not reduced.", file=table.name, hint=hint)
-        parameters = tuple(p for p in ("k", "b") if p in table.parameters)
+        parameters = tuple(p for p in self.reading.options.quantities if p in table.parameters)
         if self.parameters and self.parameters != parameters:
             hint = "Reduce them one by one."
             raise UsageError("the files do not have the same parameters.", file=table.name, hint=hint)
@@ -138,13 +140,13 @@ class _Cells:
         parts = frame[list(IDS)].assign(rows=1.0, n=complete.astype(float))
         for p, response in responses.items():
             parts[f"mean_{p}"] = np.where(complete, response, 0.0)
-        parts[[f"scatter_{pair}" for pair in self._pairs]] = 0.0
+        parts[[_scatter(*pair) for pair in self._pairs]] = 0.0
         block = self._sums(parts, list(IDS), visits.ngroup().to_numpy())
         self.visits = self._sums(pd.concat([self.visits, block]), list(IDS))
 
     @property
-    def _pairs(self) -> list[str]:
-        return [pair for pair in _PAIRS if set(pair) <= set(self.parameters)]
+    def _pairs(self) -> list[tuple[str, str]]:
+        return _pairs(self.parameters)
 
     def _check_trials(self, frame: pd.DataFrame, visits: Mapping[Any, Any], place: Place) -> None:
         """Find trials that stand twice, in this block or in an earlier one."""
@@ -184,18 +186,19 @@ class _Cells:
         """Check what needs the whole study, and lay the cells out."""
         reading = self.reading
         reading.refuse_nothing([self.visits])
-        names = self.visits["environment"].unique().tolist()
+        names = list(reading.options.quantities)
+        environments = self.visits["environment"].unique().tolist()
         for p in self.parameters:
             self._check_units(p)
         cells = self._sums(reading.settled(self.visits), ["subject", "environment"])
         reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())
-        measures = [*(f"mean_{p}" for p in ("k", "b")), *(f"scatter_{pair}" for pair in _PAIRS)]
+        measures = [*(f"mean_{p}" for p in names), *(_scatter(*pair) for pair in _pairs(names))]
         # Zeros of a cell that holds no trial would read as data.
         measured = cells.reindex(columns=measures).where(cells["n"] > 0)
-        columns = ("k_ref", "b_ref")
-        known = [[self.references.get(c, {}).get(e, np.nan) for c in columns] for e in names]
-        references = pd.DataFrame(known, index=names, columns=columns)
-        order = checks.in_order(names, references, reading.options.environments)
+        columns = [f"{p}_ref" for p in names]
+        known = [[self.references.get(c, {}).get(e, np.nan) for c in columns] for e in environments]
+        references = pd.DataFrame(known, index=environments, columns=columns)
+        order = checks.in_order(environments, references, reading.options.environments)
         references = references.loc[list(order)].rename_axis("environment").reset_index()
         return Reduced(
             cells=pd.concat(
@@ -206,6 +209,7 @@ class _Cells:
             sources=tuple(reading.sources),
             notices=tuple(dict.fromkeys(reading.notices)),
             counts=dict(reading.counts),
+            quantities=reading.options.quantities,
         )
 
     def _check_units(self, p: str) -> None:
@@ -218,7 +222,9 @@ class _Cells:
             reached = np.cumsum(n[rising])
             typical = float(ratio[rising[np.searchsorted(reached, 0.5 * reached[-1])]])
             reading, place = self.reading, {"file": self.reading.sources[0].name}
-            reading.notices += checks.check_units(p, typical, reading.declared_units, place, reading.problems)
+            reading.notices += checks.check_units(
+                reading.options.quantities[p], typical, reading.declared_units, place, reading.problems
+            )
             reading.problems.raise_if_any()
 
     def _sums(self, parts: pd.DataFrame, by: list[str], code: Any = None) -> pd.DataFrame:
@@ -240,6 +246,16 @@ class _Cells:
             mean += total(n * (values - mean[code])) / some
             merged[f"mean_{p}"], gaps[p] = mean, values - mean[code]
         for pair in self._pairs:
-            inside = parts[f"scatter_{pair}"].to_numpy()
-            merged[f"scatter_{pair}"] = total(inside + n * gaps[pair[0]] * gaps[pair[1]])
+            inside = parts[_scatter(*pair)].to_numpy()
+            merged[_scatter(*pair)] = total(inside + n * gaps[pair[0]] * gaps[pair[1]])
         return merged
+
+
+def _pairs(parameters: Sequence[str]) -> list[tuple[str, str]]:
+    """Pairs of parameters that have a product, each with itself too, in order."""
+    return [(p, q) for at, p in enumerate(parameters) for q in parameters[at:]]
+
+
+def _scatter(p: str, q: str) -> str:
+    """Name the column of a pair's products about their means."""
+    return f"scatter_{p}{q}"

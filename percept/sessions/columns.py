@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from percept.errors import UsageError
-from percept.sessions.options import CANONICAL, KEPT_COLUMNS, SUMMARY, ColumnRule, ReadOptions
-from percept.sessions.records import NUMBERS, NoDataError, shown
+from percept.sessions.options import KEPT_COLUMNS, SUMMARY, ColumnRule, ReadOptions, canonical_columns
+from percept.sessions.quantities import Quantities, numbers_of, with_mass
+from percept.sessions.records import NoDataError, shown
 
 _WORDS = {
     "subject": "participant participant_id participant_private_id subject_nr subject_id subject_number subj "
@@ -17,15 +18,9 @@ _WORDS = {
     "session": "session_num session_number session_id session_nr visit",
     "environment": "env environment_id ve virtual_environment reference_environment",
     "trial": "trial_num trial_number trial_no trial_index trials_thisn",
-    "k_ref": "ref_k k_reference reference_k stiffness_ref ref_stiffness reference_stiffness",
-    "m_ref": "ref_m m_reference reference_m mass_ref ref_mass reference_mass",
-    "b_ref": "ref_b b_reference reference_b damping_ref ref_damping reference_damping",
-    "k_adj": "adj_k k_adjusted adjusted_k stiffness_adj adj_stiffness stiffness_adjusted adjusted_stiffness "
-    "k_final final_k stiffness_final final_stiffness",
-    "b_adj": "adj_b b_adjusted adjusted_b damping_adj adj_damping damping_adjusted adjusted_damping "
-    "b_final final_b damping_final final_damping",
 }
-_ALIASES: Mapping[str, frozenset[str]] = {name: frozenset(words.split()) for name, words in _WORDS.items()}
+#: Beside or before the name or the label of a quantity.
+_NUMBER_WORDS = {"ref": ("ref", "reference"), "adj": ("adj", "adjusted", "final")}
 _WIDE = ("{column}_{{environment}}", "{{environment}}_{column}")
 
 
@@ -66,34 +61,36 @@ class Resolution:
         return replace(self, slots=tuple(slots), rules=rules)
 
 
-def resolve(header: Sequence[str], declared: Mapping[str, ColumnRule], *, file: str) -> Resolution:
+def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolution:
     """Find the canonical columns in a header."""
+    declared = options.columns
+    aliases = _aliases(options.quantities)
     announced: list[str] = []
     found: dict[str, ColumnRule] = {}
     wide: dict[str, ColumnRule] = {}
     names = set(header)
     summary = _is_summary(names, declared)
-    wanted = SUMMARY if summary else CANONICAL
-    for canonical, rule in declared.items():
-        if canonical not in wanted:
+    wanted = SUMMARY if summary else canonical_columns(options.quantities)
+    for column, rule in declared.items():
+        if column not in wanted:
             continue
         if "{environment}" in rule.name:
-            wide[canonical] = rule
+            wide[column] = rule
         else:
-            found[canonical] = _declared(canonical, rule, header, file)
+            found[column] = _declared(column, rule, header, file)
     claimed = {rule.name for rule in found.values()}
-    for canonical in wanted:
-        if canonical in found or canonical in wide:
+    for column in wanted:
+        if column in found or column in wide:
             continue
-        if canonical in names:
-            found[canonical] = ColumnRule(name=canonical)
+        if column in names:
+            found[column] = ColumnRule(name=column)
             continue
-        name = _alias(canonical, header, claimed, file)
+        name = _alias(column, aliases.get(column, frozenset()), header, claimed, file)
         if name is not None:
-            announced.append(f"column {name!r} is taken as {canonical}")
-            found[canonical] = ColumnRule(name=name)
+            announced.append(f"column {name!r} is taken as {column}")
+            found[column] = ColumnRule(name=name)
     if not summary and not wide and "environment" not in found:
-        wide = _wide_by_name(header, found, file)
+        wide = _wide_by_name(header, found, options.quantities, file)
         announced += [f"columns {rule.name!r} are taken as {c}" for c, rule in wide.items()]
     slots = _slots(header, found, wide, file)
     return Resolution("summary" if summary else "trials", slots, {**found, **wide}, tuple(announced))
@@ -121,8 +118,21 @@ def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str
     raise UsageError(message, file=file, row=1, column=rule.name, hint=hint)
 
 
-def _alias(canonical: str, header: Sequence[str], claimed: set[str], file: str) -> str | None:
-    known = _ALIASES.get(canonical, frozenset())
+def _aliases(quantities: Quantities) -> dict[str, frozenset[str]]:
+    """Other names of columns, of numbers such as "reference_k" or "stiffness_final"."""
+    known = {name: frozenset(words.split()) for name, words in _WORDS.items()}
+    for quantity in with_mass(quantities).values():
+        stems = {_plain(quantity.name), _plain(quantity.label)}
+        for kind, words in _NUMBER_WORDS.items():
+            pairs = {(stem, word) for stem in stems for word in words}
+            orders = {f"{a}_{b}" for one, other in pairs for a, b in ((one, other), (other, one))}
+            known[f"{quantity.name}_{kind}"] = frozenset(orders)
+    return known
+
+
+def _alias(
+    canonical: str, known: Collection[str], header: Sequence[str], claimed: set[str], file: str
+) -> str | None:
     candidates = [name for name in header if _plain(name) in known and name not in claimed]
     candidates += [n for n in header if _plain(n) == canonical and n not in claimed]
     if len(candidates) > 1:
@@ -136,16 +146,18 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.casefold()).strip("_")
 
 
-def _wide_by_name(header: Sequence[str], found: Mapping[str, ColumnRule], file: str) -> dict[str, ColumnRule]:
+def _wide_by_name(
+    header: Sequence[str], found: Mapping[str, ColumnRule], quantities: Quantities, file: str
+) -> dict[str, ColumnRule]:
     """Patterns such as "k_adj_VE1" or "VE1_k_adj", where a header has them."""
     for shape in _WIDE:
-        patterns = {c: shape.format(column=c) for c in NUMBERS if c not in found}
+        patterns = {c: shape.format(column=c) for c in numbers_of(quantities) if c not in found}
         wide = {
             c: ColumnRule(name=pattern)
             for c, pattern in patterns.items()
             if any(_pattern(pattern).fullmatch(name) for name in header)
         }
-        if wide.keys() & {"k_adj", "b_adj"}:
+        if wide.keys() & {f"{name}_adj" for name in quantities}:
             _refuse_numbered(header, wide, file)
             return wide
     return {}
@@ -211,10 +223,11 @@ def check_columns(
     missing = [
         c for c in ("subject", "environment") if c not in present and not (wide and c == "environment")
     ]
-    if not present & {"k_adj", "b_adj"}:
-        missing.append("k_adj (or b_adj)")
+    first, *others = (f"{name}_adj" for name in options.quantities)
+    if not present & {first, *others}:
+        missing.append(f"{first} (or {' or '.join(others)})" if others else first)
     else:
-        for p in ("k", "b"):
+        for p in options.quantities:
             declared = any(f"{p}_ref" in references for references in options.environments.values())
             if f"{p}_adj" in present and f"{p}_ref" not in present and not declared:
                 missing.append(f"{p}_ref")
@@ -226,7 +239,7 @@ def check_columns(
         if any("_ref" in name for name in missing):
             hint += " References can stand in [environments]."
         message = f"there is no column for {' and '.join(missing)}; the columns are {shown(header)}."
-        kind = UsageError if present & {*NUMBERS} else NoDataError
+        kind = UsageError if present & {*numbers_of(options.quantities)} else NoDataError
         raise kind(message, file=file, row=1, column=missing[0].split(" ")[0], hint=hint)
 
 

@@ -18,11 +18,9 @@ from pydantic import (
 )
 
 from percept.errors import UsageError, did_you_mean
-from percept.sessions.records import IDS, MASS, NUMBERS
-from percept.sessions.values import factor
+from percept.sessions.quantities import IMPEDANCE, Quantity, factor, numbers_of, quantity_of, with_mass
+from percept.sessions.records import IDS
 
-CANONICAL = (*IDS, "trial", *NUMBERS)
-REFERENCES = ("k_ref", "b_ref", MASS)
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
@@ -140,7 +138,7 @@ class ColumnRule(Table):
     name : str
         The file's own column name. `{environment}` and `{trial}` in it make the table a wide one.
     unit : str, optional
-        Unit of the file's numbers; None means N/m for stiffness and N·s/m for damping.
+        Unit of the file's numbers; None means the quantity's own, N/m for stiffness and N·s/m for damping.
     path : str, optional
         Dotted path into a JSON cell ("response.k"; a number picks from a list, -1 its last item).
     also : tuple of str
@@ -162,7 +160,7 @@ class ExcludeRule(Table):
     Attributes
     ----------
     column : str
-        A canonical name (values in N/m or N·s/m) or one of the file's own columns.
+        A canonical name (values in the quantity's unit) or one of the file's own columns.
     why : str
         The reason, as it is counted and reported; by default the rule in words.
     equals : tuple of str
@@ -197,48 +195,56 @@ def _rule(value: Any) -> Any:
     return {"name": value} if isinstance(value, str) else value
 
 
-def _joined_ids(columns: dict[str, ColumnRule]) -> dict[str, ColumnRule]:
-    for column in (c for c, rule in columns.items() if rule.also and c not in IDS):
-        raise UsageError("only an id is made of several columns.", key=f"columns.{column}")
-    return columns
+def canonical_columns(quantities: Iterable[str]) -> tuple[str, ...]:
+    """Name the columns that an analysis of trials reads."""
+    return (*IDS, "trial", *numbers_of(quantities))
 
 
-def _units_known(columns: dict[str, ColumnRule]) -> dict[str, ColumnRule]:
-    for column in (c for c in columns if c in NUMBERS):
-        try:
-            factor(columns[column].unit, column[0])
-        except UsageError as error:
-            error.key = f"columns.{column}.unit"
-            raise
-    return columns
+def _named(value: Any) -> Any:
+    """Give each quantity of a scene the name of its table; without any, k and b are adjusted."""
+    if not isinstance(value, Mapping):
+        return value
+    tables = {name: {"name": name, **own} if isinstance(own, Mapping) else own for name, own in value.items()}
+    return tables or dict(IMPEDANCE)
 
 
-def _reference_names(value: Any) -> Any:
-    names = {"stiffness": "k_ref", "damping": "b_ref", "mass": MASS}
-    return {names.get(k, k): v for k, v in value.items()} if isinstance(value, Mapping) else value
+class DataTables(Table):
+    """The tables that say what is adjusted, and where it stands in the files."""
+
+    quantities: Annotated[dict[str, Quantity], BeforeValidator(_named)] = Field(
+        default_factory=lambda: dict(IMPEDANCE)
+    )
+    columns: dict[str, Annotated[ColumnRule, BeforeValidator(_rule)]] = Field(default_factory=dict)
+    environments: dict[str, dict[str, Number]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _of_these_quantities(self) -> Self:
+        """Hold columns, their units and references to the quantities; labels may name references."""
+        columns = tuple(dict.fromkeys((*canonical_columns(self.quantities), *SUMMARY)))
+        quantities = with_mass(self.quantities)
+        for name, rule in self.columns.items():
+            _one_of(columns, name, f"columns.{name}")
+            if rule.also and name not in IDS:
+                raise UsageError("only an id is made of several columns.", key=f"columns.{name}")
+            if (quantity := quantities.get(quantity_of(name))) is not None:
+                try:
+                    factor(rule.unit, quantity)
+                except UsageError as error:
+                    error.key = f"columns.{name}.unit"
+                    raise
+        names = {q.label: f"{q.name}_ref" for q in quantities.values()}
+        for name, own in self.environments.items():
+            references = {names.get(key, key): value for key, value in own.items()}
+            for key in references:
+                _one_of(tuple(names.values()), key, f"environments.{name}.{key}")
+            self.environments[name] = references
+        return self
 
 
-def _one_of(names: Sequence[str]) -> AfterValidator:
-    """Check the key of a table; pydantic says of keys where they stand, and not what they may be."""
-
-    def check(name: str) -> str:
-        if name not in names:
-            raise ValueError(_NO_KEY + ", ".join(names))
-        return name
-
-    return AfterValidator(check)
-
-
-Columns = Annotated[
-    dict[
-        Annotated[str, _one_of(tuple(dict.fromkeys((*CANONICAL, *SUMMARY))))],
-        Annotated[ColumnRule, BeforeValidator(_rule)],
-    ],
-    AfterValidator(_units_known),
-    AfterValidator(_joined_ids),
-]
-References = dict[Annotated[str, _one_of(REFERENCES)], Number]
-Environments = dict[str, Annotated[References, BeforeValidator(_reference_names)]]
+def _one_of(names: Sequence[str], name: str, key: str) -> None:
+    if name not in names:
+        hint = did_you_mean(name, names).strip() or None
+        raise UsageError(f"{_NO_KEY}{', '.join(names)}.", key=key, hint=hint)
 
 
 class FilesTable(Table):
@@ -276,22 +282,22 @@ class SessionsTable(Table):
         return self
 
 
-class _Tables(BaseModel):
-    columns: Columns = Field(default_factory=dict)
+class _Tables(DataTables):
     sessions: SessionsTable = SessionsTable()
-    environments: Environments = Field(default_factory=dict)
 
 
-class ReadOptions(SessionsTable):
+class ReadOptions(SessionsTable, DataTables):
     """How to read a study's files; every default is the strictest reading.
 
     Attributes
     ----------
+    quantities : mapping of str to Quantity
+        What is adjusted, by name; stiffness k (N/m) and damping b (N·s/m) by default.
     columns : mapping of str to ColumnRule
         From canonical name to where it stands.
     environments : mapping of str to mapping
-        From environment id to its references, `k_ref` (N/m), `b_ref` (N·s/m) and `m_ref` (kg, 0 where not
-        given). Environments stand in this order, those it does not name after it by reference.
+        From environment id to its references, such as `k_ref` (N/m), `b_ref` (N·s/m) and `m_ref` (kg, 0
+        where not given). Environments stand in this order, those it does not name after it by reference.
     decimal : {".", ","}, optional
         The decimal mark of every file; None finds it per file and refuses what can be read two ways.
     delimiter, encoding : str, optional
@@ -320,8 +326,6 @@ class ReadOptions(SessionsTable):
         Columns of groups that the analysis tells apart; of the others a warning says that they are pooled.
     """
 
-    columns: Columns = Field(default_factory=dict)
-    environments: Environments = Field(default_factory=dict)
     split: Texts = ()
 
     def __init__(self, /, **options: Any) -> None:
@@ -337,13 +341,13 @@ class ReadOptions(SessionsTable):
 
     def with_groups(self, groups: Iterable[str]) -> ReadOptions:
         """Return a copy that keeps further columns as groups of subjects; those it always has are no news."""
-        further = tuple(name for name in groups if name not in CANONICAL)
+        further = tuple(name for name in groups if name not in canonical_columns(self.quantities))
         kept = tuple(dict.fromkeys([*self.groups, *further]))
         return self.model_copy(update={"groups": kept, "split": (*self.split, *further)})
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
-        """Build from a scene's tables `columns`, `sessions` and `environments`; others are not looked at.
+        """Build from a scene's tables on data, such as `columns` and `sessions`; others are not looked at.
 
         Raises
         ------
@@ -354,4 +358,5 @@ class ReadOptions(SessionsTable):
             checked = _Tables(**{name: tables[name] for name in _Tables.model_fields if name in tables})
         except ValidationError as error:
             raise said(_Tables, error, file=file) from error
-        return cls(columns=checked.columns, environments=checked.environments, **dict(checked.sessions))
+        tables = {name: getattr(checked, name) for name in DataTables.model_fields}
+        return cls(**tables, **dict(checked.sessions))

@@ -138,7 +138,7 @@ def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
     by_name = {column.name: column for column in columns}
     remarks = [f"What percept makes of {printable(Path(file).name)}: look through it before you go on."]
     try:
-        known = {c: rule.name for c, rule in resolve(grid.header, options.columns, file=file).rules.items()}
+        known = {c: rule.name for c, rule in resolve(grid.header, options, file=file).rules.items()}
     except PerceptError as error:
         # Several columns with one meaning: the first that fits best is proposed, and the others are said.
         known, remarks = {}, [*remarks, str(error)]

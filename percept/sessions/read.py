@@ -17,12 +17,12 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.options import ReadOptions
+from percept.sessions.quantities import IMPEDANCE, Quantities, trial_columns
 from percept.sessions.reading import Reading
 from percept.sessions.records import (
     IDS,
     MASS,
     SUMMARY_COLUMNS,
-    TRIAL_COLUMNS,
     Exclusion,
     Notice,
     Place,
@@ -46,6 +46,7 @@ class Sessions:
         was not measured is NaN throughout, a single missing adjustment is NaN. `m_ref` (kg) stands there
         where an environment has a mass. Summary form:
         `environment`, `parameter` ("k" or "b"), `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`.
+        Other quantities stand in the places of k and b, in their own units.
         Rows stand in the order of the files.
     form : {"trials", "summary"}
         Which of the two forms `table` has.
@@ -63,6 +64,8 @@ class Sessions:
         Environments in the order in which the scene lists them.
     pooled : tuple of str
         Columns of groups that the analysis does not tell apart.
+    quantities : mapping of str to Quantity
+        What may be adjusted, by name.
     """
 
     table: pd.DataFrame
@@ -74,6 +77,7 @@ class Sessions:
     provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
     listed: tuple[str, ...] = ()
     pooled: tuple[str, ...] = ()
+    quantities: Quantities = field(default_factory=lambda: IMPEDANCE)
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
@@ -82,7 +86,7 @@ class Sessions:
         Parameters
         ----------
         frame : DataFrame
-            Columns as in a session file; numbers in N/m and N·s/m unless `options` declares a unit.
+            Columns as in a session file; numbers in the quantities' units unless `options` declares others.
         options : ReadOptions, optional
             How to read it.
 
@@ -103,11 +107,11 @@ class Sessions:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The parameters with at least one observation: a subset of ("k", "b")."""
+        """The quantities with at least one observation, by name; of k and b in this order by default."""
         if self.form == "summary":
             present = set(self.table["parameter"])
-            return tuple(p for p in ("k", "b") if p in present)
-        return tuple(p for p in ("k", "b") if self.table[f"{p}_adj"].notna().any())
+            return tuple(p for p in self.quantities if p in present)
+        return tuple(p for p in self.quantities if self.table[f"{p}_adj"].notna().any())
 
     @property
     def simulated(self) -> bool:
@@ -125,10 +129,10 @@ class Sessions:
         names = tuple(self.table["environment"].unique())
         if self.form == "summary":
             keyed = self.table.pivot_table(index="environment", columns="parameter", values="reference")
-            references = keyed.reindex(index=names, columns=["k", "b"])
+            references = keyed.reindex(index=names, columns=list(self.quantities))
         else:
             keyed = self.table.drop_duplicates("environment").set_index("environment")
-            references = keyed.loc[list(names), ["k_ref", "b_ref"]]
+            references = keyed.loc[list(names), [f"{p}_ref" for p in self.quantities]]
         return checks.in_order(names, references, self.listed)
 
     @property
@@ -171,7 +175,7 @@ class Sessions:
         table = self.table
         if self.form == "trials":
             # Columns of a parameter that was not measured would claim that it was.
-            pairs = [[f"{p}_ref", f"{p}_adj"] for p in ("k", "b")]
+            pairs = [[f"{p}_ref", f"{p}_adj"] for p in self.quantities]
             table = table.drop(
                 columns=[c for pair in pairs if table[pair].isna().all(axis=None) for c in pair]
             )
@@ -216,7 +220,7 @@ def read_sessions(
     Returns
     -------
     Sessions
-        Values in N/m and N·s/m; rows in the order of the files.
+        Values in N/m and N·s/m, or the units of the quantities declared; rows in the order of the files.
 
     Raises
     ------
@@ -249,15 +253,17 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
     def place(at: int) -> dict[str, Any]:
         return {"file": reading.sources[int(files[at])].name, "row": int(rows[at])}
 
+    quantities = reading.options.quantities
     if "summary" in forms:
-        check_summary(merged, place, reading.problems)
+        check_summary(merged, reading.options.quantities, place, reading.problems)
         reading.problems.raise_if_any()
         merged["n"] = merged["n"].astype(np.int64)
         reading.counts["observations"] = len(merged)
         columns = list(SUMMARY_COLUMNS)
     else:
-        merged = _checked_trials(reading, merged, [p for p in ("k", "b") if p in parameters], place)
-        columns = [*TRIAL_COLUMNS, *(str(c) for c in merged if c not in (*TRIAL_COLUMNS, "row", "file"))]
+        merged = _checked_trials(reading, merged, [p for p in quantities if p in parameters], place)
+        known = trial_columns(quantities)
+        columns = [*known, *(str(c) for c in merged if c not in (*known, "row", "file"))]
     tidy = merged[columns].copy()
     for column in (c for c in columns if not pd.api.types.is_numeric_dtype(tidy[c])):
         # A file that lacks a group column leaves blanks, never the text "nan".
@@ -274,6 +280,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         pooled=tuple(
             c for c in ("group", *reading.options.groups) if c in tidy and c not in reading.options.split
         ),
+        quantities=quantities,
     )
 
 
@@ -286,7 +293,9 @@ def _checked_trials(
         table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
     checks.settle_references(table, options.environments, {}, parameters, place, problems)
     checks.check_duplicates(table, place, problems, numbered=reading.numbered)
-    reading.notices += checks.check_plausible(table, parameters, reading.declared_units, place, problems)
+    reading.notices += checks.check_plausible(
+        table, [options.quantities[p] for p in parameters], reading.declared_units, place, problems
+    )
     problems.raise_if_any()
     table = reading.settled(table)
     reading.counts.update({f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters})

@@ -153,10 +153,10 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
 
     def resolves(header: list[str]) -> bool:
         try:
-            found = resolve(header, options.columns, file=file)
+            found = resolve(header, options, file=file)
         except UsageError:
             return False
-        return found.form == "summary" or bool(found.present & {"k_adj", "b_adj"})
+        return found.form == "summary" or any(f"{p}_adj" in found.present for p in options.quantities)
 
     yield from text_blocks(
         text, file=file, delimiter=options.delimiter, large=entry.data is None, resolves=resolves

@@ -12,8 +12,6 @@ from percept.errors import PerceptError, UsageError
 IDS = ("subject", "session", "environment")
 #: Mass of an environment (Eq. 7): a reference that nobody adjusts.
 MASS = "m_ref"
-NUMBERS = ("k_ref", "b_ref", MASS, "k_adj", "b_adj")
-TRIAL_COLUMNS = (*IDS, "k_ref", "b_ref", "trial", "k_adj", "b_adj")
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
 #: Problems that a message lists, and problems that are kept.
 _LISTED, _KEPT = 10, 1000

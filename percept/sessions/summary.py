@@ -14,8 +14,10 @@ from percept.errors import UsageError
 from percept.sessions.checks import typical_ratio, units_differ
 from percept.sessions.columns import Resolution
 from percept.sessions.grids import Grid
+from percept.sessions.options import ReadOptions
+from percept.sessions.quantities import Quantities
 from percept.sessions.records import Notice, Place, Problems, shown
-from percept.sessions.values import UNITS, DecimalMark, Mark, decimal_mark, is_missing, parse_numbers
+from percept.sessions.values import DecimalMark, decimal_mark, is_missing, parse_numbers
 
 _Floats = npt.NDArray[np.float64]
 _LIMITS = ("lower", "upper")
@@ -25,7 +27,7 @@ _LEVEL = 0.95
 
 
 def read_summary(
-    grid: Grid, found: Resolution, file: str, decimal: Mark | None, problems: Problems, notices: list[Notice]
+    grid: Grid, found: Resolution, file: str, options: ReadOptions, problems: Problems, notices: list[Notice]
 ) -> pd.DataFrame:
     """Read a published table of limits, or of means and standard deviations."""
     columns = found.slots[0].columns
@@ -37,11 +39,12 @@ def read_summary(
             raise UsageError(message, file=file, row=1, column=c, hint=hint)
     if any(rule.unit is not None for rule in found.rules.values()):
         hint = "Convert the table."
-        raise UsageError("units of a summary are N/m and N·s/m.", file=file, key="columns", hint=hint)
+        units = " and ".join(quantity.unit for quantity in options.quantities.values())
+        raise UsageError(f"units of a summary are {units}.", file=file, key="columns", hint=hint)
     text = {c: [record[at] for record in grid.cells] for c, at in columns.items()}
     numbers = ["reference", *(_LIMITS if limits else ()), *(_MOMENTS if moments else ()), "n"]
     numbers += ["level"] if "level" in text else []
-    mark = DecimalMark(decimal) if decimal else None
+    mark = DecimalMark(options.decimal) if options.decimal else None
     mark = mark or decimal_mark([(c, text[c]) for c in numbers], grid.rows, file=file, problems=problems)
     frame: dict[str, Any] = {c: np.array(text[c], dtype=object) for c in ("environment", "parameter")}
     for c in numbers:
@@ -98,12 +101,13 @@ def _half_digit(cells: Sequence[str], numbers: _Floats) -> _Floats:
     return np.array([0.5 * 10.0 ** int(place) for place in places])
 
 
-def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None:
+def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, problems: Problems) -> None:
     """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
     n, level = table["n"], table["level"]
     whole = (n >= 2) & (n < 2.0**53) & (n == np.round(n))
+    names = " or ".join(f'"{name}"' for name in quantities)
     rules = (
-        ("parameter", ~table["parameter"].isin(["k", "b"]), 'must be "k" or "b".'),
+        ("parameter", ~table["parameter"].isin(list(quantities)), f"must be {names}."),
         ("environment", table["environment"].str.strip() == "", "is empty."),
         ("upper", table["upper"] < table["lower"], "is below the lower limit."),
         ("n", ~whole, "must be a whole number of at least 2, and below 2^53."),
@@ -113,7 +117,7 @@ def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None
         for at in np.flatnonzero(np.asarray(wrong)):
             value = table[column].tolist()[at]
             problems.add(message, column=column, value=value, hint="Correct it.", **place(int(at)))
-    _check_units(table, place, problems)
+    _check_units(table, quantities, place, problems)
     for at in np.flatnonzero(table.duplicated(["environment", "parameter"]).to_numpy()):
         message = "a second row for this environment and parameter."
         hint = "Remove one of them."
@@ -122,12 +126,12 @@ def check_summary(table: pd.DataFrame, place: Place, problems: Problems) -> None
         )
 
 
-def _check_units(table: pd.DataFrame, place: Place, problems: Problems) -> None:
+def _check_units(table: pd.DataFrame, quantities: Quantities, place: Place, problems: Problems) -> None:
     """Compare published limits with their references, as adjustments are compared with theirs."""
     values, lower, upper = (table[c].to_numpy(dtype=float) for c in ("reference", "lower", "upper"))
     # Of what the limits hold, the nearest to the reference: wide limits are no sign of another unit.
     nearest = np.clip(values, lower, upper)
-    for p, unit in UNITS.items():
+    for p, quantity in quantities.items():
         known = np.flatnonzero((table["parameter"] == p).to_numpy() & (nearest > 0) & (values > 0))
         ratio = typical_ratio(nearest[known], values[known]) if len(known) else 1.0
         if units_differ(ratio):
@@ -135,6 +139,6 @@ def _check_units(table: pd.DataFrame, place: Place, problems: Problems) -> None:
                 f"limits of {p} are typically {ratio:.3g} times the reference: their units seem to differ.",
                 column="reference",
                 value=float(values[known[0]]),
-                hint=f"Write references and limits in {unit}.",
+                hint=f"Write references and limits in {quantity.unit or 'one unit'}.",
                 **place(int(known[0])),
             )

@@ -15,8 +15,9 @@ from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.columns import Resolution, Slot, check_columns, resolve, unused_columns
 from percept.sessions.grids import Block, Grid, plain_columns
-from percept.sessions.options import CANONICAL, KEPT_COLUMNS, ExcludeRule, ReadOptions
-from percept.sessions.records import IDS, MASS, NUMBERS, Exclusion, Notice, Problems, shown
+from percept.sessions.options import KEPT_COLUMNS, ExcludeRule, ReadOptions, canonical_columns
+from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
+from percept.sessions.records import IDS, MASS, Exclusion, Notice, Problems, shown
 from percept.sessions.summary import read_summary
 
 #: Columns of a block by name: texts as read, numbers as doubles, and `row`, the physical row of each.
@@ -38,12 +39,13 @@ class FileTable:
         problems: Problems,
     ) -> None:
         self.name, self.options, self.named, self.problems = name, options, named, problems
+        self._numbers, self._canonical = numbers_of(options.quantities), canonical_columns(options.quantities)
         first = next(blocks)
         self._blocks = chain([first], blocks)
         self.header = header = first.grid().header
         self.counts: Counter[str] = Counter()  # Rows by what became of them
         self.exclusions: list[Exclusion] = []
-        self.found: Resolution = resolve(header, options.columns, file=name)
+        self.found: Resolution = resolve(header, options, file=name)
         if options.trial == "order":
             self.found = self.found.without("trial")
         self.form = self.found.form
@@ -60,14 +62,14 @@ class FileTable:
         self.parameters: set[str] = set()
         if self.form == "trials":
             check_columns(header, self.found, options, named, file=name)
-            self.parameters = {p for p in ("k", "b") if f"{p}_adj" in rules}
+            self.parameters = {p for p in options.quantities if f"{p}_adj" in rules}
             self._prepare()
 
     def _prepare(self) -> None:
         options = self.options
         self._mark = None if options.decimal is None else values.DecimalMark(options.decimal)
         self._groups = list(dict.fromkeys([*(c for c in KEPT_COLUMNS if c in self.header), *options.groups]))
-        rules = [rule for rule in options.exclude if rule.column not in CANONICAL]
+        rules = [rule for rule in options.exclude if rule.column not in self._canonical]
         own = [*self._groups, *options.only, *(rule.column for rule in rules if rule.equals)]
         own += [name for rule in self.found.rules.values() for name in rule.also]
         self._own = {f"own:{name}": self._position(name) for name in own}
@@ -116,8 +118,7 @@ class FileTable:
 
     def _summary(self, grid: Grid) -> pd.DataFrame:
         self._count(grid)
-        decimal = self.options.decimal
-        return read_summary(grid, self.found, self.name, decimal, self.problems, self.notices)
+        return read_summary(grid, self.found, self.name, self.options, self.problems, self.notices)
 
     def _count(self, grid: Grid) -> None:
         self.counts["rows read"] += len(grid.cells)
@@ -136,7 +137,7 @@ class FileTable:
     def _slot(self, slot: Slot, grid: Grid) -> dict[str, list[str]]:
         count = len(grid.cells)
         # Columns of other slots are blank in this one.
-        out = {c: [""] * count for c in CANONICAL if any(c in s.columns for s in self.found.slots)}
+        out = {c: [""] * count for c in self._canonical if any(c in s.columns for s in self.found.slots)}
         columns = {**slot.columns, **self._own, **self._limited}
         out |= {c: [record[at] for record in grid.cells] for c, at in columns.items()}
         fixed = {"environment": slot.environment, "trial": slot.trial, **self.named}
@@ -145,7 +146,7 @@ class FileTable:
     def _fast(self, block: Block) -> _Columns | None:
         """Take columns of a plain block at the speed of pandas' parser; None where it may not be used."""
         layout, slot = block.layout, self.found.slots[0]
-        numbers = {c: at for c, at in slot.columns.items() if c in (*NUMBERS, "trial")} | self._limited
+        numbers = {c: at for c, at in slot.columns.items() if c in (*self._numbers, "trial")} | self._limited
         texts = {c: at for c, at in {**slot.columns, **self._own}.items() if c not in numbers}
         by_text = {rule.column for rule in self.options.exclude if rule.equals}
         if (
@@ -178,14 +179,16 @@ class FileTable:
         for name, texts in self.options.only.items():
             data = self._keep(data, _among(data[f"own:{name}"], texts), f"{name} is not {' or '.join(texts)}")
         for rule in (rule for rule in self.options.exclude if rule.equals):
-            key = rule.column if rule.column in CANONICAL else f"own:{rule.column}"
+            key = rule.column if rule.column in self._canonical else f"own:{rule.column}"
             if key not in data:
                 self._position(rule.column)
             data = self._exclude(data, _among(data[key], rule.equals), rule.why)
         for canonical, found in self.found.rules.items():
             if found.path is not None:
                 data[canonical] = self._pick(data, canonical, found.path)
-        blank = np.logical_and.reduce([_blank(data[c]) for c in ("k_adj", "b_adj") if c in data])
+        blank = np.logical_and.reduce(
+            [_blank(data[c]) for c in self._numbers if c.endswith("_adj") and c in data]
+        )
         data = self._exclude(data, blank, "no adjustment", of_trials=True)
         for c in (*IDS, "trial"):
             for at in self._without(data, c):
@@ -264,8 +267,8 @@ class FileTable:
             )
 
     def _convert(self, data: _Columns) -> None:
-        """Convert columns of numbers to doubles in N/m and N·s/m, by the file's one decimal mark."""
-        names = [c for c in (*NUMBERS, "trial", *self._limited) if c in data]
+        """Convert columns of numbers to doubles in percept's units, by the file's one decimal mark."""
+        names = [c for c in (*self._numbers, "trial", *self._limited) if c in data]
         texts = {c: data[c] for c in names if data[c].dtype == object}
         if self._mark is None and texts:
             columns = [(self._place(c)["column"], cells.tolist()) for c, cells in texts.items()]
@@ -276,9 +279,10 @@ class FileTable:
             data[c] = values.parse_numbers(
                 cells.tolist(), data["row"].tolist(), self._mark, self.problems, _MEND, **self._place(c)
             )
-        for c, rule in ((c, self.found.rules[c]) for c in NUMBERS if c in data):
+        for c, rule in ((c, self.found.rules[c]) for c in self._numbers if c in data):
             if rule.unit is not None or rule.offset:
-                data[c] = values.convert(data[c] + rule.offset, rule.unit, c[0])
+                quantity = with_mass(self.options.quantities)[quantity_of(c)]
+                data[c] = convert(data[c] + rule.offset, rule.unit, quantity)
         if "trial" in data:
             trial = data["trial"]
             whole = (np.abs(trial) < _WHOLE) & (trial == np.round(trial))
@@ -294,7 +298,7 @@ class FileTable:
     def _last_events(self, data: _Columns) -> _Columns:
         """Reduce each trial to its last event, with the last value of each number."""
         ids = [c for c in (*IDS, "trial") if c in data]
-        numbers = [c for c in (*NUMBERS, *self._limited) if c in data]
+        numbers = [c for c in (*self._numbers, *self._limited) if c in data]
         events = pd.DataFrame({c: data[c] for c in (*ids, *numbers)})
         events[numbers] = events.groupby(ids, sort=False, dropna=False)[numbers].ffill()
         data = data | {c: events[c].to_numpy(dtype=float) for c in numbers}
@@ -324,9 +328,10 @@ class FileTable:
         count = len(data["row"])
         one, nan = np.full(count, "1", dtype=object), np.full(count, np.nan)
         columns: dict[str, Any] = {c: data.get(c, one) for c in IDS}
-        columns |= {c: data.get(c, nan) for c in ("k_ref", "b_ref")}
+        names = list(self.options.quantities)
+        columns |= {f"{p}_ref": data.get(f"{p}_ref", nan) for p in names}
         columns["trial"] = data.get("trial", np.ones(count, dtype=np.int64))
-        columns |= {c: data.get(c, nan) for c in ("k_adj", "b_adj")}
+        columns |= {f"{p}_adj": data.get(f"{p}_adj", nan) for p in names}
         if MASS in data or any(MASS in references for references in self.options.environments.values()):
             columns[MASS] = data.get(MASS, nan)
         columns |= {g: data[f"own:{g}"] for g in self._groups}

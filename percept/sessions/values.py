@@ -1,4 +1,4 @@
-"""A cell's text to its value: numbers with one decimal mark per file, JSON paths, declared units."""
+"""A cell's text to its value: numbers with one decimal mark per file, and JSON paths."""
 
 from __future__ import annotations
 
@@ -7,24 +7,14 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from percept.errors import UsageError
 from percept.sessions.records import Problems
 
 Mark = Literal[".", ","]
-
-UNITS = {"k": "N/m", "b": "N·s/m"}
-_UNITS = UNITS | {"m": "kg"}
-_NOUNS = {"k": "stiffness", "b": "damping", "m": "mass"}
-_SAME = {"m": frozenset({"kg"}), "k": frozenset({"N/m"}), "b": frozenset({"N·s/m", "N*s/m", "Ns/m", "N s/m"})}
-# A plain product or quotient of names; an expression such as 10**10**10 is never handed to a parser.
-_UNIT = re.compile(r"[A-Za-zµ]+(?:[·*/ ][A-Za-zµ]+){0,4}")
 
 _MISSING = frozenset({"", "nan", "na", "null", "none", "-"})
 _SPACE = " \t\xa0"
@@ -195,37 +185,3 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(record) < len(pairs):
         raise CellError("a key stands twice in the record")
     return record
-
-
-@lru_cache
-def factor(unit: str | None, parameter: str) -> Fraction:
-    """Exact factor from a declared unit to percept's; pint is imported only for units of other names."""
-    if unit is None or unit in _SAME[parameter]:
-        return Fraction(1)
-    import pint
-
-    text = re.sub(r"\bNs\b", "N*s", unit).replace("·", "*").replace(" ", "*")
-    try:
-        if not _UNIT.fullmatch(unit):
-            raise ValueError(unit)
-        quantity = _registry().Quantity(Fraction(1), text)
-        return Fraction(quantity.to(_UNITS[parameter].replace("·", "*")).magnitude)
-    except (pint.errors.PintError, ValueError, TypeError, AttributeError):
-        message = f"not a unit of {_NOUNS[parameter]}."
-        hint = f"Declare one that converts to {_UNITS[parameter]}."
-        raise UsageError(message, key="unit", value=unit, hint=hint) from None
-
-
-@lru_cache
-def _registry() -> Any:
-    import pint
-
-    return pint.UnitRegistry(non_int_type=Fraction)
-
-
-def convert(values: npt.NDArray[np.float64], unit: str | None, parameter: str) -> npt.NDArray[np.float64]:
-    """Convert numbers to N/m or N·s/m, rounding once."""
-    scale = factor(unit, parameter)
-    if scale.numerator == 1:
-        return values / scale.denominator
-    return values * float(scale)

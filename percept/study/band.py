@@ -1,9 +1,9 @@
-"""Bands of a study's intervals against the impedance of its environments, and the laws they follow."""
+"""Bands of a study's intervals against the size of its environments, and the laws they follow."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,14 +15,17 @@ from percept.boundary.band import (
     BandStudy,
     band_laws,
     band_statements,
+    determines_laws,
     environment_magnitude_range,
+    size_name,
 )
 from percept.inference.classical.intervals import interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Kind
 from percept.scene import InferenceTable
+from percept.sessions.quantities import is_impedance
 from percept.study.basics import Array, References, Skipped, Stream, claim_of, generator
-from percept.study.intervals import Cell, known_moments, paired_limits
+from percept.study.intervals import Cell, known_moments
 from percept.study.regions import displayable
 
 if TYPE_CHECKING:
@@ -35,68 +38,100 @@ _BOOTSTRAP = 1000
 _DRAWS = 2000
 
 
+class Banded(NamedTuple):
+    """Environments whose bands are set against one size: the impedance, or the reference of a parameter."""
+
+    parameter: str | None  # None for abs(Z_e)
+    size: dict[str, float]  # By environment, N·s/m or in the parameter's unit; above zero
+    omega: float | None = None  # rad/s, of abs(Z_e)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters that an environment's band is made of."""
+        return ("k", "b") if self.parameter is None else (self.parameter,)
+
+    def known(self, cells: Collection[tuple[str, str]]) -> tuple[str, ...]:
+        """Return the environments with a cell of every parameter."""
+        return tuple(e for e in self.size if all((p, e) in cells for p in self.parameters))
+
+    def ends(self, limits: Mapping[str, tuple[Any, Any]]) -> tuple[Array, Array]:
+        """Range of the size over limits of each parameter."""
+        # Of a few subjects some studies have SDs whose limits no double holds.
+        own = [tuple(displayable(np.asarray(end)) for end in limits[p]) for p in self.parameters]
+        if self.omega is None:
+            return own[0][0], own[0][1]
+        return environment_magnitude_range(self.omega, (own[0][0], own[0][1]), (own[1][0], own[1][1]))
+
+
 class Redrawn(NamedTuple):
-    """Bands (S, J), N·s/m, of some environments, in the order of the study."""
+    """Bands (S, J) of some environments, in the order of the study."""
 
     environments: tuple[str, ...]
     bands: Array
 
 
-#: By method, kind and family.
-Replicates = dict[tuple[str, str, str], Redrawn]
+#: By parameter, method, kind and family.
+Replicates = dict[tuple[str | None, str, str, str], Redrawn]
 
 
 def with_band(
-    reference: References, environments: Sequence[str], asked: InferenceTable, omega: float
-) -> Iterator[str | Skipped]:
-    """Yield the environments whose band can be set against their impedance at `omega`, one above zero."""
-    count = 0
-    for environment in environments:
-        if np.hypot(reference["b", environment], reference["k", environment] / omega) > 0:
-            count += 1
-            yield environment
-        else:
-            yield Skipped(f"band of {environment}", "the impedance of its reference is zero")
-    if len(environments) > 1 and count < FEWEST:
-        yield Skipped("band law", f"it needs {FEWEST} environments whose impedance is not zero")
-    elif count >= FEWEST and asked.method != "classical" and "share" in asked.kinds:
-        yield Skipped(
-            "Bayesian band law, kind share", "no posterior draw has a band of its own that holds a share"
-        )
+    reference: References,
+    parameters: Sequence[str],
+    environments: Sequence[str],
+    asked: InferenceTable,
+    omega: float,
+) -> Iterator[Banded | Skipped]:
+    """Yield what bands can be set against: the impedance at `omega`, or the reference of each parameter."""
+    banded = [Banded(p, {e: reference[p, e] for e in environments}) for p in parameters]
+    if is_impedance(parameters):
+        size = {e: float(np.hypot(reference["b", e], reference["k", e] / omega)) for e in environments}
+        banded = [Banded(None, size, omega)]
+    for one in banded:
+        name = size_name(one.parameter)
+        what = "the impedance of its reference" if one.parameter is None else "its reference"
+        of = "" if len(banded) == 1 else f" of {one.parameter}"
+        kept = {environment: value for environment, value in one.size.items() if value > 0}
+        for environment in one.size:
+            if environment not in kept:
+                yield Skipped(f"band{of} of {environment}", f"{what} is zero")
+        if kept:
+            yield one._replace(size=kept)
+        if len(environments) < 2:
+            continue
+        if len(kept) < FEWEST:
+            yield Skipped(f"band law{of}", f"it needs {FEWEST} environments whose {name} is not zero")
+        elif not determines_laws(list(kept.values())):
+            yield Skipped(f"band law{of}", f"without one environment the others share one {name}")
+        elif asked.method != "classical" and "share" in asked.kinds:
+            why = "no posterior draw has a band of its own that holds a share"
+            yield Skipped(f"Bayesian band law{of}, kind share", why)
 
 
 def classical_replicates(
-    cells: Mapping[Family, Sequence[Cell]],
-    asked: InferenceTable,
-    environments: Sequence[str],
-    omega: float,
+    cells: Mapping[Family, Sequence[Cell]], asked: InferenceTable, banded: Sequence[Banded]
 ) -> Replicates:
     """Simulate the means and SDs that other studies of these users would find, and their bands."""
     rng = generator(asked.seed, Stream.CLASSICAL_BANDS)
     found: Replicates = {}
     for family, of_family in cells.items():
-        known = known_moments(of_family, family)
-        names = tuple(e for e in environments if ("k", e) in known and ("b", e) in known)
-        if not names:
-            continue
-        known = {cell: moments for cell, moments in known.items() if cell[1] in names}
-        drawn = {cell: _redrawn(moments, rng) for cell, moments in known.items()}
-        for kind in asked.kinds:
-            limits = {cell: _limits(known[cell], *drawn[cell], kind, family, asked) for cell in known}
-            found["classical", kind, family] = _bands(names, limits, omega)
+        every = known_moments(of_family, family)
+        for one in banded:
+            names = one.known(every)
+            known = {c: m for c, m in every.items() if c[0] in one.parameters and c[1] in names}
+            drawn = {cell: _redrawn(moments, rng) for cell, moments in known.items()}
+            for kind in asked.kinds if names else ():
+                limits = {cell: _limits(known[cell], *drawn[cell], kind, family, asked) for cell in known}
+                found[one.parameter, "classical", kind, family] = _bands(one, names, limits)
     return found
 
 
-def posterior_replicates(
-    fit: Fit, asked: InferenceTable, environments: Sequence[str], omega: float
-) -> Replicates:
+def posterior_replicates(fit: Fit, asked: InferenceTable, banded: Sequence[Banded]) -> Replicates:
     """Bands of the central interval given each posterior draw: of the population's mean, or of its users.
 
     Limits that hold a share of users with a stated confidence belong to the posterior as a whole: there are
     none given a draw, and no law of theirs.
     """
-    names = tuple(e for e in environments if ("k", e) in fit.column)
-    if not names:
+    if not any(one.known(fit.column) for one in banded):
         return {}
     points = fit.points[:: max(1, len(fit.points) // _DRAWS)]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
@@ -107,21 +142,18 @@ def posterior_replicates(
         if kind in asked.kinds:
             lower, upper = fit.scale.native(centre - out * sd), fit.scale.native(centre + out * sd)
             limits = {cell: (lower[:, c], upper[:, c]) for cell, c in fit.column.items()}
-            found["bayesian", kind, asked.family] = _bands(names, limits, omega)
+            for one in banded:
+                if names := one.known(fit.column):
+                    found[one.parameter, "bayesian", kind, asked.family] = _bands(one, names, limits)
     return found
 
 
 def _bands(
-    names: tuple[str, ...], limits: Mapping[tuple[str, str], tuple[Array, Array]], omega: float
+    banded: Banded, names: tuple[str, ...], limits: Mapping[tuple[str, str], tuple[Array, Array]]
 ) -> Redrawn:
     bands = []
     for environment in names:
-        # Of a few subjects some studies have SDs whose limits no double holds.
-        k, b = (
-            (displayable(low), displayable(high))
-            for low, high in (limits["k", environment], limits["b", environment])
-        )
-        lower, upper = environment_magnitude_range(omega, k, b)
+        lower, upper = banded.ends({p: limits[p, environment] for p in banded.parameters})
         bands.append(upper - lower)
     return Redrawn(names, np.stack(bands, axis=1))
 
@@ -154,52 +186,64 @@ def _limits(
 
 def band_study(
     intervals: pd.DataFrame,
-    environments: Sequence[str],
+    banded: Sequence[Banded],
     cells: Mapping[Family, Sequence[Cell]],
     fit: Fit | None,
     asked: InferenceTable,
-    omega: float,
 ) -> BandStudy:
-    """Band of abs(Z_e) over each environment's rectangle of intervals, and the laws bands follow."""
-    level = asked.level
+    """Band of every size over each environment's intervals, and the laws bands follow."""
     replicates: Replicates = {}
     if asked.method != "bayesian":
-        replicates |= classical_replicates(cells, asked, environments, omega)
+        replicates |= classical_replicates(cells, asked, banded)
     if fit is not None:
-        replicates |= posterior_replicates(fit, asked, environments, omega)
-    kappa = None if fit is None else weber_trend(fit, level=level)
-    table = pd.DataFrame(_rows(intervals[intervals["environment"].isin(environments)], omega))
-    laws: list[BandLaw] = []
-    statements: list[BandStatement] = []
-    for found, part in table.groupby(["method", "kind", "family"], sort=False) if len(table) else ():
-        method, kind, family = (str(label) for label in found)
-        redrawn = replicates.get((method, kind, family))
-        impedance, bands = part["impedance"].to_numpy(), part["band"].to_numpy()
-        names = tuple(part["environment"])
-        if redrawn is None or names != redrawn.environments or len(names) < FEWEST:
+        replicates |= posterior_replicates(fit, asked, banded)
+    kappa = None if fit is None else weber_trend(fit, level=asked.level)
+    tables, laws, statements = [], list[BandLaw](), list[BandStatement]()
+    for one in banded:
+        table = pd.DataFrame(_rows(intervals, one))
+        tables.append(table)
+        for found, part in table.groupby(["method", "kind", "family"], sort=False) if len(table) else ():
+            method, kind, family = (str(label) for label in found)
+            redrawn = replicates.get((one.parameter, method, kind, family))
+            size, bands = part[size_name(one.parameter)].to_numpy(), part["band"].to_numpy()
+            names = tuple(part["environment"])
+            if redrawn is None or names != redrawn.environments or not determines_laws(size):
+                continue
+            drawn, of = redrawn.bands, one.parameter
+            # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's bands.
+            fitted = None if method == "bayesian" else bands
+            of_whom: dict[str, Any] = {"method": method, "kind": kind, "family": family, "parameter": of}
+            laws += band_laws(names, size, fitted, drawn, level=asked.level, **of_whom)
+            statements += band_statements(size, drawn, **of_whom)
+    omega = next((one.omega for one in banded), None)
+    rows = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+    return BandStudy(omega, rows, tuple(laws), tuple(statements), kappa)
+
+
+def _rows(intervals: pd.DataFrame, banded: Banded) -> Iterator[dict[str, object]]:
+    """Yield the band of each environment, method, kind and family with limits of every parameter."""
+    labels = ["environment", "method", "kind", "family"]
+    kept = intervals[(intervals["joint"] == "marginal") & intervals["environment"].isin(banded.size)]
+    kept = kept[kept["parameter"].isin(banded.parameters)]
+    for at, rows in kept.groupby(labels, sort=False):
+        if len(rows) < len(banded.parameters):
             continue
-        drawn = redrawn.bands
-        # Draws of a posterior have laws of their own; a bootstrap's scatter about that of the study's bands.
-        fitted = None if method == "bayesian" else bands
-        laws += band_laws(
-            names, impedance, fitted, drawn, method=method, kind=kind, family=family, level=level
-        )
-        statements += band_statements(impedance, drawn, method=method, kind=kind, family=family)
-    return BandStudy(omega, table, tuple(laws), tuple(statements), kappa)
-
-
-def _rows(intervals: pd.DataFrame, omega: float) -> Iterator[dict[str, object]]:
-    labels = ("environment", "method", "kind", "family")
-    for cell, limits in paired_limits(intervals[intervals["joint"] == "marginal"], labels):
-        lower, upper = (float(end) for end in environment_magnitude_range(omega, *limits))
-        impedance = float(np.hypot(cell["b"]["reference"], cell["k"]["reference"] / omega))
+        limits = {
+            p: (low, high)
+            for p, low, high in zip(rows["parameter"], rows["lower"], rows["upper"], strict=True)
+        }
+        lower, upper = (float(end) for end in banded.ends(limits))
+        environment = str(at[0])
+        size, band = banded.size[environment], upper - lower
+        of = {} if banded.parameter is None else {"parameter": banded.parameter}
         yield {
-            **{label: cell["k"][label] for label in labels},
-            "impedance": impedance,
+            **dict(zip(labels, at, strict=True)),
+            **of,
+            size_name(banded.parameter): size,
             "lower": lower,
             "upper": upper,
-            "band": upper - lower,
-            "relative": (upper - lower) / impedance,
+            "band": band,
+            "relative": band / size,
         }
 
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.record import Family
 from percept.scene import InferenceTable
+from percept.sessions.quantities import Quantities, is_impedance
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
-#: By parameter and environment, N/m or N·s/m; NaN where there is none.
+#: By parameter and environment, in the parameter's unit; NaN where there is none.
 References = Mapping[tuple[str, str], float]
 
-NAMES = {"k": "stiffness", "b": "damping"}
 #: Classical intervals are always given in both families, the paper's first.
 FAMILIES: tuple[Family, ...] = ("normal", "lognormal")
 
@@ -56,15 +56,18 @@ def claim_of(asked: InferenceTable) -> Claim:
     return {"level": asked.level, "share": asked.held_share, "confidence": asked.confidence}
 
 
-def analysed_parameters(present: tuple[str, ...], asked: tuple[str, ...] | None) -> tuple[str, ...]:
+def analysed_parameters(
+    present: tuple[str, ...], asked: tuple[str, ...] | None, quantities: Quantities
+) -> tuple[str, ...]:
     """Return the parameters asked for, or all that were adjusted."""
     if not present:
         raise RefusalError("no adjusted value is left in the data.")
     if missing := sorted(set(asked or ()) - set(present)):
         raise RefusalError(
-            f"the scene asks for {NAMES[missing[0]]}, which no session has.", column=f"{missing[0]}_adj"
+            f"the scene asks for {quantities[missing[0]].label}, which no session has.",
+            column=f"{missing[0]}_adj",
         )
-    return asked or present
+    return tuple(p for p in present if p in asked) if asked else present
 
 
 def select(what: str, asked: str | Collection[str] | None, there: Sequence[str]) -> tuple[str, ...]:
@@ -79,16 +82,17 @@ def select(what: str, asked: str | Collection[str] | None, there: Sequence[str])
 
 
 def referenced(
-    reference: References, parameters: Sequence[str], environments: Sequence[str]
+    reference: References, parameters: Sequence[str], environments: Sequence[str], quantities: Quantities
 ) -> Iterator[str | Skipped]:
-    """Yield the environments with a reference of both parameters, which curves and bands need."""
+    """Yield the environments with a reference of stiffness and damping, which curves need."""
     if len(environments) == 1:
         yield Skipped("trend over environments and band law", "there is one environment")
-    if len(parameters) < 2:
-        yield Skipped("boundaries and band", f"only {NAMES[parameters[0]]} was adjusted")
+    if not is_impedance(parameters):
+        if is_impedance(quantities):
+            yield Skipped("boundaries", f"only {quantities[parameters[0]].label} was adjusted")
         return
     for environment in environments:
-        names = [NAMES[p] for p in parameters if not np.isfinite(reference[p, environment])]
+        names = [quantities[p].label for p in parameters if not np.isfinite(reference[p, environment])]
         yield (
             Skipped(f"boundaries and band of {environment}", f"it has no reference {' and '.join(names)}")
             if names

@@ -1,4 +1,4 @@
-"""Checks of the hierarchical fit for the analyst, in N/m and N·s/m and with names."""
+"""Checks of the hierarchical fit for the analyst, in the units of the quantities and with names."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from percept.inference.checks.predictive import (
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.sampling.gate import Progress, Settings
 from percept.scene import Scene
-from percept.sessions.values import UNITS
+from percept.sessions.quantities import Quantities
 from percept.study.band import weber_trend
-from percept.study.basics import NAMES, Array, Skipped, Stream, generator
+from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.fit import Fit
 from percept.study.posterior import posterior_tree
 
@@ -61,10 +61,10 @@ class ModelChecks(NotebookRecord):
 
     loo: SubjectChecks  # Each subject against the others
     statistics: pd.DataFrame  # Posterior predictive check of each cell's mean, SD and farthest subject
-    prior: pd.DataFrame  # Quantiles of the average and the next user before any data, N/m or N·s/m
+    prior: pd.DataFrame  # Quantiles of the average and the next user before any data
     sensitivity: pd.DataFrame  # How far results move when priors or data count slightly more
     shrinkage: pd.DataFrame | None  # How far each environment moved to the trend
-    correlation: pd.DataFrame | None  # Of stiffness and damping between users
+    correlation: pd.DataFrame | None  # Of two parameters between users
     weber: pd.DataFrame | None  # Trend of the log spread per decade of the reference
 
 
@@ -167,11 +167,13 @@ def subject_tables(
     )
     tail = 2.0 * np.minimum(cells["below"], 1.0 - cells["below"])
     cells["outlier"] = tail < FALSE_ALARM / len(cells)
-    messages = tuple(_messages(table, cells, loo.good_k, refit=refit))
+    messages = tuple(_messages(table, cells, loo.good_k, fit.quantities, refit=refit))
     return SubjectChecks(loo.elpd, loo.se, loo.good_k, table, cells, messages)
 
 
-def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float, *, refit: bool) -> Iterator[str]:
+def _messages(
+    table: pd.DataFrame, cells: pd.DataFrame, good_k: float, quantities: Quantities, *, refit: bool
+) -> Iterator[str]:
     influential = table[table["influential"]]
     if len(influential):
         named = ", ".join(f"{row.subject} ({row.pareto_k:.2f})" for row in influential.itertuples())
@@ -194,10 +196,10 @@ def _messages(table: pd.DataFrame, cells: pd.DataFrame, good_k: float, *, refit:
             "spread."
         )
     for cell in cells[cells["outlier"]].to_dict("records"):
-        side = "below" if cell["below"] < 0.5 else "above"
+        side, quantity = "below" if cell["below"] < 0.5 else "above", quantities[cell["parameter"]]
         yield (
-            f"{cell['subject']} set {NAMES[cell['parameter']]} in {cell['environment']} to "
-            f"{cell['value']:.4g} {UNITS[cell['parameter']]}, far {side} what the others predict."
+            f"{cell['subject']} set {quantity.label} in {cell['environment']} to "
+            f"{quantity.amount(cell['value'])}, far {side} what the others predict."
         )
 
 
@@ -230,13 +232,13 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Dat
     _, means, users = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))
     rows: list[dict[str, Any]] = []
     for kind, drawn in (("mean", means), ("user", users)):
-        # The map to N/m is increasing, so quantiles pass through it; far tails may be infinite there.
+        # The map to the quantity is increasing, so quantiles pass through it; far tails may be infinite.
         with np.errstate(over="ignore"):
             found = fit.scale.native(np.quantile(drawn, _PRIOR_QUANTILES, axis=0))
         for (parameter, environment), c in fit.column.items():
             quantiles = {f"q{100 * q:g}": found[i, c] for i, q in enumerate(_PRIOR_QUANTILES)}
             at = {"environment": environment, "parameter": parameter, "kind": kind}
-            rows.append({**at, **quantiles, "unit": UNITS[parameter]})
+            rows.append({**at, **quantiles, "unit": fit.quantities[parameter].unit})
     return pd.DataFrame(rows)
 
 
@@ -254,14 +256,14 @@ def _shrinkage(fit: Fit, subjects: SubjectDensity) -> pd.DataFrame | None:
             "centre": centre[c],
             "trend": trend[c],
             "moved": found.moved.ravel()[c],
-            "unit": UNITS[parameter],
+            "unit": fit.quantities[parameter].unit,
         }
         for (parameter, environment), c in fit.column.items()
     )
 
 
 def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd.DataFrame | None:
-    """Correlations of stiffness and damping between users, with intervals."""
+    """Correlations of two parameters between users, with intervals."""
     rows = []
     for name, values in correlation_draws(subjects.density, fit.points).items():
         labels = fit.environments if values.ndim == 2 else [""]

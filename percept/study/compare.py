@@ -13,7 +13,8 @@ from scipy import special
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
 from percept.sessions import Sessions
-from percept.sessions.records import SUMMARY_COLUMNS, TRIAL_COLUMNS
+from percept.sessions.quantities import trial_columns
+from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
 from percept.study.boundaries import compare_curves
 from percept.study.intervals import cell_moments, known_moments
@@ -42,8 +43,8 @@ class PairComparison(NotebookRecord):
         Both studies' limits per environment, parameter, kind, method, family and joint; and their widths'
         ratio.
     differences : DataFrame
-        Average users of B against A (ratio under the lognormal family, difference in N/m and N·s/m under
-        the normal), and the ratio of the spreads, with limits.
+        Average users of B against A (ratio under the lognormal family, difference in its unit under the
+        normal), and the ratio of the spreads, with limits.
     curves : DataFrame
         Gaps between the boundaries of the two that are alike.
     notes : tuple of str
@@ -181,7 +182,9 @@ def _other_trials(first: Sessions, second: Sessions) -> Iterator[str]:
 def _same_sessions(first: Sessions, second: Sessions) -> bool:
     if first.form != second.form:
         return False
-    columns = list(TRIAL_COLUMNS if first.form == "trials" else SUMMARY_COLUMNS)
+    if first.quantities != second.quantities:
+        return False
+    columns = list(trial_columns(first.quantities) if first.form == "trials" else SUMMARY_COLUMNS)
     return first.table[columns].equals(second.table[columns])
 
 
@@ -269,7 +272,7 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
 
 
 def _draws(fit: Fit, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Mean, SD and spread per draw and cell, on the family's scale in N/m and N·s/m or their logarithms."""
+    """Mean, SD and spread per draw and cell, on the family's scale in their units or as logarithms."""
     some, scale = rng.permutation(len(fit.moments.mean))[:_DRAWS], fit.scale
     mean, sd, spread = (
         scale.unit * part[some] for part in (fit.moments.mean, fit.moments.sd, fit.moments.population_sd)

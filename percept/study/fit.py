@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -22,14 +22,18 @@ from percept.inference.record import Family
 from percept.inference.sampling.gate import Progress, Run, Settings
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
-from percept.sessions.values import UNITS
-from percept.study.basics import NAMES, Array, References, Skipped, claim_of
+from percept.sessions.quantities import IMPEDANCE, Quantities
+from percept.study.basics import Array, References, Skipped, claim_of
 from percept.study.intervals import Row, bayesian_row, cell_moments
-from percept.study.responses import ResponseScale, Trials, decades, references, refuse_no_ratio, trials
-
-#: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
-#: six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
-_PROPORTION = 1e-3
+from percept.study.responses import (
+    ResponseScale,
+    Trials,
+    decades,
+    references,
+    refuse_no_ratio,
+    resolution_of,
+    trials,
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,11 +41,13 @@ class Prepared:
     """A model of a study, not yet sampled."""
 
     model: Model  # The posterior
-    scale: ResponseScale  # The way from responses to N/m and N·s/m
+    scale: ResponseScale  # The way from responses to the units of the quantities
     counts: NDArray[np.int64]  # (C,) Subjects behind each cell
     repeats: bool | None  # Whether any cell holds more than one trial; None where it is not known
     trials: Trials | None = None  # None for published limits and without pooling
     approximate: bool = False  # Whether moments of logarithms were matched to published limits
+    quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE)
+    skipped: tuple[Skipped, ...] = ()  # Trials and environments that are not in the model
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,14 +56,14 @@ class Fit(Prepared):
 
     Parameters
     ----------
-    model, scale, counts, repeats, trials, approximate
-        The model that was sampled; `scale` leads from its responses to N/m and N·s/m.
+    model, scale, counts, repeats, trials, approximate, quantities, skipped
+        The model that was sampled; `scale` leads from its responses to the units of its quantities.
     run : Run
         Draws, diagnostics and the verdict of the gate.
     limits : dict
-        Lower and upper limits, each of shape (C,), by kind; N/m or N·s/m.
+        Lower and upper limits, each of shape (C,), by kind, in their units.
     estimate : ndarray, shape (C,)
-        Posterior mean of the population's mean on the model's scale, in N/m or N·s/m.
+        Posterior mean of the population's mean on the model's scale, in its unit.
     """
 
     run: Run
@@ -154,8 +160,9 @@ def simpler_models(model: Model) -> list[str]:
     settings = []
     if any(name.startswith("omega") for name in model.names):
         settings.append("[model] common_spread = true")
-    if len({parameter for parameter, _ in model.cells}) == 2:
-        settings.append('[inference] parameters = ["k"] or ["b"]')
+    names = list(dict.fromkeys(parameter for parameter, _ in model.cells))
+    if len(names) == 2:
+        settings.append(f'[inference] parameters = ["{names[0]}"] or ["{names[1]}"]')
     return settings
 
 
@@ -213,14 +220,14 @@ def sampled(
 
 def bayesian_rows(fit: Fit, asked: InferenceTable, reference: References) -> Iterator[Row | Skipped]:
     """Yield a row of the interval table for every interval of a fit that passed."""
-    if fit.trials:
-        yield from fit.trials.skipped
+    yield from fit.skipped
     if not fit.passed:
         yield Skipped("Bayesian intervals", fit.withheld)
         return
     if len(fit.parameters) == 2:
+        names = " and ".join(fit.quantities[p].symbol for p in fit.parameters)
         yield Skipped(
-            "Bayesian intervals of k and b widened to hold together (bonferroni)",
+            f"Bayesian intervals of {names} widened to hold together (bonferroni)",
             "only limits held to the tolerance are listed",
         )
     for kind in asked.kinds:
@@ -228,7 +235,8 @@ def bayesian_rows(fit: Fit, asked: InferenceTable, reference: References) -> Ite
         for cell, c in fit.column.items():
             limits, n = (lower[c], upper[c], fit.estimate[c]), int(fit.counts[c])
             rest = {"n": n, "repeats": fit.repeats, "approximate": fit.approximate}
-            yield bayesian_row(asked, kind, cell, limits, reference[cell], **rest)
+            unit = fit.quantities[cell[0]].unit
+            yield bayesian_row(asked, kind, cell, limits, reference[cell], unit, **rest)
 
 
 def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
@@ -237,6 +245,42 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
         return _unpooled(sessions, scene, parameters)
     if sessions.form == "summary":
         return _from_limits(sessions, scene, parameters)
+    groups = modelled_together(parameters, scene.inference.together)
+    models = [_of_trials(sessions, scene, group) for group in groups]
+    return models[0] if len(models) == 1 else _side_by_side(models)
+
+
+def modelled_together(parameters: tuple[str, ...], named: tuple[str, ...] | None) -> list[tuple[str, ...]]:
+    """Group parameters by the models they have: one or two have one, and of more the two that are named."""
+    if len(parameters) < 3:
+        return [parameters]
+    pair = tuple(p for p in parameters if p in (named or ()))
+    groups = {p: pair if p in pair and len(pair) == 2 else (p,) for p in parameters}
+    return list(dict.fromkeys(groups.values()))
+
+
+def _side_by_side(models: list[Prepared]) -> Prepared:
+    """Put models of different parameters together, the cells of each in a row."""
+    first = models[0]
+    why = "two are modelled together at most; [inference] together names them"
+    scale = ResponseScale(
+        first.scale.log, *(np.concatenate([getattr(m.scale, n) for m in models]) for n in ("origin", "unit"))
+    )
+    return Prepared(
+        Product([m.model for m in models]),
+        scale,
+        np.concatenate([m.counts for m in models]),
+        any(m.repeats for m in models),
+        quantities=first.quantities,
+        skipped=(
+            Skipped("correlations of more than two parameters", why),
+            *dict.fromkeys(part for m in models for part in m.skipped),
+        ),
+    )
+
+
+def _of_trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Build the model of parameters that are modelled together."""
     data = trials(sessions, scene, parameters)
     statistics = from_trials(
         data.response,
@@ -254,9 +298,17 @@ def pooled(
     statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale, data: Trials | None = None
 ) -> Prepared:
     """Build the hierarchical model of subjects' trials from their statistics."""
-    resolution = _resolution(statistics, scene, reference, scale)
+    resolution = resolution_of(statistics, scene, reference, scale)
     counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
-    return Prepared(_model(statistics, scene, resolution), scale, counts, statistics.repeats, data)
+    return Prepared(
+        _model(statistics, scene, resolution),
+        scale,
+        counts,
+        statistics.repeats,
+        data,
+        quantities=scene.quantities,
+        skipped=data.skipped if data else (),
+    )
 
 
 def _model(statistics: Statistics, scene: Scene, resolution: Resolution | None = None) -> Pooled:
@@ -267,92 +319,12 @@ def _model(statistics: Statistics, scene: Scene, resolution: Resolution | None =
     return Pooled(CollapsedDensity(statistics, Priors(**table.priors), options, resolution))
 
 
-def _resolution(statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale) -> Resolution:
-    """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those.
-
-    Rounding is part of the scatter that is seen: there the variance would count twice.
-    """
-    steps = {str(name): step for name, step in scene.model.resolution.items()}
-    between, trial = lacking_scatter(statistics, steps)
-    if not (between.any() or trial.any()):
-        return Resolution()
-    if scene.inference.family == "lognormal":
-        unit = reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
-    else:
-        unit = scale.unit.reshape(reference.shape)
-    size = np.array([steps.get(p, 0.0) for p in statistics.parameters])
-    variance = (size[:, None] / unit) ** 2 / 12.0
-    return Resolution(between=np.where(between, variance, 0.0), trial=np.where(trial, variance, 0.0))
-
-
-def lacking_scatter(
-    statistics: Statistics, steps: Collection[str]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Find cells (P, J) whose scatter between subjects, or trials, a step of the adjustment makes up for.
-
-    They have none, or their pairs move in proportion; those without a step are refused. Near a correlation of
-    one the density of pairs in proportion grows as (1 - rho²)^(-(f - 1)/2) for every environment's f degrees
-    of freedom; from four such half powers on no prior of rho holds it. A remainder ends that growth, too near
-    one for walkers to follow where it is small.
-    """
-    between = (statistics.sd == 0) & (statistics.df > 0)
-    trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
-    known = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
-    for what, still in (("all subjects adjusted alike", between), ("no subject's trials differ", trial)):
-        _refuse_still(statistics, still & ~known, what)
-    if len(statistics.parameters) == 2:
-        means = statistics.cell_means
-        off = (means - np.nanmean(means, axis=0)).transpose(2, 1, 0)
-        of_means = [pair[:, np.isfinite(pair).all(axis=0)] for pair in off]
-        of_trials = list(statistics.trial_rows.transpose(2, 0, 1))
-        for what, scatter, df, lacking in (
-            ("the subjects' means", of_means, statistics.df.min(axis=0), between),
-            ("a subject's trials", of_trials, statistics.trial_df, trial),
-        ):
-            if _in_proportion(scatter, df):
-                if not known.any():
-                    raise RefusalError(
-                        f"stiffness and damping of {what} move in proportion, to within {_PROPORTION:.1%}, "
-                        "in every environment: a correlation of one has no proper posterior.",
-                        column="b_adj",
-                        hint="Analyse one of them, [inference] parameters, or give the steps: "
-                        "[model] resolution.",
-                    )
-                lacking |= df > 0
-    return between & known, trial & known
-
-
-def _refuse_still(statistics: Statistics, still: NDArray[np.bool_], what: str) -> None:
-    for parameter, cells in zip(statistics.parameters, still, strict=True):
-        if cells.any():
-            names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
-            raise RefusalError(
-                f"{what} in {NAMES[parameter]} of {names}: zero scatter has no proper posterior.",
-                column=f"{parameter}_adj",
-                hint=f"Give the adjustment's step in {UNITS[parameter]}: [model] resolution.{parameter}.",
-            )
-
-
-def _in_proportion(scatter: list[Array], df: Array) -> bool:
-    """Say whether in every environment the two rows of the scatter (2, n) are multiples of one another."""
-    signs, powers = set(), 0.0
-    for (first, second), freedom in zip(scatter, df, strict=True):
-        if freedom < 1:
-            continue
-        cross, square, size = first @ second, first @ first, np.linalg.norm(second)
-        if square == 0 or size == 0 or np.linalg.norm(second - cross / square * first) > _PROPORTION * size:
-            return False
-        signs.add(np.sign(cross))
-        powers += freedom - 1.0
-    return len(signs) == 1 and powers >= 4.0
-
-
 def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Model each parameter of published limits by itself: limits hold no correlation."""
     environments, family = sessions.environments, scene.inference.family
     reference = references(sessions, parameters, environments)
     named = [(p, e) for p in parameters for e in environments]
-    refuse_no_ratio(dict(zip(named, reference.ravel().tolist(), strict=True)))
+    refuse_no_ratio(dict(zip(named, reference.ravel().tolist(), strict=True)), sessions.quantities)
     _, moments = _all_moments(sessions, parameters, family)
     mean, sd, n = (
         np.array([getattr(m, name) for m in moments]).reshape(reference.shape) for name in ("mean", "sd", "n")
@@ -367,7 +339,14 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
         for parameter, *row in rows
     ]
     scale = ResponseScale.of(reference, family)
-    return Prepared(Product(models), scale, n.ravel(), None, approximate=family == "lognormal")
+    return Prepared(
+        Product(models),
+        scale,
+        n.ravel(),
+        None,
+        approximate=family == "lognormal",
+        quantities=sessions.quantities,
+    )
 
 
 def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
@@ -376,7 +355,8 @@ def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> 
     origin, unit, counts = (np.array([getattr(m, name) for m in moments]) for name in ("mean", "sd", "n"))
     log = scene.inference.family == "lognormal"
     scale = ResponseScale(log, np.exp(origin) if log else origin, unit)
-    return Prepared(Unpooled(cells, counts), scale, counts, any(m.repeats for m in moments))
+    repeats = any(m.repeats for m in moments)
+    return Prepared(Unpooled(cells, counts), scale, counts, repeats, quantities=sessions.quantities)
 
 
 def _all_moments(
@@ -388,7 +368,7 @@ def _all_moments(
     for cell in cells:
         if cell.moments is None:
             raise RefusalError(
-                f"there is no posterior of {NAMES[cell.parameter]} in {cell.environment}: {cell.why}.",
+                f"there is no posterior of {cell.where}: {cell.why}.",
                 hint='Set family = "normal", or leave the parameter or environment out in the scene.',
             )
         moments.append(cell.moments.on_scale(family))

@@ -17,8 +17,8 @@ from percept.inference.classical.trials import check_normality, subject_means
 from percept.inference.record import Family, Interval, Kind
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
-from percept.sessions.values import UNITS
-from percept.study.basics import FAMILIES, NAMES, References, Skipped, claim_of
+from percept.sessions.quantities import Quantity, is_impedance
+from percept.study.basics import FAMILIES, References, Skipped, claim_of
 
 Row = dict[str, Any]
 Limits = tuple[float, float]
@@ -35,19 +35,29 @@ TOO_FEW = "it has fewer than two subjects"
 class Cell:
     """One parameter in one environment, one value per subject."""
 
-    parameter: str
+    quantity: Quantity
     environment: str
     moments: Moments | None  # Of the subjects' values, the mean of their trials on the family's scale
     why: str = ""  # Why there are none
 
     @classmethod
-    def of(cls, parameter: str, environment: str, found: Moments | str) -> Self:
+    def of(cls, quantity: Quantity, environment: str, found: Moments | str) -> Self:
         """Make a cell of its moments, or of why there are none; without scatter there is no interval."""
         if isinstance(found, str):
-            return cls(parameter, environment, None, found)
+            return cls(quantity, environment, None, found)
         if np.all(found.sd == 0):
-            return cls(parameter, environment, None, "all subjects adjusted alike")
-        return cls(parameter, environment, found)
+            return cls(quantity, environment, None, "all subjects adjusted alike")
+        return cls(quantity, environment, found)
+
+    @property
+    def parameter(self) -> str:
+        """Name of the quantity."""
+        return self.quantity.name
+
+    @property
+    def where(self) -> str:
+        """The cell in words."""
+        return f"{self.quantity.label} in {self.environment}"
 
 
 def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family) -> list[Cell]:
@@ -55,7 +65,7 @@ def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family
     tables = list(sessions.by_environment())
     moments = _published if sessions.form == "summary" else _adjusted
     return [
-        Cell.of(parameter, environment, moments(table, parameter, family))
+        Cell.of(sessions.quantities[parameter], environment, moments(table, parameter, family))
         for parameter in parameters
         for environment, table in tables
     ]
@@ -121,14 +131,12 @@ def classical_rows(
         cell.moments for of_family in cells.values() for cell in of_family
     ):
         cell = next(iter(cells.values()))[0]
-        where = f"{NAMES[cell.parameter]} in {cell.environment}"
-        raise RefusalError(f"there is no interval of anything: {where}, say, where {cell.why}.")
+        raise RefusalError(f"there is no interval of anything: {cell.where}, say, where {cell.why}.")
     for family, found in cells.items():
         joints = ("marginal", "bonferroni") if len({cell.parameter for cell in found}) == 2 else ("marginal",)
         for cell in found:
             if cell.moments is None:
-                where = f"{NAMES[cell.parameter]} in {cell.environment}"
-                yield Skipped(f"classical {family} intervals of {where}", cell.why)
+                yield Skipped(f"classical {family} intervals of {cell.where}", cell.why)
                 continue
             for kind in asked.kinds:
                 for joint in joints:
@@ -138,7 +146,7 @@ def classical_rows(
                         **claim_of(asked),
                         family=family,
                         joint=joint,  # type: ignore[arg-type]
-                        unit=UNITS[cell.parameter],
+                        unit=cell.quantity.unit,
                     )
                     at = cell.parameter, cell.environment
                     yield _row(interval, at, reference[at])
@@ -150,6 +158,7 @@ def bayesian_row(
     cell: tuple[str, str],
     limits: tuple[float, float, float],
     reference: float,
+    unit: str,
     **rest: Any,
 ) -> Row:
     """Make the row of a posterior interval: lower, upper and estimate; `rest` are fields of `Interval`."""
@@ -165,7 +174,7 @@ def bayesian_row(
         estimate=estimate,
         share=asked.held_share if share else None,
         confidence=asked.confidence if share else None,
-        unit=UNITS[cell[0]],
+        unit=unit,
         **rest,
     )
     return _row(interval, cell, reference)
@@ -184,7 +193,7 @@ def paired_limits(
         one = {str(name): value for name, value in row.items()}
         pairs.setdefault(tuple(one[label] for label in labels), {})[one["parameter"]] = one
     for rows in pairs.values():
-        if len(rows) == 2:
+        if is_impedance(rows):
             k, b = ((float(rows[p]["lower"]), float(rows[p]["upper"])) for p in ("k", "b"))
             yield rows, (k, b)
 
@@ -231,7 +240,7 @@ def adjustments(sessions: Sessions) -> Iterator[Row]:
                 "mean": float(moments.mean) if moments else next(iter(values), None),
                 "sd": float(moments.sd) if moments else None,
                 "values": values,
-                "unit": UNITS[parameter],
+                "unit": sessions.quantities[parameter].unit,
             }
 
 

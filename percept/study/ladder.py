@@ -16,7 +16,7 @@ from percept.inference.sampling.diagnostics import autocorrelation_time, monte_c
 from percept.inference.sampling.gate import Progress
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
-from percept.study.basics import NAMES
+from percept.sessions.quantities import Quantities
 from percept.study.fit import Fit, RunStore, estimands_of, fit_model, prepare
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
@@ -40,7 +40,7 @@ class Ladder(NotebookRecord):
 
     The causes are "prior" (each environment modelled by itself), "pooling" (all environments together) and
     "scale" (the lognormal family), in this order; "sampling" where both methods are the same. "all" is the
-    whole difference. `log_width` is the log ratio of widths in N/m or N·s/m, `centre` the shift of the
+    whole difference. `log_width` is the log ratio of widths in its unit, `centre` the shift of the
     midpoint in half-widths of the classical interval; both have Monte Carlo standard errors.
     """
 
@@ -50,7 +50,7 @@ class Ladder(NotebookRecord):
 
 
 class _Interval(NamedTuple):
-    """An interval of one step, N/m or N·s/m, with Monte Carlo errors."""
+    """An interval of one step in its unit, with Monte Carlo errors."""
 
     width: float
     centre: float
@@ -110,7 +110,7 @@ def climb(
     }
     effects = pd.DataFrame(_effects(start, steps), columns=_COLUMNS)
     first = effects[effects["kind"] == asked.kinds[0]].groupby(["environment", "parameter"], sort=False)
-    told = [sentence(rows, repeats=bool(fit.repeats)) for _, rows in first]
+    told = [sentence(rows, fit.quantities, repeats=bool(fit.repeats)) for _, rows in first]
     return Ladder(effects, tuple(told), tuple(notes))
 
 
@@ -147,12 +147,12 @@ def _effects(start: dict[_Cell, _Interval], steps: Sequence[_Step]) -> Iterator[
             yield *cell, cause, width, errors[0], (other.centre - one.centre) / half, errors[1] / half
 
 
-def sentence(rows: pd.DataFrame, *, repeats: bool = False) -> str:
+def sentence(rows: pd.DataFrame, quantities: Quantities, *, repeats: bool = False) -> str:
     """Say how two intervals differ and why, from the effects on one environment, parameter and kind."""
     whole = rows.iloc[0]
-    users = _USERS[whole["kind"]]
+    users, label = _USERS[whole["kind"]], quantities[whole["parameter"]].label
     width, centre = (_noted(rows, name, least) for name, least in _LEAST.items())
-    start = f"{whole['environment']}, {NAMES[whole['parameter']]}: "
+    start = f"{whole['environment']}, {label}: "
     if not width and "all" not in centre:
         within = max(_ERRORS * whole["log_width_error"], _LEAST["log_width"])
         same = f"both intervals of {users} have the same width and centre"

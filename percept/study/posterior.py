@@ -34,9 +34,13 @@ def posterior_tree(fit: Fit, *, seed: int, full: bool) -> Any:
         points = points.reshape(chains, -1, points.shape[1])[:, ::gap].reshape(-1, points.shape[1])
     grid = (len(fit.parameters), len(fit.environments))
     means, users = fit.model.draw(points, generator(seed, Stream.LOCATIONS))
+    # Parameters that are modelled apart may have other environments.
+    at = [fit.parameters.index(p) * grid[1] + fit.environments.index(e) for p, e in fit.model.cells]
 
     def in_cells(values: Array) -> tuple[Sequence[str], Array]:
-        return _CELL, values.reshape(-1, *grid)
+        whole = np.full((len(values), *grid), np.nan)
+        whole.reshape(len(values), -1)[:, at] = values.reshape(len(values), -1)
+        return _CELL, whole
 
     groups: dict[str, Named] = {
         "posterior": {
@@ -52,7 +56,7 @@ def posterior_tree(fit: Fit, *, seed: int, full: bool) -> Any:
         rng = generator(seed, Stream.PREDICTIVE)
         groups |= _log_densities(subjects, points, means.reshape(-1, *grid), rng)
         drawn, *of_prior = draw_prior(subjects.density, _PRIOR_DRAWS, rng)
-        # Far tails of the priors' spread are beyond what a double holds in N/m.
+        # Far tails of the priors' spread are beyond what a double holds.
         with np.errstate(over="ignore"):
             prior_means, prior_users = (in_cells(fit.scale.native(values)) for values in of_prior)
         before_data["prior"] = {**drawn, "population_mean": prior_means}

@@ -19,8 +19,8 @@ from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.models import NewEnvironment, NewEstimands, new_environment
 from percept.inference.record import Kind, percent
 from percept.scene import InferenceTable
-from percept.sessions.values import UNITS
-from percept.study.basics import NAMES, Array, Skipped, Stream, generator
+from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance
+from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.boundaries import Drawing
 from percept.study.fit import Fit, estimands_of, sampled
 from percept.study.intervals import bayesian_row, cell_moments, known_moments
@@ -58,6 +58,8 @@ class Prediction(NotebookRecord):
         As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
     boundaries : tuple of Boundary
         Of abs(Z_h); empty without a device.
+    quantities : mapping of str to Quantity
+        What the parameters are.
     """
 
     environment: str
@@ -67,6 +69,7 @@ class Prediction(NotebookRecord):
     distance: float
     intervals: pd.DataFrame
     boundaries: tuple[Boundary, ...]
+    quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE, repr=False)
 
     @property
     def extrapolates(self) -> bool:
@@ -77,7 +80,8 @@ class Prediction(NotebookRecord):
     def sentence(self) -> str:
         """How far the environment lies from what was tested."""
         outside = [
-            f"{NAMES[p]} lies {abs(d):.2g} decades {'above' if d > 0 else 'below'} the tested range"
+            f"{self.quantities[p].label} lies {abs(d):.2g} decades "
+            f"{'above' if d > 0 else 'below'} the tested range"
             for p, d in self.beyond.items()
             if d
         ]
@@ -97,7 +101,7 @@ class Prediction(NotebookRecord):
                 found.append(share)
         if not found:
             return ""
-        names = " and ".join(NAMES[row["parameter"]] for row in found)
+        names = " and ".join(self.quantities[row["parameter"]].label for row in found)
         return (
             f"For {names}, the share interval is narrower than the user interval: it may miss "
             f"{percent(1.0 - found[0]['confidence'], 3)} of the populations, the ones that scatter most, and "
@@ -110,6 +114,7 @@ def predict(
     *,
     stiffness: float | None = None,
     damping: float | None = None,
+    at: Mapping[str, float] | None = None,
     name: str = "new",
     kinds: tuple[Kind, ...] | None = None,
     curves: bool = True,
@@ -122,6 +127,8 @@ def predict(
         With a passed Bayesian fit that pools environments.
     stiffness, damping : float
         Of the environment, N/m and N·s/m; each where the study analyses it.
+    at : mapping of str to float, optional
+        References by the name of their quantity, in its unit.
     name : str
         Of the environment.
     kinds : tuple of str, optional
@@ -140,17 +147,18 @@ def predict(
     RefusalError
         No passed Bayesian fit, a tested reference of zero, or one environment.
     """
-    given = {"k": stiffness, "b": damping}
+    quantities = study.sessions.quantities
+    named = {"k": stiffness, "b": damping}
+    given = {p: value for p, value in named.items() if value is not None} | dict(at or {})
+    known = {**IMPEDANCE, **quantities}
     for parameter, value in given.items():
-        if value is not None and parameter not in study.parameters:
+        if parameter not in study.parameters:
+            label = known[parameter].label if parameter in known else parameter
             raise UsageError(
-                f"the study does not analyse {NAMES[parameter]}.",
-                key=parameter,
-                value=value,
-                hint="Leave it out.",
+                f"the study does not analyse {label}.", key=parameter, value=value, hint="Leave it out."
             )
-    reference = np.array([_positive(p, given[p]) for p in study.parameters])
-    refuse_no_ratio(study.reference, why=_NO_PLACE)
+    reference = np.array([_positive(quantities[p], given.get(p)) for p in study.parameters])
+    refuse_no_ratio(study.reference, quantities, why=_NO_PLACE)
     fit, asked = _fit(study), study.scene.inference
     found = _predicted(study, fit, reference, name, kinds or asked.kinds, curves=curves)
     if found.intervals["monte_carlo"].max() <= asked.tolerance:
@@ -180,16 +188,16 @@ def _predicted(
 ) -> Prediction:
     """Predict from the draws of a fit."""
     tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
-    at = np.log10(reference)
-    x = at - tested.mean(axis=1)
-    beyond = np.maximum(at - tested.max(axis=1), 0.0) + np.minimum(at - tested.min(axis=1), 0.0)
-    far = np.hypot.reduce(tested - at[:, None], axis=0)
+    log = np.log10(reference)
+    x = log - tested.mean(axis=1)
+    beyond = np.maximum(log - tested.max(axis=1), 0.0) + np.minimum(log - tested.min(axis=1), 0.0)
+    far = np.hypot.reduce(tested - log[:, None], axis=0)
     asked = study.scene.inference
     expected = expected_users(fit, x, asked)
     scale = ResponseScale.of(reference, asked.family)
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds, name, known or {}))
     boundaries: tuple[Boundary, ...] = ()
-    if curves and study.setup is not None and len(study.parameters) == 2:
+    if curves and study.setup is not None and is_impedance(study.parameters):
         regions: list[Region] = list(rectangles(intervals))
         laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked, name))
         for law in laws:
@@ -206,6 +214,7 @@ def _predicted(
         distance=float(far.min()),
         intervals=intervals,
         boundaries=boundaries,
+        quantities=study.sessions.quantities,
     )
 
 
@@ -226,18 +235,14 @@ def _fit(study: Study) -> Fit:
     return study.fit
 
 
-def _positive(parameter: str, value: float | None) -> float:
-    which = f"the {NAMES[parameter]} of the new environment"
+def _positive(quantity: Quantity, value: float | None) -> float:
+    which = f"the {quantity.label} of the new environment"
+    positive = f"a positive number of {quantity.unit}".removesuffix(" of ")
     if value is None:
-        raise UsageError(
-            f"{which} is missing.",
-            key=parameter,
-            hint=f"The study analyses it: give a positive number of {UNITS[parameter]}.",
-        )
+        hint = f"The study analyses it: give {positive}."
+        raise UsageError(f"{which} is missing.", key=quantity.name, hint=hint)
     if not (np.isfinite(value) and value > 0):
-        raise UsageError(
-            f"{which} must be a positive number of {UNITS[parameter]}.", key=parameter, value=value
-        )
+        raise UsageError(f"{which} must be {positive}.", key=quantity.name, value=value)
     return float(value)
 
 
@@ -264,7 +269,9 @@ def _rows(
         low, high = _native(scale, lower), _native(scale, upper)
         for p, parameter in enumerate(fit.parameters):
             limits, reference = (low[p], high[p], estimate[p]), float(scale.origin[p])
-            row = bayesian_row(asked, kind, (parameter, name), limits, reference, **rest)
+            row = bayesian_row(
+                asked, kind, (parameter, name), limits, reference, fit.quantities[parameter].unit, **rest
+            )
             yield row | {"monte_carlo": float(error[p])}
 
 
@@ -332,7 +339,7 @@ def leave_one_environment_out(study: Study) -> LeftOut:
     asked = study.scene.inference
     if asked.method == "classical":
         _fit(study)
-    refuse_no_ratio(study.reference, why=_NO_PLACE)
+    refuse_no_ratio(study.reference, study.sessions.quantities, why=_NO_PLACE)
     observed = known_moments(cell_moments(study.sessions, study.parameters, asked.family), asked.family)
     rows: list[dict[str, Any]] = []
     skipped = []

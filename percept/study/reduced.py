@@ -57,8 +57,10 @@ def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     count = grid["n"][columns].fillna(0).to_numpy(dtype=np.intp)
     mean = np.stack([grid[f"mean_{p}"][columns].to_numpy() for p in parameters], axis=1)
     # One name, "kb", for either order of the parameters.
-    pairs = [["scatter_" + "".join(sorted((p, q), reverse=True)) for q in parameters] for p in parameters]
-    sums = cells.groupby("environment")[["scatter_kk", "scatter_kb", "scatter_bb"]].sum().loc[columns]
+    order = list(reduced.quantities)
+    pairs = [["scatter_" + "".join(sorted((p, q), key=order.index)) for q in parameters] for p in parameters]
+    names_of_pairs = list(dict.fromkeys(pair for row in pairs for pair in row))
+    sums = cells.groupby("environment")[names_of_pairs].sum().loc[columns]
     scatter = np.array([[sums[pair].to_numpy() for pair in row] for row in pairs])
     references = reduced.references.set_index("environment").loc[columns]
     reference = references[[f"{p}_ref" for p in parameters]].to_numpy().T
@@ -76,12 +78,12 @@ def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
     if scene.model.pooling == "none":
         message, hint = "cells that were reduced are pooled.", "Read the trials with read_sessions."
         raise UsageError(message, key="model.pooling", value="none", hint=hint)
-    present = tuple(p for p in ("k", "b") if reduced.references[f"{p}_ref"].notna().any())
-    return analysed_parameters(present, scene.inference.parameters)
+    present = tuple(p for p in reduced.quantities if reduced.references[f"{p}_ref"].notna().any())
+    return analysed_parameters(present, scene.inference.parameters, reduced.quantities)
 
 
 def _cells(reduced: Reduced, reference: References) -> list[Cell]:
-    """One value per subject, the mean of the trials on the family's scale, in N/m or N·s/m."""
+    """One value per subject, the mean of the trials on the family's scale, in its unit."""
     cells, log = reduced.cells[reduced.cells["n"] > 0], reduced.family == "lognormal"
     tables = dict(list(cells.groupby("environment", sort=False)))
     out: list[Cell] = []
@@ -91,5 +93,5 @@ def _cells(reduced: Reduced, reference: References) -> list[Cell]:
             mean, repeats = table[f"mean_{p}"].to_numpy(), bool((table["n"] > 1).any())
             values = reference[p, str(environment)] * (np.exp(mean) if log else 1.0 + mean)
             moments = Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW
-            out.append(Cell.of(p, str(environment), moments))
+            out.append(Cell.of(reduced.quantities[p], str(environment), moments))
     return out

@@ -17,6 +17,7 @@ from percept.inference.record import Family, Kind
 from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
+from percept.sessions.quantities import is_impedance
 from percept.study.basics import FAMILIES, Array, Skipped, results
 from percept.study.intervals import Limits, paired_limits
 
@@ -96,7 +97,7 @@ def regions_of(
 ) -> tuple[Region, ...]:
     """Put together the regions of every method; ellipses of a fit go around its laws."""
     found = [*rectangles(intervals), *_classical_ellipses(sources, asked.level)]
-    if fit is not None and len(fit.parameters) == 2:
+    if fit is not None and is_impedance(fit.parameters):
         found += _bonferroni(fit, asked)
         for law in laws:
             if law.method == "bayesian":
@@ -139,7 +140,7 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
 def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, device: bool) -> Sources:
     """Find what ellipses and curves can be drawn through, and say what cannot; nothing with one parameter."""
     asked, skipped = scene.inference, list[Skipped]()
-    if len(parameters) < 2:
+    if not is_impedance(parameters):
         return Sources()
     if "share" in asked.kinds:
         skipped.append(Skipped("ellipse of kind share", "there is no exact ellipse of a share of users"))

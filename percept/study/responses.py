@@ -1,10 +1,10 @@
-"""From sessions to the unit-free responses of the hierarchical model, and back to N/m and N·s/m."""
+"""From sessions to the unit-free responses of the hierarchical model, and back to their quantities."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Self
+from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError, counted
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.basics import NAMES, Array, References, Skipped
+from percept.sessions.quantities import Quantities
+from percept.study.basics import Array, References, Skipped
+
+if TYPE_CHECKING:
+    from percept.inference.hierarchy.density import Resolution
+    from percept.inference.hierarchy.statistics import Statistics
+
+#: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
+#: six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
+_PROPORTION = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -20,8 +29,8 @@ class ResponseScale:
     """The map between responses and parameters, per cell (parameter-major)."""
 
     log: bool  # Whether a response is a logarithm
-    origin: Array  # (C,) N/m or N·s/m of a response of zero
-    unit: Array  # (C,) N/m or N·s/m per response; 1 for logarithms
+    origin: Array  # (C,) What a response of zero stands for, in the quantity's unit
+    unit: Array  # (C,) The quantity's units per response; 1 for logarithms
 
     @classmethod
     def of(cls, reference: Array, family: str, unit: Array | None = None) -> Self:
@@ -35,7 +44,7 @@ class ResponseScale:
         return dataclasses.replace(self, origin=self.origin[cells], unit=self.unit[cells])
 
     def native(self, response: Array) -> Array:
-        """Responses (..., C) in N/m or N·s/m."""
+        """Responses (..., C) in the units of their quantities."""
         if self.log:
             return self.origin * np.exp(self.unit * response)
         return self.origin + self.unit * response
@@ -50,14 +59,14 @@ class Trials:
     environment: NDArray[np.intp]  # (M,) Codes
     subjects: tuple[str, ...]  # Labels of the codes
     environments: tuple[str, ...]  # Labels of the codes
-    reference: Array  # (P, J) N/m or N·s/m
+    reference: Array  # (P, J) In the units of their quantities
     x: Array  # (P, J) log10 of each reference over their geometric mean
     scale: ResponseScale  # The way back
     skipped: tuple[Skipped, ...]  # Trials and environments that lack one of the parameters
 
 
 def references(sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]) -> Array:
-    """Return the reference of each parameter in each environment, shape (P, J), N/m or N·s/m."""
+    """Return the reference of each parameter in each environment, shape (P, J)."""
     table = sessions.table
     if sessions.form == "summary":
         keyed = table.set_index(["parameter", "environment"])["reference"]
@@ -111,7 +120,7 @@ def _incomplete(
     """Name the trials that lack a parameter, and the environments they leave without any."""
     if not dropped:
         return ()
-    lacking = " or ".join(NAMES[p] for p in parameters)
+    lacking = " or ".join(sessions.quantities[p].label for p in parameters)
     lack = "it lacks" if dropped == 1 else "they lack"
     needed = "both parameters" if len(parameters) == 2 else lacking
     return (
@@ -136,6 +145,7 @@ def _units(
         if scene.inference.family == "lognormal" or name not in scales:
             refuse_no_ratio(
                 {(name, e): value for e, value in zip(environments, reference[p].tolist(), strict=True)},
+                scene.quantities,
                 hint=f'Set family = "normal" and [model] scale.{name}, or analyse the other parameter '
                 f"alone with [inference] parameters.",
             )
@@ -155,6 +165,7 @@ def refuse_lone_subject(subjects: Sequence[str]) -> None:
 
 def refuse_no_ratio(
     references: References,
+    quantities: Quantities,
     *,
     why: str = "which has no ratio",
     hint: str = "Leave the environment or the parameter out in the scene.",
@@ -163,7 +174,7 @@ def refuse_no_ratio(
     for (parameter, environment), reference in references.items():
         if reference <= 0:
             raise RefusalError(
-                f"the reference {NAMES[parameter]} of {environment} is {reference:g}, {why}.",
+                f"the reference {quantities[parameter].label} of {environment} is {reference:g}, {why}.",
                 column=f"{parameter}_ref",
                 hint=hint,
             )
@@ -184,3 +195,90 @@ def _refuse_not_positive(
             value=float(adjusted[row, column]),
             hint='Set family = "normal", or exclude the trial in the scene.',
         )
+
+
+def resolution_of(statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale) -> Resolution:
+    """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those.
+
+    Rounding is part of the scatter that is seen: there the variance would count twice.
+    """
+    steps = {str(name): step for name, step in scene.model.resolution.items()}
+    from percept.inference.hierarchy.density import Resolution
+
+    between, trial = lacking_scatter(statistics, steps, scene.quantities)
+    if not (between.any() or trial.any()):
+        return Resolution()
+    if scene.inference.family == "lognormal":
+        unit = reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
+    else:
+        unit = scale.unit.reshape(reference.shape)
+    size = np.array([steps.get(p, 0.0) for p in statistics.parameters])
+    variance = (size[:, None] / unit) ** 2 / 12.0
+    return Resolution(between=np.where(between, variance, 0.0), trial=np.where(trial, variance, 0.0))
+
+
+def lacking_scatter(
+    statistics: Statistics, steps: Collection[str], quantities: Quantities
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Find cells (P, J) whose scatter between subjects, or trials, a step of the adjustment makes up for.
+
+    They have none, or their pairs move in proportion; those without a step are refused. Near a correlation of
+    one the density of pairs in proportion grows as (1 - rho²)^(-(f - 1)/2) for every environment's f degrees
+    of freedom; from four such half powers on no prior of rho holds it. A remainder ends that growth, too near
+    one for walkers to follow where it is small.
+    """
+    between = (statistics.sd == 0) & (statistics.df > 0)
+    trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
+    known = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
+    for what, still in (("all subjects adjusted alike", between), ("no subject's trials differ", trial)):
+        _refuse_still(statistics, still & ~known, what, quantities)
+    if len(statistics.parameters) == 2:
+        means = statistics.cell_means
+        off = (means - np.nanmean(means, axis=0)).transpose(2, 1, 0)
+        of_means = [pair[:, np.isfinite(pair).all(axis=0)] for pair in off]
+        of_trials = list(statistics.trial_rows.transpose(2, 0, 1))
+        for what, scatter, df, lacking in (
+            ("the subjects' means", of_means, statistics.df.min(axis=0), between),
+            ("a subject's trials", of_trials, statistics.trial_df, trial),
+        ):
+            if _in_proportion(scatter, df):
+                if not known.any():
+                    first, second = (quantities[p] for p in statistics.parameters)
+                    raise RefusalError(
+                        f"{first.label} and {second.label} of {what} move in proportion, to within "
+                        f"{_PROPORTION:.1%}, in every environment: a correlation of one has no proper "
+                        "posterior.",
+                        column=f"{second.name}_adj",
+                        hint="Analyse one of them, [inference] parameters, or give the steps: "
+                        "[model] resolution.",
+                    )
+                lacking |= df > 0
+    return between & known, trial & known
+
+
+def _refuse_still(
+    statistics: Statistics, still: NDArray[np.bool_], what: str, quantities: Quantities
+) -> None:
+    for parameter, cells in zip(statistics.parameters, still, strict=True):
+        if cells.any():
+            names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
+            raise RefusalError(
+                f"{what} in {quantities[parameter].label} of {names}: zero scatter has no proper posterior.",
+                column=f"{parameter}_adj",
+                hint=f"Give the adjustment's step in {quantities[parameter].unit or 'its own unit'}: "
+                f"[model] resolution.{parameter}.",
+            )
+
+
+def _in_proportion(scatter: list[Array], df: Array) -> bool:
+    """Say whether in every environment the two rows of the scatter (2, n) are multiples of one another."""
+    signs, powers = set(), 0.0
+    for (first, second), freedom in zip(scatter, df, strict=True):
+        if freedom < 1:
+            continue
+        cross, square, size = first @ second, first @ first, np.linalg.norm(second)
+        if square == 0 or size == 0 or np.linalg.norm(second - cross / square * first) > _PROPORTION * size:
+            return False
+        signs.add(np.sign(cross))
+        powers += freedom - 1.0
+    return len(signs) == 1 and powers >= 4.0

@@ -18,7 +18,8 @@ from percept.errors import UsageError, counted
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.band import band_study, with_band
+from percept.sessions.quantities import is_impedance
+from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Array, Skipped, analysed_parameters, referenced, results, select
 from percept.study.boundaries import JOINTS, Drawing, Range, compare_methods, zoom_windows
 from percept.study.coupling import (
@@ -103,7 +104,8 @@ class Study:
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
-        return analysed_parameters(self.sessions.parameters, self.scene.inference.parameters)
+        asked = self.scene.inference.parameters
+        return analysed_parameters(self.sessions.parameters, asked, self.sessions.quantities)
 
     @property
     def environments(self) -> tuple[str, ...]:
@@ -112,14 +114,14 @@ class Study:
 
     @cached_property
     def reference(self) -> dict[tuple[str, str], float]:
-        """Reference per (parameter, environment), N/m or N·s/m."""
+        """Reference per (parameter, environment), in the parameter's unit."""
         cells = [(p, e) for p in self.parameters for e in self.environments]
         values = references(self.sessions, self.parameters, self.environments)
         return dict(zip(cells, values.ravel().tolist(), strict=True))
 
     @property
     def intervals(self) -> pd.DataFrame:
-        """Intervals of every method, kind and family, one row each, in N/m and N·s/m; a copy."""
+        """Intervals of every method, kind and family, one row each, in their units; a copy."""
         return pd.DataFrame(results(self._intervals), columns=COLUMNS)
 
     @cached_property
@@ -208,11 +210,11 @@ class Study:
 
     @cached_property
     def _with_reference(self) -> list[str | Skipped]:
-        return list(referenced(self.reference, self.parameters, self.environments))
+        return list(referenced(self.reference, self.parameters, self.environments, self.sessions.quantities))
 
     @property
     def with_reference(self) -> tuple[str, ...]:
-        """Environments with a reference of both parameters, which curves and bands are drawn for."""
+        """Environments with a reference of stiffness and damping, which curves are drawn for."""
         return tuple(results(self._with_reference))
 
     @cached_property
@@ -221,7 +223,10 @@ class Study:
             e: haptics.Environment(self.reference["k", e], self.reference["b", e], self.sessions.masses[e])
             for e in self.with_reference
         }
-        return list(setup_of(self.scene, self.device, shown))
+        if is_impedance(self.sessions.quantities):
+            return list(setup_of(self.scene, self.device, shown))
+        given = self.scene.device or self.scene.coupling
+        return [Skipped("device and coupling", "the quantities make no impedance")] if given else []
 
     @property
     def setup(self) -> Setup | None:
@@ -276,7 +281,7 @@ class Study:
 
     @cached_property
     def _zoom(self) -> list[tuple[str, list[float]] | Skipped]:
-        return list(zoom_windows(self.scene, self.environments))
+        return list(zoom_windows(self.scene, self.environments if self.with_reference else ()))
 
     @property
     def zoom(self) -> dict[str, list[float]]:
@@ -299,19 +304,19 @@ class Study:
         return regions_of(self.intervals, self._sources, self.curve_laws, self._passed, asked)
 
     @cached_property
-    def _banded(self) -> list[str | Skipped]:
-        """Environments with a band to set against their impedance."""
-        read_at = self.scene.frequency.read_at
-        return list(with_band(self.reference, self.with_reference, self.scene.inference, read_at))
+    def _banded(self) -> list[Banded | Skipped]:
+        """What bands are set against: the impedance of environments, or references of other quantities."""
+        names = self.with_reference if is_impedance(self.parameters) else self.environments
+        asked, read_at = self.scene.inference, self.scene.frequency.read_at
+        return list(with_band(self.reference, self.parameters, names, asked, read_at))
 
     @cached_property
     def band(self) -> BandStudy | None:
-        """Band of the environment's own impedance and its law; None with one parameter or environment."""
-        if len(self.parameters) < 2 or len(self.environments) < 2:
+        """Band of the environment's own size and its law; None with one environment, or without a size."""
+        banded = results(self._banded)
+        if not banded or len(self.environments) < 2:
             return None
-        names, read_at = results(self._banded), self.scene.frequency.read_at
-        asked = self.scene.inference
-        return band_study(self.intervals, names, self._cells, self._passed, asked, read_at)
+        return band_study(self.intervals, banded, self._cells, self._passed, self.scene.inference)
 
     @cached_property
     def coupling(self) -> CouplingStudy | None:
@@ -388,10 +393,8 @@ class Study:
         return tuple(dict.fromkeys(part for part in parts if isinstance(part, Skipped)))
 
     def __repr__(self) -> str:
-        adjusted, where = (
-            " and ".join(self.sessions.parameters),
-            counted(len(self.environments), "environment"),
-        )
+        adjusted = " and ".join(self.sessions.parameters)
+        where = counted(len(self.environments), "environment")
         return f"<Study of {adjusted} in {where}, {self.sessions.form}>"
 
     def _repr_html_(self) -> str:

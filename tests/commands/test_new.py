@@ -8,7 +8,7 @@ from percept.cli import main
 from percept.inference.hierarchy.priors import Priors
 from percept.scene import FrequencyTable, InferenceTable, ModelTable, ReportTable, Scene
 from percept.sessions import ReadOptions
-from percept.sessions.options import CANONICAL
+from percept.sessions.options import canonical_columns
 
 # Two keys describe the device in another way, and two belong together.
 INSTEAD = ("mass", "damping", "modes")
@@ -42,14 +42,14 @@ def test_the_file_is_a_scene_of_defaults(tmp_path, capsys):
 def test_every_key_of_every_table_is_there(tmp_path):
     tables = tomllib.loads(switched_on(written(tmp_path).read_text(encoding="utf-8")))
     assert set(tables) == set(Scene.model_fields)
-    for name in ("device", "coupling", "frequency", "inference", "model", "report"):
+    for name in ("device", "coupling", "frequency", "inference", "model", "study", "report"):
         annotation = Scene.model_fields[name].annotation
         model = next(
             (part for part in getattr(annotation, "__args__", ()) if part is not type(None)), annotation
         )
         assert set(tables[name]) == set(model.model_fields), name
     assert tables["model"]["priors"] == pytest.approx(dataclasses.asdict(Priors()), rel=1e-15)
-    assert set(tables["columns"]) == set(CANONICAL)
+    assert set(tables["columns"]) == set(canonical_columns(("k", "b")))
 
 
 def test_every_optional_key_is_understood(tmp_path):
@@ -61,11 +61,12 @@ def test_every_optional_key_is_understood(tmp_path):
     assert scene.device.response == "zd.csv"
     assert scene.report.zoom == {"A": (9.9, 10.1)}
     options = ReadOptions.from_mapping(tables)
-    fields = ReadOptions.model_fields.keys() - {"columns", "environments", "split"}
+    fields = ReadOptions.model_fields.keys() - {"quantities", "columns", "environments", "split"}
     assert {*tables["sessions"], "trial"} == fields
     assert options.columns["subject"].also == ("participant",)
     assert options.exclude[0].above == 1e5
     assert options.environments["A"] == {"k_ref": 1000.0, "b_ref": 1.0, "m_ref": 0.0}
+    assert options.quantities["duration"].unit == "ms"
 
 
 def test_a_file_that_is_there_stays(tmp_path, capsys):

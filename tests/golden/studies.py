@@ -149,7 +149,12 @@ def _band(document: Document) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for row in _classical(band["rows"]):
         name = _named(row, "band", "environment", "kind", "family")
-        found[f"{name} limits"] = [row["lower"], row["upper"], row["band"], row["impedance"]]
+        found[f"{name} limits"] = [
+            row["lower"],
+            row["upper"],
+            row["band"],
+            row.get("impedance", row.get("reference")),
+        ]
         found[f"{name} relative"] = row["relative"]
     for row in _classical(band["laws"]):
         name = _named(row, "law", "kind", "family", "model")

@@ -325,7 +325,7 @@ def test_bands_and_laws_are_drawn_where_they_are():
     ax = axes()
     impedance = np.array([1.0, 10.0])
     widths = Widths("c", "classical", ("A", "B"), impedance, impedance / 2, {"power law": impedance / 3})
-    draw_band(ax, impedance, [widths])
+    draw_band(ax, impedance, [widths], axis="impedance", unit="N·s/m")
     points, law = ax.get_lines()
     assert points.get_ydata().tolist() == [0.5, 5.0]
     assert (law.get_ydata() == impedance / 3).all()

@@ -12,6 +12,7 @@ from percept.report.basis import bibtex, checks, cited, methods
 from percept.report.page import render_page
 from percept.report.sections import build_sections
 from percept.report.select import at
+from percept.sessions.quantities import IMPEDANCE
 from tests.study.checked import study_of, table_of
 
 
@@ -28,7 +29,7 @@ def document(classical, request):
 
 
 def test_laws_of_the_band_stand_where_their_pointers_say(document):
-    values = section(document, "band")
+    (values,) = section(document, "band")["parts"]
     assert values["family"] == document["provenance"]["scene"]["inference"]["family"]
     assert values["law_rows"]
     labels = ("method", "kind", "family", "model")
@@ -77,7 +78,7 @@ def test_environments_are_told_apart_where_their_intervals_say_different_things(
 def test_the_law_that_predicts_best_is_quoted_wherever_it_stands(classical, step):
     document = copy.deepcopy(classical)
     document["band"]["laws"] = document["band"]["laws"][::step]
-    quoted = section(document, "summary")["law"]
+    (quoted,) = section(document, "summary")["laws"]
     alike = [
         law
         for law in classical["band"]["laws"]
@@ -102,6 +103,7 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
         "data": {
             "form": form,
             "parameters": [*parameters],
+            "quantities": {p: IMPEDANCE[p].model_dump() for p in parameters},
             "environments": [f"VE{j}" for j in range(environments)],
         },
         "provenance": {

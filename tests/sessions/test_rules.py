@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from percept.errors import UsageError
 from percept.sessions import ReadError, ReadOptions, Sessions, read_sessions
-from percept.sessions.values import convert, factor
+from percept.sessions.quantities import IMPEDANCE, convert, factor
 
 HEAD = "subject,environment,k_ref,b_ref,trial,k_adj,b_adj\n"
 
@@ -206,7 +206,7 @@ def test_units_are_declared_converted_and_checked(tmp_path):
     assert str(caught.value).startswith("scene.toml, columns.b_ref.unit = 'N/m': not a unit of damping.")
     for unit in ("kg", "furlong", "10**10**10", "N/m; import os", ""):
         with pytest.raises(UsageError, match="not a unit of stiffness"):
-            factor(unit, "k")
+            factor(unit, IMPEDANCE["k"])
 
 
 @pytest.mark.parametrize(
@@ -263,11 +263,11 @@ def test_references_of_the_scene_have_their_unit(tmp_path):
 def test_conversions_round_once(unit, parameter, scale):
     values = np.random.default_rng(3).lognormal(size=200)
     want = [float(Fraction(v) * scale) for v in values.tolist()]
-    assert convert(values, unit, parameter).tolist() == want
+    assert convert(values, unit, IMPEDANCE[parameter]).tolist() == want
 
 
 def test_small_units_divide(tmp_path):
-    assert convert(np.array([3.0]), "mN/m", "k").tolist() == [0.003]
+    assert convert(np.array([3.0]), "mN/m", IMPEDANCE["k"]).tolist() == [0.003]
 
 
 def test_trials_of_several_sessions_are_announced_as_repeats(tmp_path):

@@ -14,7 +14,7 @@ from percept import Scene, Study
 from percept.boundary.band import LAWS, fit_law
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.sessions import Sessions
-from percept.study.band import classical_replicates, posterior_replicates, weber_trend
+from percept.study.band import Banded, classical_replicates, posterior_replicates, weber_trend
 from percept.study.basics import FAMILIES
 from percept.study.intervals import Cell, cell_moments
 from percept.study.responses import ResponseScale
@@ -75,11 +75,11 @@ def test_bands_of_the_next_user_lie_about_the_drawn_means() -> None:
         column={("k", "E"): 0, ("b", "E"): 1},
     )
     scene = Scene.from_tables({"inference": {"kinds": ["mean", "user"], "level": 0.9}})
-    found = posterior_replicates(fit, scene.inference, ("E",), 10.0)
+    found = posterior_replicates(fit, scene.inference, [Banded(None, {"E": 10.0}, 10.0)])
     half = stats.norm.isf(0.05)
     for kind, centre, reach in (("mean", np.zeros(2), half), ("user", drawn[:, 0], 0.1 * half)):
         wanted = 10.0 * (np.exp(centre + reach) - np.exp(centre - reach))
-        np.testing.assert_allclose(found["bayesian", kind, "lognormal"].bands[:, 0], wanted, rtol=1e-6)
+        np.testing.assert_allclose(found[None, "bayesian", kind, "lognormal"].bands[:, 0], wanted, rtol=1e-6)
 
 
 LEVEL, OMEGA, SUBJECTS = 0.9, 10.0, 16
@@ -88,6 +88,7 @@ NAMES = tuple(f"E{j}" for j in range(RATIO.size))
 # Springs with next to no damper: the band of abs(Z_e) is that of k/omega, and known exactly.
 STIFFNESS, DAMPING = 100.0 * RATIO, 0.001 * RATIO
 IMPEDANCE = STIFFNESS / OMEGA
+BANDED = [Banded(None, dict(zip(NAMES, IMPEDANCE.tolist(), strict=True)), OMEGA)]
 # Relative SD between users, and the parameters of the law of 1 SD of abs(Z_e) that follows.
 SPREAD = {
     "weber": np.full(RATIO.size, 0.08),
@@ -147,11 +148,11 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
     true = widened(law, width)
     inside, centres = [], []
     for seed in range(STUDIES):
-        drawn = classical_replicates(
-            cells_of(simulated(law, seed)), scene_of("classical").inference, NAMES, OMEGA
-        )
+        drawn = classical_replicates(cells_of(simulated(law, seed)), scene_of("classical").inference, BANDED)
         lower, centre, upper = np.quantile(
-            fit_law(law, IMPEDANCE, drawn["classical", "user", "normal"].bands), [0.05, 0.5, 0.95], axis=0
+            fit_law(law, IMPEDANCE, drawn[None, "classical", "user", "normal"].bands),
+            [0.05, 0.5, 0.95],
+            axis=0,
         )
         inside.append((lower <= true) & (true <= upper))
         centres.append(centre)
@@ -163,8 +164,8 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
 
 def test_replicates_have_the_bands_of_the_study_in_their_middle() -> None:
     study = Study(simulated("weber", 1), scene_of("classical"))
-    names, drawn = classical_replicates(cells_of(study.sessions), study.scene.inference, NAMES, OMEGA)[
-        "classical", "user", "normal"
+    names, drawn = classical_replicates(cells_of(study.sessions), study.scene.inference, BANDED)[
+        None, "classical", "user", "normal"
     ]
     assert names == NAMES
     rows = study.intervals.query("parameter == 'k' and family == 'normal' and joint == 'marginal'")
@@ -183,9 +184,9 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     )
     assert study.fit is not None
     assert study.fit.run.gate.passed
-    replicates = posterior_replicates(study.fit, study.scene.inference, study.environments, OMEGA)
+    replicates = posterior_replicates(study.fit, study.scene.inference, BANDED)
     assert not [found for found in replicates if "share" in found]
-    names, drawn = replicates["bayesian", "user", "normal"]
+    names, drawn = replicates[None, "bayesian", "user", "normal"]
     assert names == study.environments
     fitted = fit_law(law, IMPEDANCE[few], drawn)
     true = widened(law, 2.0 * stats.norm.isf(0.5 * (1.0 - LEVEL)))

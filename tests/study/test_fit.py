@@ -14,7 +14,9 @@ from percept import Scene, read_sessions
 from percept.errors import RefusalError
 from percept.inference.hierarchy.statistics import from_trials
 from percept.sessions import Sessions
-from percept.study.fit import lacking_scatter, prepare
+from percept.sessions.quantities import IMPEDANCE
+from percept.study.fit import prepare
+from percept.study.responses import lacking_scatter
 from tests import DATASETS
 from tests.study.checked import table_of
 
@@ -80,19 +82,19 @@ def test_proportion_is_refused(level, sign, rest):
     response = cell + trial if level == "trials" else cell
     what = "a subject's trials" if level == "trials" else "the subjects' means"
     with pytest.raises(RefusalError, match=rf"stiffness and damping of {what} move in proportion"):
-        lacking_scatter(statistics(response, subject, environment), ())
-    between, trial = lacking_scatter(statistics(response, subject, environment), ("k", "b"))
+        lacking_scatter(statistics(response, subject, environment), (), IMPEDANCE)
+    between, trial = lacking_scatter(statistics(response, subject, environment), ("k", "b"), IMPEDANCE)
     assert trial.all() == (level == "trials")
     assert between.all() == (level == "means")
     # One step is enough to end a proportion.
-    between, trial = lacking_scatter(statistics(response, subject, environment), ("b",))
+    between, trial = lacking_scatter(statistics(response, subject, environment), ("b",), IMPEDANCE)
     assert not trial[0].any()
     assert not between[0].any()
 
 
 def refused(response, subject, environment):
     try:
-        lacking_scatter(statistics(response, subject, environment), ())
+        lacking_scatter(statistics(response, subject, environment), (), IMPEDANCE)
     except RefusalError:
         return True
     return False
@@ -135,18 +137,20 @@ def test_no_scatter_is_refused_with_the_step_to_give():
     cell[environment == 2, 0] = 0.25
     message = "all subjects adjusted alike in stiffness of C: zero scatter has no proper posterior."
     with pytest.raises(RefusalError, match=re.escape(message)) as caught:
-        lacking_scatter(statistics(cell, subject, environment), ("b",))
+        lacking_scatter(statistics(cell, subject, environment), ("b",), IMPEDANCE)
     assert "resolution.k" in caught.value.hint
 
 
 def test_a_step_makes_up_for_scatter_only_where_there_is_none():
     cell, trial, subject, environment = study(np.random.default_rng(7))
-    between, _ = lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b"))
+    between, _ = lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b"), IMPEDANCE)
     assert not between.any()
     # Between subjects: their means alike in one cell. Between trials: every subject's alike in another.
     cell[environment == 2, 0] = trial[environment == 2, 0] = 0.0
     trial[environment == 1, 1] = 0.0
-    between, of_trials = lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b"))
+    between, of_trials = lacking_scatter(
+        statistics(cell + trial, subject, environment), ("k", "b"), IMPEDANCE
+    )
     np.testing.assert_array_equal(between, [[False, False, True], [False, False, False]])
     np.testing.assert_array_equal(of_trials, [[False, False, True], [False, True, False]])
 

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from percept import Study
+from percept.sessions.quantities import IMPEDANCE
 from percept.study.boundaries import compare_methods
 from percept.study.intervals import compare_intervals
 from percept.study.ladder import Ladder, sentence
@@ -165,7 +166,7 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
     ],
 )  # fmt: skip
 def test_a_difference_in_words(effects: pd.DataFrame, repeats: bool, text: str) -> None:
-    assert sentence(effects, repeats=repeats) == text
+    assert sentence(effects, IMPEDANCE, repeats=repeats) == text
 
 
 def test_intervals_apart_do_not_overlap(fitted: Study) -> None:

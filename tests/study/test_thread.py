@@ -199,8 +199,8 @@ def test_one_parameter_alone():
     study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene.from_tables(tables))
     assert set(study.intervals["parameter"]) == {"k"}
     assert study.boundaries == ()
-    assert study.band is None
-    assert ("boundaries and band", "only stiffness was adjusted") in study.skipped
+    assert set(study.band.rows["parameter"]) == {"k"}
+    assert ("boundaries", "only stiffness was adjusted") in study.skipped
 
 
 def test_what_no_session_has_is_refused():

@@ -23,10 +23,10 @@ from percept.report.select import (
     families_of,
     first,
     matching,
+    quantities_of,
 )
 
 FloatArray = NDArray[np.float64]
-_PARAMETERS = {"k": "stiffness k", "b": "damping b"}
 _BARS = {
     "mean": "average user (thick bar, mark at the estimate)",
     "user": "next user",
@@ -66,7 +66,7 @@ def overview_drawings(document: Record) -> list[Drawing]:
         labels, width = row_labels(environments, most=_MOST_MARGIN / 2)
         (ax,) = panels(figure, left=max(12.0, width + _MARGIN_BESIDE), bottom=21)
         draw_intervals(ax, environments, bars[name], [], log=families[0] == "lognormal", labels=labels)
-        ax.set_title(_PARAMETERS[name].capitalize(), loc="left")
+        ax.set_title(quantities_of(document)[name].head, loc="left")
         ax.set_xlabel("adjusted / reference")
         legend_below(ax)
 
@@ -116,12 +116,13 @@ def _interval_drawing(document: Record, parameter: str) -> Drawing | None:
     if not bars:
         return None
     values = [_values(document, environment, parameter) for environment in environments]
-    name, log = _PARAMETERS[parameter], families[0] == "lognormal"
+    name, log = quantities_of(document)[parameter].words, families[0] == "lognormal"
+    subject = document["data"]["words"]["subject"][0]
 
     def draw(figure: Figure) -> None:
         labels, width = row_labels(environments, most=_MOST_MARGIN - _MARGIN_BESIDE)
         (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), top=3, bottom=21)
-        draw_intervals(ax, environments, bars, values, log=log, labels=labels)
+        draw_intervals(ax, environments, bars, values, log=log, labels=labels, subject=subject)
         ax.set_xlabel(f"adjusted {name} / reference")
         legend_below(ax, columns=4)
 
@@ -216,48 +217,64 @@ def design_drawings(document: Record) -> list[Drawing]:
 
 
 def _band_drawings(document: Record) -> list[Drawing]:
-    """Return the figure of bands and laws, of the first kind there is, in the study's family."""
+    """Return a figure of bands and laws for the impedance, or for each parameter."""
+    rows = (document["band"] or {}).get("rows") or ()
+    return [
+        _band_drawing(document, parameter) for parameter in dict.fromkeys(r.get("parameter") for r in rows)
+    ]
+
+
+def _band_drawing(document: Record, parameter: str | None) -> Drawing:
+    """Return the figure of bands and laws of the first kind there is, in the study's family."""
     band = document["band"]
-    if not band or not band.get("rows"):
-        return []
-    kind = next(kind for kind in KINDS if matching(band["rows"], kind=kind))
-    impedances = array([row["impedance"] for row in band["rows"]])
-    grid = np.geomspace(impedances.min() / 1.5, impedances.max() * 1.5, 80)
+    rows = matching(band["rows"], parameter=parameter)
+    kind = next(kind for kind in KINDS if matching(rows, kind=kind))
+    sizes = array([row[_size(row)] for row in rows])
+    grid = np.geomspace(sizes.min() / 1.5, sizes.max() * 1.5, 80)
     families = families_of(document)
     series = [
         _widths(band, row, grid)
         for method in METHODS
-        if (row := first(matching(band["rows"], method=method, kind=kind), family=families))
+        if (row := first(matching(rows, method=method, kind=kind), family=families))
     ]
+    name, title, axis, unit = (
+        "band",
+        f"Band against impedance, kind {kind}",
+        "environment impedance |Zₑ|",
+        "N·s/m",
+    )
+    said = f"abs(Z_e) against the environment's own impedance at {band['omega'] or 0.0:g} rad/s"
+    if parameter is not None:
+        quantity = quantities_of(document)[parameter]
+        name, axis, unit = f"band_{parameter}", f"reference {quantity.words}", quantity.unit
+        title = f"Band of {quantity.words} against its reference, kind {kind}"
+        said = f"{quantity.label} against its reference"
 
     def draw(figure: Figure) -> None:
         entries = sum(1 + len(widths.laws) for widths in series)
         (ax,) = panels(figure, left=16, top=3, bottom=13 + 4.2 * -(-entries // 2))
-        draw_band(ax, grid, series)
+        draw_band(ax, grid, series, axis=axis, unit=unit)
         legend_below(ax)
 
     with_laws = ", with the fitted laws" if any(widths.laws for widths in series) else ""
-    return [
-        Drawing(
-            "band",
-            f"Band against impedance, kind {kind}",
-            "Width of the band of abs(Z_e) against the environment's own impedance at "
-            f"{band['omega']:g} rad/s{with_laws}. The numbers are in the table.",
-            (120.0, 100.0),
-            draw,
-        )
-    ]
+    caption = f"Width of the band of {said}{with_laws}. The numbers are in the table."
+    return Drawing(name, title, caption, (120.0, 100.0), draw)
+
+
+def _size(row: Record) -> str:
+    """Name what a band lies against."""
+    return "impedance" if row.get("parameter") is None else "reference"
 
 
 def _widths(band: Record, like: Record, grid: FloatArray) -> Widths:
     """Return the bands and laws of the same method, kind and family as a row."""
-    labels: dict[str, Any] = {name: like[name] for name in ("method", "kind", "family")}
+    labels: dict[str, Any] = {name: like.get(name) for name in ("method", "kind", "family", "parameter")}
     rows = matching(band["rows"], **labels)
     return Widths(
         label=f"{METHOD_NAMES[like['method']]} ({like['family']})",
         method=like["method"],
         environments=tuple(row["environment"] for row in rows),
-        impedance=array([row["impedance"] for row in rows]),
+        size=array([row[_size(row)] for row in rows]),
         band=array([row["band"] for row in rows]),
         laws={
             _LAWS.get(law["model"], str(law["model"])): law_curve(law, grid)

@@ -43,6 +43,7 @@ def draw_intervals(
     *,
     log: bool,
     labels: Sequence[str] | None = None,
+    subject: str = "subject",
 ) -> None:
     """Draw a group of bars per environment: kinds by thickness, methods by colour and mark."""
     row = {environment: -index for index, environment in enumerate(environments)}
@@ -82,7 +83,7 @@ def draw_intervals(
             markersize=5,
             color=COLOURS["quiet"],
             linestyle="none",
-            label="one subject" if len(subjects) else None,
+            label=f"one {subject}" if len(subjects) else None,
         )
     ax.axvline(1.0, color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
     if log:
@@ -150,9 +151,9 @@ class Widths:
     label: str  # For the legend
     method: str
     environments: tuple[str, ...]
-    impedance: FloatArray  # (n,) N·s/m
-    band: FloatArray  # (n,) N·s/m
-    laws: Mapping[str, FloatArray]  # (m,) Fitted band, N·s/m, by the law's name, at the impedances drawn
+    size: FloatArray  # (n,) Impedance, or reference of a quantity
+    band: FloatArray  # (n,) In the same unit
+    laws: Mapping[str, FloatArray]  # (m,) Fitted band by the law's name, at the sizes drawn
 
 
 _LAW_DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)))
@@ -162,12 +163,12 @@ _SIZE, _TALL, _BESIDE = 6.5, 7.0, 4.0
 _HEIGHTS = (-8.0, 3.0, -16.0, 11.0, -24.0, 19.0)
 
 
-def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None:
-    """Draw band against impedance on logarithmic axes, with the fitted laws."""
+def draw_band(ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str, unit: str) -> None:
+    """Draw band against size on logarithmic axes, with the fitted laws."""
     for widths in series:
         colour = COLOURS[widths.method]
         ax.plot(
-            widths.impedance,
+            widths.size,
             widths.band,
             marker=_MARKERS[widths.method],
             markersize=4,
@@ -177,11 +178,12 @@ def draw_band(ax: Axes, impedance: FloatArray, series: Sequence[Widths]) -> None
         )
         for (name, curve), dashes in zip(widths.laws.items(), _LAW_DASHES, strict=False):
             label = f"{widths.label}: {name}"
-            ax.plot(impedance, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
+            ax.plot(size, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
     log_scale(ax)
     _name(ax, series)
-    ax.set_xlabel("environment impedance |Zₑ| (N·s/m)")
-    ax.set_ylabel("band (N·s/m)")
+    of = f" ({unit})" if unit else ""
+    ax.set_xlabel(f"{axis}{of}")
+    ax.set_ylabel(f"band{of}")
 
 
 def _name(ax: Axes, series: Sequence[Widths]) -> None:
@@ -194,11 +196,11 @@ def _name(ax: Axes, series: Sequence[Widths]) -> None:
     left, right = ax.bbox.x0 * points, ax.bbox.x1 * points
 
     def placed(widths: Widths) -> list[list[float]]:
-        at = ax.transData.transform(np.column_stack([widths.impedance, widths.band]))
+        at = ax.transData.transform(np.column_stack([widths.size, widths.band]))
         return [[x * points, y * points] for x, y in np.asarray(at).tolist()]
 
     taken: list[Box] = [(x - 3, y - 3, x + 3, y + 3) for widths in series for x, y in placed(widths)]
-    data = zip(first.impedance, first.band, strict=True)
+    data = zip(first.size, first.band, strict=True)
     for name, at, (x, y) in zip(names, data, placed(first), strict=True):
         long = row_labels([name], most=_NAME_WIDTH)[1] * MM * 72.0
         beside = {"left": x + _BESIDE, "right": x - _BESIDE - long}

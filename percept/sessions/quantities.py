@@ -1,0 +1,168 @@
+"""Quantities that people adjust: their names in columns and tables, their words and their units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, model_validator
+
+from percept.errors import UsageError
+from percept.sessions.records import IDS, MASS
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
+_IMPEDANCE = {"k": {"label": "stiffness", "unit": "N/m"}, "b": {"label": "damping", "unit": "N·s/m"}}
+_SAME = {"N·s/m": frozenset({"N*s/m", "Ns/m", "N s/m"})}
+# A plain product or quotient of names; an expression such as 10**10**10 is never handed to a parser.
+_UNIT = re.compile(r"[A-Za-zµ°%]+[²³]?(?:[·*/ ][A-Za-zµ°%]+[²³]?){0,4}")
+
+
+class Quantity(BaseModel):
+    """A quantity that subjects adjust to a reference.
+
+    Parameters
+    ----------
+    name : str
+        Name in columns (`NAME_ref`, `NAME_adj`), and as `parameter` in tables and JSON.
+    label : str
+        Word in sentences; by default the name.
+    symbol : str
+        Symbol in figures and the heads of tables; by default the name.
+    unit : str
+        Unit of all its numbers in tables and figures; empty for a pure number.
+
+    Raises
+    ------
+    UsageError
+        From a scene: a name that fits no column, or another unit of "k" (N/m) or "b" (N·s/m).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    label: str = ""
+    symbol: str = ""
+    unit: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_defaults(cls, given: Any) -> Any:
+        if not isinstance(given, Mapping) or not isinstance(name := given.get("name"), str):
+            return given
+        return {
+            "label": name.replace("_", " "),
+            "symbol": name,
+            "unit": "",
+            **_IMPEDANCE.get(name, {}),
+            **given,
+        }
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if not _NAME.fullmatch(self.name) or self.name.casefold() in (*IDS, "trial"):
+            raise ValueError("a name has letters, digits and single underscores, and is not that of an id")
+        usual = _IMPEDANCE.get(self.name)
+        if usual is not None and self.unit != usual["unit"]:
+            raise ValueError(
+                f"{self.name} is {usual['label']} in {usual['unit']}: name another quantity apart"
+            )
+        return self
+
+    @property
+    def words(self) -> str:
+        """Label and symbol in a sentence, such as "stiffness k"."""
+        return (
+            self.label if self.symbol.casefold() == self.label.casefold() else f"{self.label} {self.symbol}"
+        )
+
+    @property
+    def head(self) -> str:
+        """Label and symbol for the head of a table, such as "Stiffness k"."""
+        return self.words[:1].upper() + self.words[1:]
+
+    def amount(self, number: float) -> str:
+        """Write a value with its unit, to four digits."""
+        return f"{number:.4g} {self.unit}".rstrip()
+
+
+Quantities = Mapping[str, Quantity]
+#: What an environment's impedance has, and what a study adjusts unless the scene says otherwise.
+IMPEDANCE: Quantities = {name: Quantity(name=name) for name in _IMPEDANCE}
+
+_MASS = Quantity(name="m", label="mass", unit="kg")
+
+
+def is_impedance(parameters: Iterable[str]) -> bool:
+    """Whether the parameters make an impedance, so that curves, devices and couplings mean something."""
+    return set(parameters) == IMPEDANCE.keys()
+
+
+def with_mass(quantities: Quantities) -> Quantities:
+    """Return what references are of: the quantities, and an impedance's mass, which nobody adjusts."""
+    return {**quantities, "m": _MASS} if is_impedance(quantities) else quantities
+
+
+def numbers_of(quantities: Iterable[str]) -> tuple[str, ...]:
+    """Name the columns of numbers: references, then adjustments."""
+    names = tuple(quantities)
+    mass = (MASS,) if is_impedance(names) else ()
+    return (*(f"{name}_ref" for name in names), *mass, *(f"{name}_adj" for name in names))
+
+
+def quantity_of(column: str) -> str:
+    """Name the quantity of a column of numbers."""
+    return column.rpartition("_")[0]
+
+
+def trial_columns(quantities: Iterable[str]) -> tuple[str, ...]:
+    """Name the columns of a table of trials, in order."""
+    names = tuple(quantities)
+    return (*IDS, *(f"{name}_ref" for name in names), "trial", *(f"{name}_adj" for name in names))
+
+
+@lru_cache
+def factor(unit: str | None, quantity: Quantity) -> Fraction:
+    """Exact factor from a declared unit to the quantity's; pint is imported only for units of other names."""
+    if unit is None or unit == quantity.unit or unit in _SAME.get(quantity.unit, ()):
+        return Fraction(1)
+    import pint
+
+    try:
+        one, two = (
+            Fraction(_quantity(n, unit).to(_quantity(1, quantity.unit).units).magnitude) for n in (1, 2)
+        )
+        if two != 2 * one:
+            raise ValueError("a unit with an offset")
+        return one
+    except (pint.errors.PintError, ValueError, TypeError, AttributeError, ArithmeticError):
+        message = f"not a unit of {quantity.label}."
+        hint = f"Declare one that converts to {quantity.unit or 'a pure number'}."
+        raise UsageError(message, key="unit", value=unit, hint=hint) from None
+
+
+def _quantity(number: int, unit: str) -> Any:
+    if unit and not _UNIT.fullmatch(unit):
+        raise ValueError(unit)
+    text = re.sub(r"\bNs\b", "N*s", unit).replace("·", "*").replace(" ", "*").replace("²", "**2")
+    text = text.replace("³", "**3").replace("%", "percent").replace("°", "degree")
+    return _registry().Quantity(Fraction(number), text or "dimensionless")
+
+
+@lru_cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
+def convert(values: npt.NDArray[np.float64], unit: str | None, quantity: Quantity) -> npt.NDArray[np.float64]:
+    """Convert numbers to the quantity's unit, rounding once."""
+    scale = factor(unit, quantity)
+    if scale.numerator == 1:
+        return values / scale.denominator
+    return values * float(scale)
