@@ -17,6 +17,7 @@ from percept.haptics.containment import ON_LIMIT, Boxes, departures
 from percept.haptics.forms import Display
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable, Scene
+from percept.sessions.quantities import is_impedance
 from percept.study.basics import Array, Skipped
 from percept.study.regions import Region
 
@@ -101,6 +102,10 @@ def setup_of(
     scene: Scene, device: AnyDevice | None, references: Mapping[str, Environment]
 ) -> Iterator[Setup | Skipped]:
     """Put the scene's device, coupling and references together, or say what there is none of."""
+    if not is_impedance(scene.quantities):
+        if scene.device or scene.coupling:
+            yield Skipped("device and coupling", "the quantities make no impedance")
+        return
     table = scene.coupling
     coupling = None if table is None else Coupling(stiffness=table.stiffness, damping=table.damping)
     if scene.device is not None and device is not None:

@@ -223,10 +223,7 @@ class Study:
             e: haptics.Environment(self.reference["k", e], self.reference["b", e], self.sessions.masses[e])
             for e in self.with_reference
         }
-        if is_impedance(self.sessions.quantities):
-            return list(setup_of(self.scene, self.device, shown))
-        given = self.scene.device or self.scene.coupling
-        return [Skipped("device and coupling", "the quantities make no impedance")] if given else []
+        return list(setup_of(self.scene, self.device, shown))
 
     @property
     def setup(self) -> Setup | None:
