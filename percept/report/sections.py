@@ -335,15 +335,10 @@ def band(document: Record) -> Section | None:
     record: Mapping[str, Any] = document["band"] or {}
     if not record.get("rows"):
         return None
-    values = {
-        "parts": [
-            _band_part(document, record, parameter)
-            for parameter in dict.fromkeys(row.get("parameter") for row in record["rows"])
-        ],
-        "trend": pointed(record.get("kappa"), "/band/kappa"),
-    }
-    against = "impedance" if values["parts"][0]["size"] == "impedance" else "the reference"
-    return Section("band", f"Band against {against}", values)
+    names = dict.fromkeys(row.get("parameter") for row in record["rows"])
+    parts = [_band_part(document, record, parameter) for parameter in names]
+    values = {"parts": parts, "trend": pointed(record.get("kappa"), "/band/kappa")}
+    return Section("band", f"Band against {'impedance' if None in names else 'the reference'}", values)
 
 
 def _band_part(document: Record, record: Record, parameter: str | None) -> dict[str, Any]:

@@ -150,10 +150,10 @@ def predict(
     quantities = study.sessions.quantities
     named = {"k": stiffness, "b": damping}
     given = {p: value for p, value in named.items() if value is not None} | dict(at or {})
-    known = {**IMPEDANCE, **quantities}
+    labels = {q.name: q.label for q in (*IMPEDANCE.values(), *quantities.values())}
     for parameter, value in given.items():
         if parameter not in study.parameters:
-            label = known[parameter].label if parameter in known else parameter
+            label = labels.get(parameter, parameter)
             raise UsageError(
                 f"the study does not analyse {label}.", key=parameter, value=value, hint="Leave it out."
             )
