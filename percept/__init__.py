@@ -11,13 +11,23 @@ from typing import Any
 
 __version__ = "0.1.0"
 
-__all__ = ["PerceptError", "RefusalError", "Scene", "Study", "UsageError", "__version__", "read_sessions"]
+__all__ = [
+    "PerceptError",
+    "RefusalError",
+    "Scene",
+    "Sessions",
+    "Study",
+    "UsageError",
+    "__version__",
+    "read_sessions",
+]
 
 # Names are resolved on first use, so that `import percept` and `percept --help` start at once.
 _HOME = {
     "PerceptError": "percept.errors",
     "RefusalError": "percept.errors",
     "Scene": "percept.scene",
+    "Sessions": "percept.sessions",
     "Study": "percept.study",
     "UsageError": "percept.errors",
     "read_sessions": "percept.sessions",

@@ -49,7 +49,7 @@ _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*)' \(choose from (.*)
 _NUMBER = re.compile(r"argument (\S+): invalid (int|float) value: '(.*)'")
 _REQUIRED = "the following arguments are required: "
 #: Commands that stand in the module of another.
-_HOMES = {"completion": "doctor", "sbc": "calibrate"}
+_HOMES = {"completion": "doctor", "new": "validate", "sbc": "calibrate", "simulate": "reproduce"}
 #: Commands that keep what is finished when they are interrupted.
 _RESUMED = ("batch", "calibrate", "sbc")
 

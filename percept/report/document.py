@@ -55,8 +55,8 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     document = {
         "schema": SCHEMA,
         "provenance": provenance(study),
-        "data": _data(study),
-        "intervals": plain(study.intervals),
+        "data": data_of(study),
+        "intervals": plain(study.intervals.assign(covers=study.interpretation["covers"])),
         "boundaries": boundaries,
         "zoom": windows,
         "close": _close_views(study, windows),
@@ -101,7 +101,8 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-def _data(study: Study) -> dict[str, Any]:
+def data_of(study: Study) -> dict[str, Any]:
+    """Say what was read: subjects, quantities, notices, and every cell's values."""
     sessions = study.sessions
     return {
         "form": sessions.form,

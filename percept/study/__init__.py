@@ -8,6 +8,7 @@ from typing import Any
 from percept.study.basics import Skipped
 from percept.study.coupling import CouplingStudy
 from percept.study.study import Study
+from percept.study.views import StudyViews
 
 __all__ = [
     "CouplingStudy",
@@ -16,6 +17,7 @@ __all__ = [
     "Prediction",
     "Skipped",
     "Study",
+    "StudyViews",
     "compare_studies",
     "predict",
 ]

@@ -25,8 +25,9 @@ Limits = tuple[float, float]
 
 COLUMNS = [
     "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
-    "lower", "upper", "estimate", "n", "unit", "reference", "covers",
+    "lower", "upper", "estimate", "n", "unit", "reference",
 ]  # fmt: skip
+KEYS = COLUMNS[:6]
 _PAIRED, _METHODS = ["environment", "parameter", "kind", "family"], ("classical", "bayesian")
 TOO_FEW = "it has fewer than two subjects"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Collection
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 from percept import haptics
 from percept.boundary.band import BandStudy
 from percept.boundary.records import Boundary
-from percept.errors import UsageError, counted
+from percept.errors import UsageError
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -38,9 +37,10 @@ from percept.study.device import (
     fixed_device,
     setup_of,
 )
-from percept.study.intervals import COLUMNS, Cell, Row, cell_moments, classical_rows, compare_intervals
+from percept.study.intervals import COLUMNS, KEYS, Cell, Row, cell_moments, classical_rows, compare_intervals
 from percept.study.regions import Law, Region, Sources, laws_of, regions_of, sources_of
 from percept.study.responses import references, refuse_lone_subject
+from percept.study.views import StudyViews
 
 # What imports the hierarchical model is imported where it is needed: the classical method does without.
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 DEFAULT_POINTS = 241
 
 
-class Study:
+class Study(StudyViews):
     """An analysis of sessions under a scene.
 
     Nothing is computed before it is asked for; what the scene does not need is never computed, and
@@ -123,6 +123,11 @@ class Study:
     def intervals(self) -> pd.DataFrame:
         """Intervals of every method, kind and family, one row each, in their units; a copy."""
         return pd.DataFrame(results(self._intervals), columns=COLUMNS)
+
+    @property
+    def interpretation(self) -> pd.DataFrame:
+        """What each row of `intervals` covers, in a sentence."""
+        return pd.DataFrame(results(self._intervals), columns=[*KEYS, "covers"])
 
     @cached_property
     def _intervals(self) -> list[Row | Skipped]:
@@ -388,13 +393,3 @@ class Study:
         if self.sessions.form == "summary":
             parts.append(Skipped("subject effects and k-b correlation", "published limits do not hold them"))
         return tuple(dict.fromkeys(part for part in parts if isinstance(part, Skipped)))
-
-    def __repr__(self) -> str:
-        adjusted = " and ".join(self.sessions.parameters)
-        where = counted(len(self.environments), "environment")
-        return f"<Study of {adjusted} in {where}, {self.sessions.form}>"
-
-    def _repr_html_(self) -> str:
-        shown = self.intervals.drop(columns="covers").to_html(index=False, escape=True, na_rep="–")
-        skipped = "".join(f"<li>{html.escape(what)}: {html.escape(why)}</li>" for what, why in self.skipped)
-        return f"{shown}<p>Skipped:</p><ul>{skipped}</ul>"

@@ -64,7 +64,7 @@ def _curves_drawing(
     name: str, rows: Mapping[str, list[Record]], kind: str, families: Sequence[str], *, log: bool
 ) -> Drawing:
     """Draw the boundary of each environment in a panel of its own, both methods in one family and shape."""
-    limits = {environment: _like_limits(some, kind, families) for environment, some in rows.items()}
+    limits = {environment: like_limits(some, kind, families) for environment, some in rows.items()}
     shown = next(record for some in rows.values() for record in some)
     coupled = " Dotted: the reference through the coupling." * (shown.get("coupled") is not None)
     shape = next(pair.label for pairs in limits.values() for pair in pairs).partition(", ")[2]
@@ -74,7 +74,7 @@ def _curves_drawing(
         titles, _ = row_labels(list(rows), most=_TITLE)
         for ax, title, (environment, some) in zip(axes, titles, rows.items(), strict=True):
             pairs = limits[environment]
-            draw_magnitude(ax, array(some[0]["omega"]), pairs, *_reference(some[0]), log=log)
+            draw_magnitude(ax, array(some[0]["omega"]), pairs, *reference_of(some[0]), log=log)
             ax.set_title(title, loc="left")
             ax.set_xlabel("ω (rad/s)")
             ax.set_ylabel("")
@@ -94,12 +94,12 @@ def _curves_drawing(
 
 def _ratio_drawing(rows: Mapping[str, list[Record]], index: int, families: Sequence[str]) -> Drawing:
     """Draw limits over the reference: a row of panels per environment, a column per kind, axes shared."""
-    kinds = [kind for kind in KINDS if any(_like_limits(some, kind, families) for some in rows.values())]
+    kinds = [kind for kind in KINDS if any(like_limits(some, kind, families) for some in rows.values())]
     cells = {
         (name, kind): pairs
         for name, some in rows.items()
         for kind in kinds
-        if (pairs := _like_limits(some, kind, families))
+        if (pairs := like_limits(some, kind, families))
     }
     low, high = ratio_range(list(cells.values()))
 
@@ -111,7 +111,7 @@ def _ratio_drawing(rows: Mapping[str, list[Record]], index: int, families: Seque
             name, kind = list(rows)[line], kinds[column]
             row = rows[name][0]
             draw_ratio(
-                ax, array(row["omega"]), cells.get((name, kind), []), *_reference(row), limits=(low, high)
+                ax, array(row["omega"]), cells.get((name, kind), []), *reference_of(row), limits=(low, high)
             )
             if line == 0:
                 ax.set_title(f"{kind}: {KIND_NAMES[kind]}", loc="left")
@@ -136,7 +136,7 @@ def _ratio_drawing(rows: Mapping[str, list[Record]], index: int, families: Seque
     )
 
 
-def _like_limits(rows: list[Record], kind: str, families: Sequence[str]) -> list[Limits]:
+def like_limits(rows: list[Record], kind: str, families: Sequence[str]) -> list[Limits]:
     """Return the boundaries of both methods in one family and one shape."""
     for shape in ("envelope", "pointwise"):
         alike = matching(rows, kind=kind, shape=shape)
@@ -154,7 +154,8 @@ def _limits(row: Record) -> Limits:
     return Limits(label, row["method"], *curves)
 
 
-def _reference(row: Record) -> tuple[FloatArray, FloatArray | None]:
+def reference_of(row: Record) -> tuple[FloatArray, FloatArray | None]:
+    """Return a boundary's reference, and it through the coupling where there is one."""
     coupled = row.get("coupled")
     return array(row["reference"]), None if coupled is None else array(coupled)
 

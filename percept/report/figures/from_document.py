@@ -56,7 +56,7 @@ def drawings(document: Record) -> list[Drawing]:
 def overview_drawings(document: Record) -> list[Drawing]:
     """Return the figure of the first screen, a panel per quantity: the average and the next user."""
     intervals = matching(document["intervals"], joint="marginal")
-    bars = {name: _bars(document, name, ("mean", "user")) for name in distinct(intervals, "parameter")}
+    bars = {name: bars_of(document, name, ("mean", "user")) for name in distinct(intervals, "parameter")}
     bars = {name: some for name, some in bars.items() if some}
     environments = distinct(intervals, "environment")
     families = families_of(document)
@@ -95,7 +95,7 @@ def interval_drawings(document: Record) -> list[Drawing]:
     return [drawing for drawing in figures if drawing is not None]
 
 
-def _bars(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]:
+def bars_of(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]:
     """Return the bars of a quantity in the study's family, or in the other where it has none."""
     rows = matching(document["intervals"], parameter=parameter, joint="marginal")
     families = families_of(document)
@@ -112,10 +112,10 @@ def _bars(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]:
 def _interval_drawing(document: Record, parameter: str) -> Drawing | None:
     rows = matching(document["intervals"], parameter=parameter, joint="marginal")
     environments = distinct(rows, "environment")
-    families, bars = families_of(document), _bars(document, parameter, KINDS)
+    families, bars = families_of(document), bars_of(document, parameter, KINDS)
     if not bars:
         return None
-    values = [_values(document, environment, parameter) for environment in environments]
+    values = [values_of(document, environment, parameter) for environment in environments]
     name, log = quantities_of(document)[parameter].words, families[0] == "lognormal"
     subject = document["data"]["words"]["subject"][0]
 
@@ -142,7 +142,7 @@ def _bar(row: Record) -> Bar | None:
     return Bar(row["environment"], row["kind"], row["method"], lower, upper, estimate)
 
 
-def _values(document: Record, environment: str, parameter: str) -> FloatArray:
+def values_of(document: Record, environment: str, parameter: str) -> FloatArray:
     """Return what each subject adjusted over the reference."""
     cells = matching(document["data"]["cells"], environment=environment, parameter=parameter)
     if not cells or not cells[0]["reference"]:
@@ -224,8 +224,10 @@ def _band_drawings(document: Record) -> list[Drawing]:
     ]
 
 
-def _band_drawing(document: Record, parameter: str | None) -> Drawing:
-    """Return the figure of bands and laws of the first kind there is, in the study's family."""
+def band_series(
+    document: Record, parameter: str | None
+) -> tuple[str, FloatArray, list[Widths], dict[str, str]]:
+    """Return the first kind there is, sizes for laws, bands in the study's family, and words of the axes."""
     band = document["band"]
     rows = matching(band["rows"], parameter=parameter)
     kind = next(kind for kind in KINDS if matching(rows, kind=kind))
@@ -237,23 +239,27 @@ def _band_drawing(document: Record, parameter: str | None) -> Drawing:
         for method in METHODS
         if (row := first(matching(rows, method=method, kind=kind), family=families))
     ]
-    name, title, axis, unit = (
-        "band",
-        f"Band against impedance, kind {kind}",
-        "environment impedance |Zₑ|",
-        "N·s/m",
-    )
+    if parameter is None:
+        return kind, grid, series, {"axis": "environment impedance |Zₑ|", "unit": "N·s/m"}
+    quantity = quantities_of(document)[parameter]
+    return kind, grid, series, {"axis": f"reference {quantity.words}", "unit": quantity.unit}
+
+
+def _band_drawing(document: Record, parameter: str | None) -> Drawing:
+    """Return the figure of bands and laws."""
+    band = document["band"]
+    kind, grid, series, words = band_series(document, parameter)
+    name, title = "band", f"Band against impedance, kind {kind}"
     said = f"abs(Z_e) against the environment's own impedance at {band['omega'] or 0.0:g} rad/s"
     if parameter is not None:
         quantity = quantities_of(document)[parameter]
-        name, axis, unit = f"band_{parameter}", f"reference {quantity.words}", quantity.unit
-        title = f"Band of {quantity.words} against its reference, kind {kind}"
+        name, title = f"band_{parameter}", f"Band of {quantity.words} against its reference, kind {kind}"
         said = f"{quantity.label} against its reference"
 
     def draw(figure: Figure) -> None:
         entries = sum(1 + len(widths.laws) for widths in series)
         (ax,) = panels(figure, left=16, top=3, bottom=13 + 4.2 * -(-entries // 2))
-        draw_band(ax, grid, series, axis=axis, unit=unit)
+        draw_band(ax, grid, series, **words)
         legend_below(ax)
 
     with_laws = ", with the fitted laws" if any(widths.laws for widths in series) else ""

@@ -1,0 +1,166 @@
+"""Plots of a study on matplotlib axes of one's own: what the report draws, from Python."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from scipy import stats
+
+from percept.errors import RefusalError, UsageError
+from percept.report.document import data_of, provenance
+from percept.report.figures.canvas import COLOURS
+from percept.report.figures.curves import draw_magnitude, draw_stability
+from percept.report.figures.from_curves import like_limits, reference_of
+from percept.report.figures.from_document import band_series, bars_of, values_of
+from percept.report.figures.marks import draw_band, draw_intervals
+from percept.report.plain import plain
+from percept.report.select import Record, array, each_by_itself, families_of, quantities_of
+from percept.study import Study
+from percept.study.basics import select
+
+# Names are the user's: a dollar sign among them begins no formula.
+_STYLE: Any = {"text.parse_math": False, "axes.formatter.use_mathtext": False}
+#: Level of the band that ordered probabilities lie in.
+_LEVEL = 0.99
+
+
+def plot_intervals(
+    study: Study, parameter: str | None, *, kinds: Collection[str] | None, ax: Axes | None
+) -> Axes:
+    """Draw a row per environment, of all quantities a row per quantity and environment."""
+    parameters = select("parameter", parameter, study.parameters)
+    kinds = select("kind", kinds, study.scene.inference.kinds)
+    document = _document(study, intervals=plain(study.intervals))
+    quantities, log = quantities_of(document), families_of(document)[0] == "lognormal"
+    rows, bars, values = [], [], []
+    for name in parameters:
+        for environment in study.environments:
+            label = environment if len(parameters) == 1 else f"{environment}, {quantities[name].label}"
+            rows.append(label)
+            values.append(values_of(document, environment, name))
+            bars += [
+                dataclasses.replace(bar, environment=label)
+                for bar in bars_of(document, name, kinds)
+                if bar.environment == environment
+            ]
+    if not bars:
+        raise _nothing("interval that has a reference")
+    with rc_context(_STYLE):
+        ax = _axes(ax)
+        draw_intervals(ax, rows, bars, values, log=log, subject=study.scene.study.subject[0])
+        words = quantities[parameters[0]].words if len(parameters) == 1 else "value"
+        ax.set_xlabel(f"adjusted {words} / reference")
+        for tick in ax.get_yticklabels():
+            tick.set_parse_math(False)  # of axes that were there before, the ticks were too
+        # Rows fill the axes: there is no room for a legend inside.
+        return _legend(ax, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def plot_boundary(study: Study, environment: str, *, kind: str | None, ax: Axes | None) -> Axes:
+    """Draw the boundaries of both methods in one family and shape, with the reference."""
+    if not study.boundaries:
+        raise _nothing("boundary")
+    (environment,) = select("environment", environment, study.with_reference)
+    kinds = study.scene.inference.kinds
+    (kind,) = select("kind", kind or ("user" if "user" in kinds else kinds[0]), kinds)
+    rows = [plain(boundary) for boundary in study.boundaries if boundary.environment == environment]
+    rows = [row for row in rows if each_by_itself(row)]
+    limits = like_limits(rows, kind, families_of(_document(study)))
+    if not limits:
+        raise _nothing(f"boundary of kind {kind} around {environment}")
+    with rc_context(_STYLE):
+        ax = _axes(ax)
+        draw_magnitude(ax, array(rows[0]["omega"]), limits, *reference_of(rows[0]))
+        ax.set_title(f"{environment}, kind {kind}")
+        return _legend(ax)
+
+
+def plot_band(study: Study, parameter: str | None, *, ax: Axes | None) -> Axes:
+    """Draw bands and their laws."""
+    band = plain(study.band)
+    if not band or not band["rows"]:
+        raise _nothing("band")
+    there = list(dict.fromkeys(row.get("parameter") for row in band["rows"]))
+    if parameter is not None and parameter not in there:
+        raise UsageError(
+            "there is no band of it.", value=parameter, hint="A band of impedance has no parameter."
+        )
+    kind, grid, series, words = band_series(_document(study, band=band), parameter or there[0])
+    with rc_context(_STYLE):
+        ax = _axes(ax)
+        draw_band(ax, grid, series, **words)
+        ax.set_title(f"kind {kind}")
+        return _legend(ax)
+
+
+def plot_coupling(study: Study, *, ax: Axes | None) -> Axes:
+    """Draw the criterion's bound, the coupling's admittance, and where it binds."""
+    found = study.coupling
+    if found is None:
+        raise _nothing("coupling to plot")
+    label = "this coupling"
+    inside = found.omega[0] <= found.binding_omega <= found.omega[-1]
+    with rc_context(_STYLE):
+        ax = _axes(ax)
+        marks = {label: found.binding_omega} if inside else None
+        draw_stability(ax, found.omega, found.bound, {label: found.admittance}, binding=marks)
+        ax.set_title(f"{found.verdict}, margin {found.margin:.3g}")
+        return ax
+
+
+def plot_check(study: Study, *, ax: Axes | None) -> Axes:
+    """Draw the ordered probabilities of lying as far off against those of a uniform law."""
+    if study.checks is None:
+        raise _nothing("check of a hierarchical model")
+    subjects = study.checks.loo.subjects.sort_values("farther", kind="stable")
+    count, rank = len(subjects), np.arange(1, len(subjects) + 1)
+    # The order statistics of independent uniform numbers have Beta laws.
+    low, high = (stats.beta.ppf((1 + side * _LEVEL) / 2, rank, count + 1 - rank) for side in (-1, 1))
+    expected = rank / (count + 1)
+    with rc_context(_STYLE):
+        ax = _axes(ax)
+        ax.fill_between(
+            expected, low, high, color=COLOURS["quiet"], alpha=0.2, linewidth=0, label=f"{_LEVEL:.0%}"
+        )
+        ax.plot([0, 1], [0, 1], color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
+        ax.plot(
+            expected,
+            subjects["farther"],
+            marker="D",
+            linestyle="none",
+            color=COLOURS["bayesian"],
+            label="subjects",
+        )
+        outliers = subjects["outlier"].to_numpy(dtype=bool)
+        for x, row in zip(expected[outliers], subjects[outliers].to_dict("records"), strict=True):
+            at = (x, row["farther"])
+            ax.annotate(str(row["subject"]), at, xytext=(4, 0), textcoords="offset points")
+        ax.set_xlabel("expected probability")
+        ax.set_ylabel("probability of lying as far off")
+        return _legend(ax)
+
+
+def _document(study: Study, **results: Any) -> Record:
+    """Return the part of a report's document that a figure is drawn from."""
+    return {"provenance": provenance(study), "data": data_of(study), **results}
+
+
+def _nothing(what: str) -> RefusalError:
+    return RefusalError(f"the study has no {what}.", hint="study.skipped says why.")
+
+
+def _axes(ax: Axes | None) -> Axes:
+    return plt.subplots(layout="constrained")[1] if ax is None else ax
+
+
+def _legend(ax: Axes, **place: Any) -> Axes:
+    """Add a legend that has each label once."""
+    named = dict(zip(*ax.get_legend_handles_labels()[::-1], strict=True))
+    ax.legend(named.values(), named.keys(), frameon=False, fontsize="small", **place)
+    return ax

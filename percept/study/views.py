@@ -1,0 +1,276 @@
+"""A study as its reader sees it: wide and tidy tables, plots, the report, and a card in a notebook."""
+
+from __future__ import annotations
+
+import html
+import importlib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from percept.boundary.records import Boundary
+from percept.errors import counted
+from percept.html import fields_html
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.basics import select
+
+_CELL = ["environment", "parameter", "kind"]
+_LIMITS = ["estimate", "lower", "upper"]
+_LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
+_CURVES = ("omega", "lower", "upper", "reference", "coupled")
+#: What a study keeps once it is computed, by the name it is asked for.
+_KEPT = {"_intervals": "intervals"} | {
+    name: name
+    for name in (
+        "fit", "posterior", "checks", "regions", "boundaries", "band", "coupling", "coupling_design",
+        "sensitivity", "ladder", "model_choice",
+    )
+}  # fmt: skip
+_CALLS = {
+    "study.summary()": "both methods side by side",
+    "study.plot_intervals()": "intervals over their references",
+    "study.report(folder)": "the report: page, tables, figures",
+    "study.skipped": "what is not computed, and why",
+}
+
+
+class StudyViews:
+    """What `percept.Study` shows of its results."""
+
+    sessions: Sessions
+    scene: Scene
+    if TYPE_CHECKING:
+
+        @property
+        def intervals(self) -> pd.DataFrame:
+            """Of `percept.Study`."""
+
+        @property
+        def boundaries(self) -> tuple[Boundary, ...]:
+            """Of `percept.Study`."""
+
+    def summary(self, kind: str | None = "user") -> pd.DataFrame:
+        """Lay the intervals out wide, the methods side by side.
+
+        Parameters
+        ----------
+        kind : {"user", "mean", "share"} or None
+            Whose intervals; None for every kind the scene asks for.
+
+        Returns
+        -------
+        DataFrame
+            A row per environment, parameter and kind: `reference`, `unit`, `family`, and per method
+            `METHOD_estimate`, `METHOD_lower` and `METHOD_upper` in that unit. The family is the scene's, or
+            the other one where it has no interval. Limits hold for each parameter by itself.
+
+        Raises
+        ------
+        UsageError
+            A kind that the scene does not ask for.
+        """
+        return wide(
+            self.intervals, select("kind", kind, self.scene.inference.kinds), self.scene.inference.family
+        )
+
+    @property
+    def curves(self) -> pd.DataFrame:
+        """The boundaries as one tidy table: a row per curve and frequency, rad/s and N·s/m."""
+        return tidy(self.boundaries)
+
+    def report(self, directory: str | Path, **options: Any) -> Path:
+        """Write the report: page, JSON, tables, figures and posterior.
+
+        Parameters
+        ----------
+        directory : str or Path
+            Folder, made where it does not exist.
+        **options
+            As `percept.report.write_report` takes them, such as ``formats=("pdf",)``.
+
+        Returns
+        -------
+        Path
+            The page.
+
+        Raises
+        ------
+        UsageError
+            The folder cannot be written.
+        """
+        page: Path = importlib.import_module("percept.report").write_report(self, directory, **options)
+        return page
+
+    def plot_intervals(
+        self, parameter: str | None = None, *, kinds: Collection[str] | None = None, ax: Any = None
+    ) -> Any:
+        """Plot intervals divided by their references.
+
+        Parameters
+        ----------
+        parameter : str, optional
+            Which quantity; all by default.
+        kinds : collection of str, optional
+            Whose intervals; every kind of the scene by default.
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        UsageError
+            A parameter or kind that the study does not have.
+        RefusalError
+            No interval has a reference to be divided by.
+        """
+        return _plots().plot_intervals(self, parameter, kinds=kinds, ax=ax)
+
+    def plot_boundary(self, environment: str, *, kind: str | None = None, ax: Any = None) -> Any:
+        """Plot the boundaries of abs(Z_h), N·s/m, over omega, rad/s.
+
+        Parameters
+        ----------
+        environment : str
+            Around which reference.
+        kind : str, optional
+            Whose boundary; the next user's by default where the scene asks for it.
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        UsageError
+            An environment or kind that has no boundary.
+        RefusalError
+            The study has no boundary.
+        """
+        return _plots().plot_boundary(self, environment, kind=kind, ax=ax)
+
+    def plot_band(self, parameter: str | None = None, *, ax: Any = None) -> Any:
+        """Plot the width of the band against the environment's impedance, or a quantity's reference.
+
+        Parameters
+        ----------
+        parameter : str, optional
+            Which quantity, where bands are of quantities; the first by default.
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        UsageError
+            A parameter that has no band.
+        RefusalError
+            The study has no band.
+        """
+        return _plots().plot_band(self, parameter, ax=ax)
+
+    def plot_coupling(self, *, ax: Any = None) -> Any:
+        """Plot the stability criterion of the coupling (Eq. 10) over omega, rad/s.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        RefusalError
+            The scene has no device or no coupling.
+        """
+        return _plots().plot_coupling(self, ax=ax)
+
+    def plot_check(self, *, ax: Any = None) -> Any:
+        """Plot how far each subject lies from what the others predict.
+
+        In a model that holds, the probabilities of lying as far off are uniform. The shaded band holds each
+        ordered probability of independent subjects with probability 0.99.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        RefusalError
+            The study has no hierarchical fit that can be checked.
+        """
+        return _plots().plot_check(self, ax=ax)
+
+    def __repr__(self) -> str:
+        adjusted = " and ".join(self.sessions.parameters)
+        where = counted(len(self.sessions.environments), "environment")
+        return f"<Study of {adjusted} in {where}, {self.sessions.form}>"
+
+    def _repr_html_(self) -> str:
+        """Return a card; nothing is computed for it."""
+        return card(self.sessions, self.scene, [name for kept, name in _KEPT.items() if kept in vars(self)])
+
+
+def wide(intervals: pd.DataFrame, kinds: Collection[str], family: str) -> pd.DataFrame:
+    """Put the methods of equal environment, parameter, kind and family side by side."""
+    rows = intervals[(intervals["joint"] == "marginal") & intervals["kind"].isin(kinds)]
+    own = rows["family"] == family
+    # Where the scene's family has no interval at all, the other one stands in.
+    rows = rows[own | ~pd.MultiIndex.from_frame(rows[_CELL]).isin(pd.MultiIndex.from_frame(rows[own][_CELL]))]
+    table = rows.drop_duplicates(_CELL)[[*_CELL, "family", "unit", "reference"]]
+    for method, found in rows.groupby("method", sort=False):
+        named = found[[*_CELL, *_LIMITS]].rename(columns={name: f"{method}_{name}" for name in _LIMITS})
+        table = table.merge(named, on=_CELL, how="left")
+    return table.reset_index(drop=True)
+
+
+def tidy(boundaries: Collection[Boundary]) -> pd.DataFrame:
+    """Return boundaries as one table, a row per curve and frequency."""
+    frames = [
+        pd.DataFrame({name: getattr(boundary, name) for name in (*_LABELS, *_CURVES)})
+        for boundary in boundaries
+    ]
+    if not frames:
+        return pd.DataFrame(columns=[*_LABELS, *_CURVES])
+    # Without a coupling its column is empty, and still of numbers.
+    return pd.concat(frames, ignore_index=True).astype({"coupled": float})
+
+
+def card(sessions: Sessions, scene: Scene, computed: Collection[str]) -> str:
+    """Return what a study is, what it has computed, and what to call, for a notebook."""
+    asked = scene.inference
+    about: Mapping[str, Any] = {
+        "quantities": ", ".join(sessions.quantities[name].words for name in sessions.parameters),
+        "environments": len(sessions.environments),
+        "subjects": len(sessions.subjects) or "published limits",
+        "method": f"{asked.method}, {asked.family}, level {asked.level:g}",
+        "device": "yes" if scene.device is not None else "none",
+        "coupling": "yes" if scene.coupling is not None else "none",
+        "computed": ", ".join(computed) or "nothing yet",
+    }
+    calls = "".join(f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items())
+    return f"{fields_html(about, caption='Study')}<ul>{calls}</ul>"
+
+
+def _plots() -> Any:
+    """Return the module of plots, which lies above: the drawing library waits for whoever draws."""
+    return importlib.import_module("percept.plots")

@@ -1,0 +1,137 @@
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from scipy import stats
+
+from percept import RefusalError, Scene, Sessions, Study, UsageError, read_sessions
+from tests import DATASETS
+
+
+@pytest.fixture
+def ax():
+    return Figure().add_subplot()
+
+
+@pytest.fixture(scope="module")
+def bare():
+    """Without device, coupling or sampler."""
+    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical"))
+
+
+def bars(ax):
+    """Ends of the horizontal bars."""
+    ends = (line.get_xdata() for line in ax.lines if len(line.get_xdata()) == 2)
+    return {tuple(x) for x in ends if x[0] != x[1]}
+
+
+def test_intervals_are_drawn_over_their_references(both_study, ax):
+    assert both_study.plot_intervals("k", kinds=["mean"], ax=ax) is ax
+    rows = both_study.intervals.query(
+        "parameter == 'k' and kind == 'mean' and family == 'lognormal' and joint == 'marginal'"
+    )
+    ends = {(row.lower / row.reference, row.upper / row.reference) for row in rows.itertuples()}
+    assert len(ends) == 6
+    left, right = ax.get_xlim()
+    kept = {pair for pair in ends if left < pair[0] and pair[1] < right}
+    assert len(kept) >= 4
+    assert kept <= bars(ax)
+    assert [label.get_text() for label in ax.get_yticklabels()] == list(both_study.environments)
+    assert ax.get_xlabel() == "adjusted stiffness k / reference"
+
+
+def test_all_quantities_share_an_axes(both_study, ax):
+    both_study.plot_intervals(ax=ax)
+    labels = [label.get_text() for label in ax.get_yticklabels()]
+    assert labels[0] == "VE1, stiffness"
+    assert labels[-1] == "VE4, damping"
+
+
+def test_without_axes_a_new_figure_is_shown(bare):
+    ax = bare.plot_intervals("b")
+    try:
+        assert plt.gcf() is ax.figure
+    finally:
+        plt.close(ax.figure)
+
+
+def test_a_boundary_is_drawn_as_it_is_computed(both_study, ax):
+    assert both_study.plot_boundary("VE4", ax=ax) is ax
+    wanted = {
+        "environment": "VE4",
+        "kind": "user",
+        "family": "lognormal",
+        "joint": "marginal",
+        "shape": "envelope",
+    }
+    drawn = {line.get_label(): line.get_xydata() for line in ax.lines}
+    (one,) = (
+        boundary
+        for boundary in both_study.boundaries
+        if all(getattr(boundary, name) == value for name, value in wanted.items())
+    )
+    np.testing.assert_array_equal(drawn["classical, envelope (lognormal)"], np.c_[one.omega, one.lower])
+    np.testing.assert_array_equal(drawn["reference, |Zₕ|"], np.c_[one.omega, one.reference])
+    assert ax.get_title() == "VE4, kind user"
+
+
+def test_the_band_is_drawn_at_its_impedances(both_study, ax):
+    assert both_study.plot_band(ax=ax) is ax
+    rows = both_study.band.rows.query("kind == 'mean' and family == 'lognormal' and method == 'bayesian'")
+    points = next(line for line in ax.lines if line.get_label() == "Bayesian (lognormal)")
+    np.testing.assert_allclose(points.get_xydata(), rows[["impedance", "band"]].to_numpy())
+    with pytest.raises(UsageError, match="'x': there is no band of it"):
+        both_study.plot_band("x", ax=ax)
+
+
+def test_the_coupling_is_drawn_with_its_bound(both_study, ax):
+    assert both_study.plot_coupling(ax=ax) is ax
+    bound = next(line for line in ax.lines if line.get_gid() == "bound")
+    drawn, computed = bound.get_ydata(), both_study.coupling.bound
+    np.testing.assert_array_equal(drawn[computed > 0], computed[computed > 0])
+    assert np.isnan(drawn[computed <= 0]).all()
+    assert ax.get_title().startswith("unstable, margin 0.316")
+
+
+def test_a_check_is_drawn_with_the_band_of_uniform_order_statistics(both_study, ax):
+    assert both_study.plot_check(ax=ax) is ax
+    points = next(line for line in ax.lines if line.get_label() == "subjects")
+    far = both_study.checks.loo.subjects["farther"]
+    np.testing.assert_array_equal(points.get_ydata(), np.sort(far))
+    (band,) = ax.collections
+    (path,) = band.get_paths()
+    count = len(far)
+    for rank in range(1, count + 1):
+        ends = {y for x, y in path.vertices if x == rank / (count + 1)}
+        # The r-th smallest of n lies below x where at least r of them do.
+        below = sorted(stats.binom.sf(rank - 1, count, y) for y in ends)
+        np.testing.assert_allclose(below, [0.005, 0.995], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("plot", "message"),
+    [
+        (lambda study: study.plot_boundary("VE1"), r"the study has no boundary\. study\.skipped says why"),
+        (lambda study: study.plot_coupling(), "the study has no coupling to plot"),
+        (lambda study: study.plot_check(), "the study has no check of a hierarchical model"),
+    ],
+    ids=["boundary", "coupling", "check"],
+)
+def test_what_is_not_there_is_refused(bare, plot, message):
+    with pytest.raises(RefusalError, match=message):
+        plot(bare)
+
+
+def test_names_the_study_does_not_have_are_told(both_study, bare):
+    with pytest.raises(UsageError, match="'VE9': the study has no such environment; there are VE1, VE2, VE4"):
+        both_study.plot_boundary("VE9")
+    with pytest.raises(UsageError, match="'m': the study has no such parameter; there are k, b"):
+        bare.plot_intervals("m")
+    with pytest.raises(UsageError, match="'all': the study has no such kind; there are mean, user, share"):
+        bare.plot_intervals(kinds=["all"])
+
+
+def test_a_dollar_sign_in_a_name_is_text(bare, ax):
+    table = bare.sessions.table.assign(environment=bare.sessions.table["environment"] + " $x_1$")
+    Study(Sessions.from_frame(table), bare.scene).plot_intervals("k", ax=ax)
+    assert not any(label.get_parse_math() for label in ax.get_yticklabels())

@@ -1,0 +1,105 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept import Scene, Sessions, Study, read_sessions
+from percept.errors import UsageError
+from percept.report import build_document
+from tests import DATASETS
+
+SESSIONS = DATASETS / "hbfd_sessions.csv"
+KEYS = ["environment", "parameter", "kind", "method", "family", "joint"]
+
+
+def classical(sessions=None, **inference):
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical", **inference)
+    return Study(sessions or read_sessions(SESSIONS), scene)
+
+
+def test_showing_a_study_computes_nothing():
+    study = classical()
+    before = dict(vars(study))
+    page = study._repr_html_()
+    assert vars(study) == before
+    assert "<td>nothing yet</td>" in page
+    assert "<td>stiffness k, damping b</td>" in page
+    assert "<code>study.plot_intervals()</code>" in page
+    _ = study.intervals
+    assert "<td>intervals, fit</td>" in study._repr_html_()
+
+
+def test_a_study_that_would_refuse_is_shown_all_the_same():
+    table = read_sessions(SESSIONS).table
+    alone = classical(Sessions.from_frame(table[table["subject"] == table["subject"].iloc[0]]))
+    assert "<th>subjects</th><td>1</td>" in alone._repr_html_()
+
+
+def test_sentences_stand_beside_the_intervals():
+    study = classical()
+    assert "covers" not in study.intervals
+    said = study.interpretation
+    pd.testing.assert_frame_equal(said[KEYS], study.intervals[KEYS])
+    assert list(said.columns) == [*KEYS, "covers"]
+    rows = build_document(study, curves=False)["intervals"]
+    assert [row["covers"] for row in rows] == said["covers"].tolist()
+    assert "average user" in said.loc[said["kind"] == "mean", "covers"].iloc[0]
+
+
+@pytest.mark.parametrize("kind", ["user", None])
+def test_the_summary_lays_methods_side_by_side(fitted, kind):
+    table, intervals = fitted.summary(kind), fitted.intervals
+    kinds = [kind] if kind else list(fitted.scene.inference.kinds)
+    assert len(table) == len(fitted.environments) * 2 * len(kinds)
+    assert set(table["kind"]) == set(kinds)
+    for row in table.to_dict("records"):
+        for method in ("classical", "bayesian"):
+            wanted = {"method": method, "family": "lognormal", "joint": "marginal"}
+            wanted |= {name: row[name] for name in ("environment", "parameter", "kind", "unit")}
+            (one,) = intervals[np.all([intervals[k] == v for k, v in wanted.items()], axis=0)].to_dict(
+                "records"
+            )
+            assert [row[f"{method}_{name}"] for name in ("estimate", "lower", "upper")] == [
+                one[name] for name in ("estimate", "lower", "upper")
+            ]
+            assert row["reference"] == one["reference"]
+
+
+def test_the_other_family_stands_in_where_the_scene_s_has_no_interval():
+    rows = [
+        (s, e, 10.0, v) for s, e, v in [(1, "A", -9.0), (2, "A", 9), (3, "A", 7), (1, "B", 8), (2, "B", 9)]
+    ]
+    table = pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "k_adj"])
+    found = Study(Sessions.from_frame(table), Scene().with_inference(method="classical")).summary()
+    assert dict(zip(found["environment"], found["family"], strict=True)) == {"A": "normal", "B": "lognormal"}
+
+
+def test_a_kind_that_was_not_asked_for_is_named():
+    with pytest.raises(UsageError, match="'share': the study has no such kind; there are mean, user"):
+        classical(kinds=("mean", "user")).summary("share")
+
+
+def test_curves_are_the_boundaries_row_by_row():
+    study = classical(kinds=("user",))
+    study.scene = study.scene.with_tables(frequency={"lower": 1.0, "upper": 50.0, "points": 7})
+    table, start = study.curves, 0
+    for boundary in study.boundaries:
+        part = table.iloc[start : start + boundary.points]
+        start += boundary.points
+        for name in ("omega", "lower", "upper", "reference", "coupled"):
+            np.testing.assert_array_equal(part[name], getattr(boundary, name))
+        for name in ("environment", "kind", "method", "family", "joint", "shape", "level"):
+            assert set(part[name]) == {getattr(boundary, name)}
+    assert start == len(table) > 0
+
+
+def test_without_a_device_the_table_of_curves_is_empty():
+    bare = Study(read_sessions(SESSIONS), Scene().with_inference(method="classical"))
+    assert bare.curves.empty
+    assert {"omega", "lower", "upper"} <= set(bare.curves.columns)
+
+
+def test_a_study_writes_its_report(tmp_path):
+    bare = Study(read_sessions(SESSIONS), Scene().with_inference(method="classical", kinds=("user",)))
+    page = bare.report(tmp_path / "out", formats=())
+    assert page == tmp_path / "out" / "report.html"
+    assert "VE5" in page.read_text(encoding="utf-8")
