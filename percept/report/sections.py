@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from percept.report.basis import (
@@ -16,7 +16,8 @@ from percept.report.basis import (
     skipped,
     worst_curve,
 )
-from percept.report.overview import digits_of, summary
+from percept.report.interval_tables import intervals
+from percept.report.overview import summary
 from percept.report.select import (
     KINDS,
     METHODS,
@@ -25,21 +26,13 @@ from percept.report.select import (
     array,
     distinct,
     each_by_itself,
-    families_of,
     family_of,
-    first,
     matching,
+    ordered,
     pointed,
     quantities_of,
 )
-from percept.sessions.quantities import Quantity
 
-_COLUMNS = (
-    ("classical", "normal"),
-    ("classical", "lognormal"),
-    ("bayesian", "lognormal"),
-    ("bayesian", "normal"),
-)
 _SHAPES = {
     "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
     "16 and 17); the two curves can cross",
@@ -59,125 +52,6 @@ def build_sections(document: Record) -> list[Section]:
     return [section for build in order if (section := build(document)) is not None]
 
 
-def intervals(document: Record) -> Section | None:
-    """Return a matrix per quantity in the study's family, and everything else in tables to open."""
-    tables = interval_tables(document)
-    if not tables:
-        return None
-    rows = pointed(document["intervals"], "/intervals")
-    marginal = matching(rows, joint="marginal")
-    values = {
-        "matrices": [
-            _matrix(matching(marginal, parameter=name), families_of(document), quantities_of(document)[name])
-            for name in distinct(marginal, "parameter")
-        ],
-        "tables": tables,
-        "sentences": _sentences(rows),
-    }
-    return Section("intervals", "Intervals of the adjustments", values)
-
-
-def _matrix(rows: list[Record], families: Sequence[str], quantity: Quantity) -> dict[str, Any]:
-    """Return a row per environment and a column per kind and method, in the first family each has."""
-    columns = [
-        {"kind": kind, "method": method}
-        for kind in KINDS
-        for method in METHODS
-        if matching(rows, kind=kind, method=method)
-    ]
-    shown = [
-        (
-            environment,
-            [first(matching(rows, environment=environment, **column), family=families) for column in columns],
-        )
-        for environment in distinct(rows, "environment")
-    ]
-    used = {cell["family"] for _, cells in shown for cell in cells if cell}
-    return {
-        "title": quantity.head,
-        "parameter": rows[0]["parameter"],
-        "unit": rows[0]["unit"],
-        "family": ", else ".join(family for family in families if family in used),
-        "columns": columns,
-        "rows": [
-            {
-                "environment": environment,
-                "reference": next(f"{cell['pointer']}/reference" for cell in cells if cell),
-                "cells": [cell and _cell(cell) for cell in cells],
-            }
-            for environment, cells in shown
-        ],
-    }
-
-
-def _cell(row: Record) -> dict[str, Any]:
-    limits = row["lower"], row["upper"]
-    return {"pointer": row["pointer"], "digits": [digits_of(limit, *limits) for limit in limits]}
-
-
-def interval_tables(document: Record) -> list[dict[str, Any]]:
-    """Return one table per joint treatment and parameter: rows of environment and kind, columns of method."""
-    rows = pointed(document["intervals"], "/intervals")
-    return [
-        _interval_table(cell_rows, quantities_of(document)[parameter])
-        for joint in distinct(rows, "joint")
-        for parameter in distinct(rows, "parameter")
-        if (cell_rows := matching(rows, parameter=parameter, joint=joint))
-    ]
-
-
-def _interval_table(rows: list[Record], quantity: Quantity) -> dict[str, Any]:
-    present = {(row["method"], row["family"]) for row in rows}
-    columns = [column for column in _COLUMNS if column in present]
-    pointers = {(r["environment"], r["kind"], r["method"], r["family"]): r["pointer"] for r in rows}
-    reference = {row["environment"]: f"{row['pointer']}/reference" for row in reversed(rows)}
-    return {
-        "title": quantity.head,
-        "parameter": rows[0]["parameter"],
-        "joint": rows[0]["joint"],
-        "unit": rows[0]["unit"],
-        "columns": [{"method": method, "family": family} for method, family in columns],
-        "rows": [
-            {
-                "environment": environment,
-                "kind": kind,
-                "reference": reference[environment],
-                "cells": [pointers.get((environment, kind, *column)) for column in columns],
-            }
-            for environment in distinct(rows, "environment")
-            for kind in _ordered(KINDS, rows, "kind")
-        ],
-    }
-
-
-def _ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[str]:
-    """Return those of the names that some row has."""
-    present = {row[field] for row in rows}
-    return [name for name in names if name in present]
-
-
-def _sentences(rows: Sequence[Record]) -> list[dict[str, Any]]:
-    """Return what each kind and method covers, each sentence once, with what it holds for."""
-    found = []
-    for kind in KINDS:
-        for method in METHODS:
-            same = matching(rows, kind=kind, method=method)
-            for covers in distinct(same, "covers"):
-                carried = matching(same, covers=covers)
-                where = {f"{row['parameter']} of {row['environment']}": None for row in carried}
-                alike = {row["covers"] for row in same if row["family"] == carried[0]["family"]}
-                found.append(
-                    {
-                        "kind": kind,
-                        "method": method,
-                        "families": sorted(distinct(carried, "family"), reverse=True),
-                        "where": list(where) if len(alike) > 1 else [],
-                        "covers": covers,
-                    }
-                )
-    return found
-
-
 def boundaries(document: Record) -> Section | None:
     """Return figures and values of each environment's boundaries, and the curves for the page's script."""
     records = document["boundaries"]
@@ -188,7 +62,7 @@ def boundaries(document: Record) -> Section | None:
         "environments": [_environment(document, name) for name in names],
         "quantities": " and ".join(distinct(document["intervals"], "parameter")),
         "figures": ["ratios", *(f"ratios_{index}" for index in range(1, 1 + len(names)))],
-        "shapes": [{"name": name, "meaning": _SHAPES[name]} for name in _ordered(_SHAPES, records, "shape")],
+        "shapes": [{"name": name, "meaning": _SHAPES[name]} for name in ordered(_SHAPES, records, "shape")],
         "curves": [curves for name in names if (curves := _curves(document, name)) is not None],
         "coupled": any(record.get("coupled") is not None for record in records),
         "worst": worst_curve(records),
@@ -268,19 +142,48 @@ def coupling(document: Record) -> Section | None:
         "coupling": record,
         "realism": _realism(realism, family_of(document)),
         "effective": list({row["environment"]: row for row in realism}.values()),
-        "probability": pointed(record.get("probability"), "/coupling/probability"),
+        "probability": _probability(pointed(record.get("probability"), "/coupling/probability")),
+        "rendered": ["directly", "coupled"][
+            : 1 + any(row["coupled"] for row in record.get("probability") or ())
+        ],
         "summary": document["data"]["form"] == "summary",
     }
     return Section("coupling", "The virtual coupling", values)
 
 
 def _realism(records: list[dict[str, Any]], family: str) -> dict[str, Any] | None:
-    """Return a row per environment and kind, a pointer per method: exact envelope, the study's family."""
+    """Return a row per environment, a column per kind and method: exact envelope, the study's family."""
     kept = [row for row in matching(records, shape="envelope", family=family) if each_by_itself(row)]
     if not kept:
         return None
-    rows = _by_method(kept)
-    return {"family": family, "methods": _ordered(METHODS, kept, "method"), "rows": rows}
+    columns = [
+        {"kind": alike[0]["kind"], "method": alike[0]["method"]} for alike in _by_kind_and_method(kept)
+    ]
+    rows = [
+        {
+            "environment": environment,
+            "pointers": [
+                next((row["pointer"] for row in matching(kept, environment=environment, **column)), None)
+                for column in columns
+            ],
+        }
+        for environment in distinct(kept, "environment")
+    ]
+    return {"family": family, "columns": columns, "rows": rows}
+
+
+def _probability(records: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return a row per environment, with the pointers of what is rendered directly and coupled."""
+    return [
+        {
+            "environment": environment,
+            "pointers": {
+                "coupled" if row["coupled"] else "directly": row["pointer"]
+                for row in matching(records, environment=environment)
+            },
+        }
+        for environment in distinct(records, "environment")
+    ]
 
 
 def _by_method(records: list[Record]) -> list[dict[str, Any]]:
@@ -368,17 +271,18 @@ def _band_part(document: Record, record: Record, parameter: str | None) -> dict[
             {"kind": row["kind"], "method": row["method"]}
             for row in matching(statements, statement=statements[0]["statement"] if statements else None)
         ],
-        "methods": _ordered(METHODS, rows, "method"),
+        "trend": pointed(record.get("kappa"), "/band/kappa"),
+        "methods": ordered(METHODS, rows, "method"),
     }
 
 
-def _by_kind_and_method(records: list[Record]) -> list[list[Record]]:
+def _by_kind_and_method(records: Sequence[Record]) -> list[list[Record]]:
     """Group records by kind and method, in the order of the page."""
     groups = (matching(records, kind=kind, method=method) for kind in KINDS for method in METHODS)
     return [group for group in groups if group]
 
 
-def _law_row(laws: list[Record]) -> dict[str, Any]:
+def _law_row(laws: Sequence[Record]) -> dict[str, Any]:
     """Return the laws of one kind and method, each with its parameters and what it says."""
     return {
         "kind": laws[0]["kind"],

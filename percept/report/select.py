@@ -91,6 +91,12 @@ def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:
     return [record for record in records if all(record.get(name) == value for name, value in wanted.items())]
 
 
+def ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[str]:
+    """Return those of the names that some row has."""
+    present = {row[field] for row in rows}
+    return [name for name in names if name in present]
+
+
 def first(records: Iterable[Record], **preferred: Sequence[Any]) -> Record | None:
     """Return the record that stands highest in every preference, earlier fields weighing more."""
     accepted = [

@@ -7,8 +7,8 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from percept.report.interval_tables import interval_tables
 from percept.report.numbers import SUPERSCRIPT, number
-from percept.report.sections import interval_tables
 from percept.report.select import Record, distinct, matching, quantities_of
 from percept.sessions.read import neutralised
 

@@ -52,9 +52,19 @@ def test_realism_stands_where_its_pointers_say(document):
     labels = ("environment", "kind", "method", "family", "shape")
     assert realism["rows"]
     for row in realism["rows"]:
-        for method, pointer in row["pointers"].items():
-            wanted = [row["environment"], row["kind"], method, realism["family"], "envelope"]
+        for column, pointer in zip(realism["columns"], row["pointers"], strict=True):
+            wanted = [row["environment"], column["kind"], column["method"], realism["family"], "envelope"]
             assert [at(document, pointer)[name] for name in labels] == wanted
+
+
+def test_probabilities_stand_where_their_pointers_say(both):
+    values = section(both, "coupling")
+    assert values["rendered"] == ["directly", "coupled"]
+    assert [row["environment"] for row in values["probability"]] == both["data"]["environments"]
+    for row in values["probability"]:
+        for name, pointer in row["pointers"].items():
+            found = at(both, pointer)
+            assert (found["environment"], found["coupled"]) == (row["environment"], name == "coupled")
 
 
 def test_every_environment_has_its_effective_impedance(classical):
