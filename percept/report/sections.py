@@ -271,7 +271,6 @@ def _band_part(document: Record, record: Record, parameter: str | None) -> dict[
             {"kind": row["kind"], "method": row["method"]}
             for row in matching(statements, statement=statements[0]["statement"] if statements else None)
         ],
-        "trend": pointed(record.get("kappa"), "/band/kappa"),
         "methods": ordered(METHODS, rows, "method"),
     }
 

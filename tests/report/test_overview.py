@@ -23,7 +23,13 @@ def document(rows, *, realism=(), coupling=None):
         for kind, lower, upper in (("mean", low, high), ("user", user_low, user_high))
     ]  # fmt: skip
     found = None if coupling is None and not realism else {"realism": list(realism), **(coupling or {})}
-    return {"intervals": intervals, "coupling": found, "provenance": {"scene": {}}}
+    quantities = {"k": {"name": "k", "label": "stiffness", "symbol": "k", "unit": "N/m"}}
+    return {
+        "intervals": intervals,
+        "coupling": found,
+        "provenance": {"scene": {}},
+        "data": {"quantities": quantities},
+    }
 
 
 def felt(name, direct, coupled=None, margin=-0.1):
