@@ -179,6 +179,10 @@ def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
 def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
+    if fit is None and study.scene.inference.method != "classical":
+        why = next((why for what, why in study.skipped if what == "Bayesian intervals"), "")
+        print(f"percept: there are no Bayesian intervals: {printable(why)}", file=sys.stderr)
+        return RefusalError.exit_code
     if fit is None or fit.run.gate.passed:
         tell_error(study)
         return 0

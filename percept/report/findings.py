@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from percept.errors import counted
@@ -23,6 +23,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
         "references": list(_references(intervals)),
         "widths": _widths(intervals),
         "cautions": [
+            *_left_out(document.get("skipped") or ()),
             *_inaccurate(document.get("diagnostics")),
             *_few(intervals),
             *_below_zero(intervals, document["data"]["quantities"]),
@@ -31,6 +32,15 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
             *_warnings(document["data"]["doubts"]),
         ],
     }
+
+
+def _left_out(skipped: Sequence[Record]) -> Iterator[str]:
+    """Say what the hierarchical model is missing, or that there is none."""
+    for row in skipped:
+        if row["what"].endswith(", in the hierarchical model"):
+            yield f"The hierarchical model leaves out {row['what'].partition(',')[0]}: {row['why']}."
+        elif row["what"] == "Bayesian intervals":
+            yield f"There are no Bayesian intervals: {row['why']}"
 
 
 def _inaccurate(diagnostics: Record | None) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Collection
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -104,8 +105,8 @@ class Study(StudyViews):
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
-        asked = self.scene.inference.parameters
-        return analysed_parameters(self.sessions.parameters, asked, self.sessions.quantities)
+        sessions, asked = self.sessions, self.scene.inference.parameters
+        return analysed_parameters(sessions.parameters, asked, sessions.quantities)
 
     @property
     def environments(self) -> tuple[str, ...]:
@@ -115,9 +116,8 @@ class Study(StudyViews):
     @cached_property
     def reference(self) -> dict[tuple[str, str], float]:
         """Reference per (parameter, environment), in the parameter's unit."""
-        cells = [(p, e) for p in self.parameters for e in self.environments]
-        values = references(self.sessions, self.parameters, self.environments)
-        return dict(zip(cells, values.ravel().tolist(), strict=True))
+        values = references(self.sessions, self.parameters, self.environments).ravel().tolist()
+        return dict(zip(itertools.product(self.parameters, self.environments), values, strict=True))
 
     @property
     def intervals(self) -> pd.DataFrame:
@@ -132,35 +132,38 @@ class Study(StudyViews):
     @cached_property
     def _intervals(self) -> list[Row | Skipped]:
         """Rows of the interval table, and the intervals there are none of."""
-        asked = self.scene.inference
-        rows: list[Row | Skipped] = []
+        asked, rows = self.scene.inference, list[Row | Skipped]()
         if asked.method != "bayesian":
             if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
             rows += classical_rows(self._cells, asked, self.reference)
-        if self.fit is None:
-            return [*rows, Skipped("hierarchical model", "only the classical method was asked for")]
+        if isinstance(self._fitted, Skipped):
+            return [*rows, self._fitted]
         from percept.study.fit import bayesian_rows
 
-        return [*rows, *bayesian_rows(self.fit, asked, self.reference)]
+        return [*rows, *bayesian_rows(self._fitted, asked, self.reference)]
 
     @cached_property
     def _cells(self) -> dict[Family, list[Cell]]:
         return {family: cell_moments(self.sessions, self.parameters, family) for family in FAMILIES}
 
     @cached_property
-    def fit(self) -> Fit | None:
-        """The sampled hierarchical model; None where only the classical method is asked for."""
+    def _fitted(self) -> Fit | Skipped:
         if self.scene.inference.method == "classical":
-            return None
-        from percept.study.fit import fit_model, prepare
+            return Skipped("hierarchical model", "only the classical method was asked for")
+        from percept.study.fit import fit_beside
 
-        prepared = prepare(self.sessions, self.scene, self.parameters)
-        return fit_model(prepared, self.scene.inference, progress=self.progress, store=self.store)
+        cells, how = self._cells, {"progress": self.progress, "store": self.store}
+        return fit_beside(cells, self.sessions, self.scene, self.parameters, **how)
+
+    @property
+    def fit(self) -> Fit | None:
+        """The sampled hierarchical model; None where it is not asked for, or the data cannot carry it."""
+        return None if isinstance(self._fitted, Skipped) else self._fitted
 
     @property
     def _passed(self) -> Fit | None:
-        return self.fit if self.fit is not None and self.fit.passed else None
+        return self.fit if self.fit and self.fit.passed else None
 
     @cached_property
     def posterior(self) -> Any:
@@ -382,14 +385,12 @@ class Study(StudyViews):
     @cached_property
     def skipped(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
-        parts: list[Any] = [*self._intervals, *self._with_reference, *self._setup, *self._zoom, *self._banded]
-        parts += self._sources.skipped
+        parts: list[Any] = [*self._intervals, *self._with_reference, *self._setup, *self._zoom]
+        parts += [*self._banded, *self._sources.skipped]
         if self.setup is not None:
             parts.append(fixed_device(self.setup, self.scene.inference.method))
-            if self.setup.coupling is not None:
-                parts.append(no_design(self.setup, self.scene.inference.kinds))
-        if self.fit is not None and self.scene.checks is not None:
-            parts.append(self.fit.subjects)
+            parts += [no_design(self.setup, self.scene.inference.kinds)] if self.setup.coupling else []
+        parts += [self.fit.subjects] if self.fit and self.scene.checks else []
         if self.sessions.form == "summary":
             parts.append(Skipped("subject effects and k-b correlation", "published limits do not hold them"))
         return tuple(dict.fromkeys(part for part in parts if isinstance(part, Skipped)))

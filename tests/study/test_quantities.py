@@ -1,0 +1,99 @@
+"""Quantities that are no impedance: units, intervals, band laws, words, and parts that cannot be had."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from percept import Scene, Study
+from percept.errors import RefusalError, UsageError
+from percept.report import build_document
+from percept.report.page import render_page
+from percept.sessions import ReadOptions, Sessions
+
+DURATION = {"quantities": {"duration": {"symbol": "t", "unit": "ms"}}}
+CLASSICAL = {"inference": {"method": "classical", "level": 0.95}}
+
+
+def frame(references=(400.0, 600.0, 900.0, 1400.0), subjects=6):
+    rng = np.random.default_rng(4)
+    rows = [(f"P{i}", f"S{j}", r, r * np.exp(rng.normal(0.05, 0.1)))
+            for i in range(subjects) for j, r in enumerate(references)]  # fmt: skip
+    return pd.DataFrame(rows, columns=["subject", "environment", "duration_ref", "duration_adj"])
+
+
+def study_of(table, tables):
+    scene = Scene.from_tables(tables)
+    return Study(Sessions.from_frame(table, options=ReadOptions.from_mapping(dict(scene))), scene)
+
+
+def test_classical_numbers_are_scipys_in_the_unit_declared():
+    table = frame()
+    seconds = table.assign(duration_adj=table["duration_adj"] / 1000)
+    columns = {"duration_adj": {"name": "duration_adj", "unit": "s"}}
+    study = study_of(seconds, DURATION | CLASSICAL | {"columns": columns})
+    rows = study.intervals.query("kind == 'mean' and family == 'normal'")
+    assert set(rows["parameter"]) == {"duration"}
+    assert set(rows["unit"]) == {"ms"}
+    for name, values in table.groupby("environment")["duration_adj"]:
+        wanted = stats.t.interval(0.95, len(values) - 1, values.mean(), values.sem())
+        found = rows[rows["environment"] == name][["lower", "upper"]].to_numpy()[0]
+        np.testing.assert_allclose(found, wanted, rtol=1e-12)
+
+
+def test_the_band_law_is_against_the_reference_itself():
+    study = study_of(frame(), DURATION | CLASSICAL)
+    rows = study.band.rows
+    np.testing.assert_allclose(rows["relative"], rows["band"] / rows["reference"], rtol=1e-15)
+    assert {law.parameter for law in study.band.laws} == {"duration"}
+
+
+def test_references_alike_cost_the_law_only():
+    study = study_of(frame(references=(500.0, 500.0, 500.0)), DURATION | CLASSICAL)
+    assert ("band law", "without one environment the others share one reference") in study.skipped
+    assert study.band.laws == ()
+    assert len(study.intervals) == 18
+
+
+def test_zero_costs_what_needs_its_logarithm_only():
+    table = frame()
+    table.loc[0, "duration_adj"] = 0.0
+    study = study_of(table, DURATION | {"inference": {"method": "both"}})
+    left = {skipped.what: skipped.why for skipped in study.skipped}
+    assert "no logarithm" in left["Bayesian intervals"]
+    assert left["classical lognormal intervals of duration in S0"] == "a value is zero or negative"
+    assert set(study.intervals.query("family == 'normal'")["environment"]) == {"S0", "S1", "S2", "S3"}
+    assert set(study.intervals.query("family == 'lognormal'")["environment"]) == {"S1", "S2", "S3"}
+    cautions = build_document(study)["summary"]["cautions"]
+    assert any(text.startswith("There are no Bayesian intervals") for text in cautions)
+    with pytest.raises(RefusalError, match="no logarithm"):
+        _ = study_of(table, DURATION | {"inference": {"method": "bayesian"}}).intervals
+
+
+def test_the_page_says_the_studys_words_and_none_of_haptics():
+    words = {"study": {"environment": "standard", "subject": ["dyad", "dyads"]}}
+    study = study_of(frame(), DURATION | CLASSICAL | words)
+    page = render_page(build_document(study), {}, date="2026-01-01").split("<script")[0].split("<main")[1]
+    assert " dyads adjusted the duration" in page
+    assert "each of 4 standards" in page
+    for word in ("tiffness", "damping", "impedance", "oupling", "N/m", "nvironment ", "ubject"):
+        assert word not in page.split('id="provenance"')[0].replace("percept: realistic", ""), word
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({"quantities": {"k": {"unit": "s"}}}, "k is stiffness in N/m: name another quantity apart"),
+        ({"quantities": {"two words": {}}}, "letters, digits and single underscores"),
+        (DURATION | {"columns": {"duration_adj": {"name": "x", "unit": "kg"}}}, "not a unit of duration"),
+        (DURATION | {"columns": {"duration_adj": {"name": "x", "unit": "degC"}}}, "not a unit of duration"),
+        (DURATION | {"columns": {"k_adj": "x"}}, "there is no such key"),
+        (DURATION | {"inference": {"parameters": ["k"]}}, "there is no such quantity; there are duration"),
+        ({"inference": {"together": ["k"]}}, "two quantities have a model together"),
+    ],
+)
+def test_what_is_wrong_with_quantities_is_named(tables, said):
+    with pytest.raises(UsageError, match=said):
+        Scene.from_tables(tables)
