@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
@@ -49,20 +49,15 @@ class Saving:
     coordinates: Annotated[int, "Of the hierarchical model; 0 without one."]
 
 
-def skipping_cost(
-    *,
-    repeats: int = 3,
-    tolerance: float = 0.05,
-    scenes: Sequence[str] = SCENES,
-    method: str = "both",
-) -> tuple[Saving, ...]:
+def skipping_cost(*, repeats: int = 3) -> tuple[Saving, ...]:
     """Run scenes, round by round, so that all see the same machine."""
-    rounds = [
-        {scene: work_of(scene, tolerance=tolerance, method=method) for scene in scenes}
-        for _ in range(repeats)
-    ]
-    seconds = {scene: [work[scene]["seconds"] for work in rounds] for scene in scenes}
-    whole = median(seconds[scenes[0]])
+    return savings([{scene: work_of(scene) for scene in SCENES} for _ in range(repeats)])
+
+
+def savings(rounds: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[Saving, ...]:
+    """Reduce rounds of every scene's work; the first scene leaves nothing out."""
+    seconds = {scene: [works[scene]["seconds"] for works in rounds] for scene in rounds[0]}
+    whole = median(next(iter(seconds.values())))
     return tuple(
         Saving(
             scene, median(taken), min(taken), max(taken), median(taken) / whole,
@@ -73,11 +68,9 @@ def skipping_cost(
     )  # fmt: skip
 
 
-def work_of(
-    scene: str, *, tolerance: float = 0.05, points: int | None = None, method: str = "both"
-) -> dict[str, Any]:
+def work_of(scene: str, *, tolerance: float = 0.05, method: str = "both") -> dict[str, Any]:
     """Run one scene in a fresh process."""
-    command = [sys.executable, "-m", __name__, json.dumps([scene, tolerance, method, points])]
+    command = [sys.executable, "-m", __name__, json.dumps([scene, tolerance, method])]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=as_installed())
     work: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return work
@@ -85,29 +78,32 @@ def work_of(
 
 def _main(task: str) -> None:
     """Do the work of one scene and print what it took as JSON."""
-    scene, tolerance, method, points = json.loads(task)
-    study = _study(scene, tolerance, method, points)
+    from percept.report.write import write_fit, write_report
+
+    scene, tolerance, method = json.loads(task)
+    study = study_without(scene, tolerance=tolerance, method=method)
     with tempfile.TemporaryDirectory() as folder:
-        if scene == "page and figures":
-            from percept.report.write import write_fit
-
-            write_fit(study, Path(folder) / "out")
-        else:
-            from percept.report.write import write_report
-
-            write_report(study, Path(folder) / "out")
-    # Tables are kept under a name of their own, since those asked for are copies.
-    results = {name: vars(study).get(name, vars(study).get(f"_{name}")) for name in STAGES}
+        (write_fit if scene == "page and figures" else write_report)(study, Path(folder) / "out")
     work = {
         "seconds": time.process_time(),
         "imports": [name for name in PACKAGES if name in sys.modules],
-        "stages": [name for name, result in results.items() if not _empty(result)],
+        "stages": stages_of(study),
         "coordinates": (study.diagnostics or {"dimension": 0})["dimension"],
     }
     sys.stdout.write(json.dumps(work) + "\n")
 
 
-def _study(without: str, tolerance: float, method: str, points: int | None) -> Study:
+def stages_of(study: Study) -> list[str]:
+    """Name what a study worked out and what is not empty."""
+    # Tables are kept under a name of their own, since those asked for are copies.
+    results = {name: vars(study).get(name, vars(study).get(f"_{name}")) for name in STAGES}
+    return [name for name, result in results.items() if not _empty(result)]
+
+
+def study_without(
+    without: str, *, tolerance: float = 0.05, method: str = "both", points: int | None = None
+) -> Study:
+    """Open the published study, one thing left out; `points` makes its grid of frequencies coarser."""
     from percept.reproduce.published import dataset
     from percept.scene import Scene
     from percept.sessions import Sessions, read_sessions

@@ -48,10 +48,15 @@ def test_a_fit_is_measured_kept_and_not_measured_again(tmp_path, capsys):
     assert "6x3x1, seed 1: fit" in capsys.readouterr().err
     kept = (tmp_path / "designs.jsonl").read_text()
     assert kept.count("\n") == 1
-    assert main(command) == 0
-    assert "seed 1: fit" not in capsys.readouterr().err
+    assert main([*command, "--json"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err.splitlines()[-1] == str(tmp_path / "designs.md")
+    assert "seed 1: fit" not in printed.err
     assert (tmp_path / "designs.jsonl").read_text() == kept
-    (row,) = json.loads((tmp_path / "designs.json").read_text())["rows"]
+    written = json.loads((tmp_path / "designs.json").read_text())
+    assert json.loads(printed.out)["designs"] == written["rows"]
+    assert written["simulated"]
+    (row,) = written["rows"]
     assert row["passed"]
     assert row["coordinates"] == 18
     assert row["worst_error"] <= 0.01

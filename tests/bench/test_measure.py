@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -42,18 +40,6 @@ def test_the_page_rounds_and_the_document_does_not() -> None:
     assert "| device\\|hand | 0.3333 | 0.25 | 0.5 | 1 | emcee, jinja2 |  | 22 |" in page
     assert "- seconds: Processor time of the whole process, imports" in page
     assert "simulated" not in measurement_markdown(document | {"simulated": False})
-
-
-def test_a_part_is_written_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "of mine"
-    assert main(["bench", "sampling", "--seeds", "1", "--json", "--out", str(out)]) == 0
-    printed = capsys.readouterr()
-    written = json.loads((out / "sampling.json").read_text())
-    assert json.loads(printed.out)["sampling"] == written["rows"]
-    assert written["command"] == "percept bench sampling --seeds 1 --out DIR"
-    assert written["simulated"]
-    assert printed.err.splitlines()[-1] == str(out / "sampling.md")
-    assert (out / "sampling.md").read_text().count("\n| ") == 1 + len(written["rows"])
 
 
 def test_parts_that_write_a_page_of_their_own_go_alone(capsys: pytest.CaptureFixture[str]) -> None:

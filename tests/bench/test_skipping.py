@@ -7,22 +7,17 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.bench.skipping import PACKAGES, STAGES, skipping_cost, work_of
+from percept.bench.skipping import STAGES, savings, stages_of, study_without, work_of
+from percept.report.document import build_document
 from percept.reproduce.published import dataset
 from percept.sessions import Sessions
 from percept.study.fit import prepare
 
 SAMPLER = {"emcee", "h5netcdf", "xarray"}
-ARVIZ = {"arviz_base", "arviz_stats"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
 CURVES = {"curve_laws", "boundaries", "sensitivity", "coupling_design"}
 BAYESIAN = {"fit", "posterior", "realism"}
-
-
-def quick(scene, method):
-    found = work_of(scene, tolerance=0.5, points=9, method=method)
-    return set(found["imports"]), set(found["stages"]), found["coordinates"]
 
 
 @pytest.mark.parametrize(
@@ -33,28 +28,28 @@ def quick(scene, method):
         ("device", CURVES | {"coupling", "regions"}),
         ("one parameter", CURVES | {"regions", "band"}),
         ("all but one environment", {"band"}),
+        ("page and figures", set(STAGES) - {"intervals"}),
     ],
 )
-def test_the_classical_page_does_without_what_the_scene_leaves_out(scene, left_out):
-    imports, stages, coordinates = quick(scene, "classical")
-    assert stages == set(STAGES) - BAYESIAN - left_out
-    assert not imports & (SAMPLER | ARVIZ)
-    assert imports >= PAGE
-    assert coordinates == 0
+def test_a_study_works_out_nothing_that_the_scene_leaves_out(scene, left_out):
+    study = study_without(scene, method="classical", points=9)
+    build_document(study, curves=scene != "page and figures")
+    assert set(stages_of(study)) == set(STAGES) - BAYESIAN - left_out
 
 
-def test_a_fit_draws_nothing():
-    imports, stages, _ = quick("page and figures", "classical")
-    assert stages == {"intervals"}
-    assert not imports & (SAMPLER | PAGE | ARVIZ)
-
-
-def test_both_methods_take_it_all_and_the_classical_scene_takes_the_rest():
-    imports, stages, coordinates = quick("nothing", "both")
-    assert stages == set(STAGES)
-    assert imports == SAMPLER | PAGE | OURS
-    assert coordinates == 22
-    assert quick("bayesian", "both")[1] == stages - BAYESIAN
+@pytest.mark.parametrize(
+    ("scene", "method", "imports", "stages", "coordinates"),
+    [
+        ("one parameter", "classical", PAGE, {"intervals"}, 0),
+        ("one parameter", "both", SAMPLER | PAGE, {"intervals", "fit", "posterior"}, 10),
+    ],
+)
+def test_a_process_imports_only_what_it_needs(scene, method, imports, stages, coordinates):
+    work = work_of(scene, tolerance=0.5, method=method)
+    # Percept's own packages import nothing heavy.
+    assert set(work["imports"]) - OURS == imports
+    assert set(work["stages"]) == stages
+    assert work["coordinates"] == coordinates
 
 
 def coordinates_of(table, **inference):
@@ -81,11 +76,12 @@ def test_the_model_has_no_level_that_the_data_or_the_scene_leave_out():
 
 
 def test_savings_are_shares_of_leaving_nothing_out():
-    found = skipping_cost(
-        repeats=1, tolerance=0.5, scenes=("bayesian", "page and figures"), method="classical"
-    )
-    assert [one.without for one in found] == ["bayesian", "page and figures"]
-    assert found[0].share == 1.0
-    assert found[1].share == found[1].seconds / found[0].seconds
-    assert found[1].stages == ("intervals",)
-    assert set(found[0].imports) <= set(PACKAGES)
+    work = {"imports": ["emcee"], "stages": ["intervals"], "coordinates": 22}
+    rounds = [
+        {"nothing": work | {"seconds": whole}, "coupling": work | {"seconds": part}}
+        for whole, part in ((8.0, 3.0), (9.0, 6.0), (4.0, 1.0))
+    ]
+    first, second = savings(rounds)
+    assert (first.without, first.share) == ("nothing", 1.0)
+    assert (second.seconds, second.seconds_low, second.seconds_high, second.share) == (3.0, 1.0, 6.0, 0.375)
+    assert (second.imports, second.stages, second.coordinates) == (("emcee",), ("intervals",), 22)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from percept.bench.growth import SIZES, growth
+from percept.bench.growth import ROWS, SIZES, growth
 from percept.bench.peers.document import build_document, write_benchmark
 from percept.bench.peers.engines import ENGINES, engine, missing_packages
 from percept.bench.peers.processes import COMMANDS, LONGEST, measure, whole_commands
@@ -49,12 +49,12 @@ def run_benchmark(
             del commands["import pymc"]
             left_out["import pymc"] = ("pymc",)
         log("whole commands")
-        whole = whole_commands(sessions, scene, repeats=1 if quick else repeats, commands=commands)
+        whole = whole_commands(sessions, scene, repeats=0 if quick else repeats, commands=commands)
     startups, measured = measure(
         present, sessions, reference, starts=starts, seconds=seconds, quick=quick, log=log
     )
     if repeats:
-        smallest = {along: sizes[:2] for along, sizes in SIZES.items()}
+        smallest = {ROWS: SIZES[ROWS][:2]}
         grown = growth(rounds=1, sizes=smallest, fitted={}, log=log) if quick else growth(log=log)
     document = build_document(
         startups, measured, whole, reference, growth=grown, left_out=left_out,
