@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--k", type=float, metavar="N/m", help="stiffness of the untested environment")
     parser.add_argument("--b", type=float, metavar="N·s/m", help="damping of the untested environment")
     parser.add_argument(
+        "--at", nargs="+", default=[], metavar="NAME=X", help="references of other quantities, in their units"
+    )
+    parser.add_argument(
         "--leave-one-out",
         action="store_true",
         help="instead predict each tested environment from the others, and compare",
@@ -40,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     from percept.report.plain import plain
     from percept.study.prediction import predict
 
-    if arguments.leave_one_out and (arguments.k is not None or arguments.b is not None):
+    if arguments.leave_one_out and (arguments.k is not None or arguments.b is not None or arguments.at):
         raise UsageError("--leave-one-out predicts the tested environments; --k and --b name another.")
     if arguments.out and not arguments.leave_one_out:
         raise UsageError("--out goes with --leave-one-out.")
@@ -48,7 +52,9 @@ def run(arguments: argparse.Namespace) -> int:
         study = open_study(arguments, progress)
         if arguments.leave_one_out:
             return _left_out(study, arguments)
-        prediction = predict(study, stiffness=arguments.k, damping=arguments.b)
+        prediction = predict(
+            study, stiffness=arguments.k, damping=arguments.b, at=references_of(arguments.at)
+        )
     tell_error(study)
     if arguments.json:
         print_json(
@@ -74,6 +80,20 @@ def run(arguments: argparse.Namespace) -> int:
     if prediction.boundaries:
         print(f"{len(prediction.boundaries)} boundaries of abs(Z_h) were drawn too: see --json.")
     return 0
+
+
+def references_of(texts: Sequence[str]) -> dict[str, float]:
+    """Read references such as "duration=500"."""
+    found = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            found[name] = float(number)
+        except ValueError:
+            raise UsageError(
+                "a reference is written NAME=X, as in duration=500.", key="at", value=text
+            ) from None
+    return found
 
 
 def _left_out(study: Study, arguments: argparse.Namespace) -> int:

@@ -109,7 +109,7 @@ class Interval:
             held = percent(self.expected_share, digits=3)
             clauses.append(f"it is not a range of users, and holds an expected {held} of them")
         if self.joint == "bonferroni":
-            clauses.append("widened so that the statements on stiffness and damping are true together")
+            clauses.append("widened so that the statements on both quantities are true together")
         if self.approximate:
             clauses.append(
                 "approximate, as a published mean and SD were turned into lognormal ones by moment matching"

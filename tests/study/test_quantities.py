@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study
+from percept.commands.predict import references_of
 from percept.errors import RefusalError, UsageError
 from percept.report import build_document
 from percept.report.page import render_page
@@ -100,3 +101,9 @@ def test_the_page_says_the_studys_words_and_none_of_haptics():
 def test_what_is_wrong_with_quantities_is_named(tables, said):
     with pytest.raises(UsageError, match=said):
         Scene.from_tables(tables)
+
+
+def test_references_on_the_command_line_are_read():
+    assert references_of(["duration=500", "x=1e3"]) == {"duration": 500.0, "x": 1000.0}
+    with pytest.raises(UsageError, match="is written NAME=X"):
+        references_of(["duration"])
