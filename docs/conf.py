@@ -1,0 +1,43 @@
+"""Sphinx's settings: Markdown pages, names from docstrings, equations as MathML. Nothing is fetched."""
+
+from typing import Any
+
+from latex2mathml.converter import convert
+from sphinx.application import Sphinx
+
+import percept
+
+project = "percept"
+author = "The percept developers"
+release = version = percept.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+napoleon_google_docstring = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+
+html_theme = "furo"
+html_title = f"percept {release}"
+html_math_renderer = "mathml"
+html_copy_source = False
+html_show_copyright = False
+
+
+def _inline(writer: Any, node: Any) -> None:
+    writer.body.append(convert(node.astext()))
+
+
+def _display(writer: Any, node: Any) -> None:
+    writer.body.append(f"<p>{convert(node.astext(), display='block')}</p>")
+
+
+def _nothing(writer: Any, node: Any) -> None:
+    pass
+
+
+def setup(app: Sphinx) -> None:
+    """Write equations as MathML: browsers show it without a script."""
+    app.add_html_math_renderer("mathml", (_inline, _nothing), (_display, _nothing))
