@@ -1,15 +1,18 @@
-# `make help` lists the targets. Every target makes its own environment when there is none.
+# `make` makes an environment; `make help` lists the targets. Every target makes its own when there is none.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 JOBS ?= 2
 
-.DEFAULT_GOAL := help
-.PHONY: help report reproduce test test-matrix test-page lint bench calibrate docs clean
+.DEFAULT_GOAL := install
+.PHONY: help install report reproduce test test-matrix test-page lint bench calibrate docs clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+install: $(STAMP)  ## make .venv with percept, and say how to activate it (also just `make`)
+	@echo 'percept is installed in $(VENV). Activate it: source $(BIN)/activate'
 
 $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "percept needs Python 3.11 or later; set PYTHON=python3.x")'
@@ -67,9 +70,10 @@ reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
 calibrate: $(STAMP)  ## simulation-based calibration, 1000 fits of each design (hours); it can be taken up again
 	@$(BIN)/percept sbc --fits 1000 --workers $(JOBS) --out reports/calibration
 
-docs: $(STAMP)  ## the API's pages, from docstrings, in build/docs
+docs: $(STAMP)  ## the documentation as a site in build/docs
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'
-	@$(BIN)/python docs/build.py build/docs
+	@$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo build/docs/index.html
 
 clean:  ## remove the environment and everything built
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .hypothesis

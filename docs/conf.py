@@ -3,6 +3,7 @@
 from typing import Any
 
 from latex2mathml.converter import convert
+from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
 import percept
@@ -39,5 +40,6 @@ def _nothing(writer: Any, node: Any) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Write equations as MathML: browsers show it without a script."""
+    """Write equations as MathML: browsers show it without a script. A CSV is shown as it is."""
+    app.add_lexer("csv", TextLexer)
     app.add_html_math_renderer("mathml", (_inline, _nothing), (_display, _nothing))

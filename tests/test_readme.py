@@ -1,51 +1,142 @@
-"""Every code block of the README runs as it stands."""
+"""Every block of README and docs runs as it stands, page by page; what they name exists."""
 
+import argparse
 import re
 import shlex
+import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
 
-from percept.cli import main
+from percept.cli import COMMANDS, build_parser, main
+from percept.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[1]
-BLOCKS = re.findall(r"```(\w+)\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+README = ROOT / "README.md"
+PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+#: What the line before a block says of a file.
+FILE = re.compile(r"(Save this as|Add to) `([\w.]+)`[^`]*\Z")
+STATED = re.compile(r"^(.*\S)  # ([\d.]+)( k?)(?:N|SDs)", re.MULTILINE)
+#: A proposal of columns is written for the reader to check: nothing is analysed.
+STOPS = {"--write-scene": 2}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """One cache for all pages, so that none samples what another has sampled."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PERCEPT_CACHE", str(folder))
+        yield
 
 
 @pytest.fixture
 def in_a_copy(tmp_path, monkeypatch):
-    (tmp_path / "datasets").symlink_to(ROOT / "datasets")
+    for name in ("datasets", "docs"):
+        (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)
 
 
-COMMANDS = [line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines()]
+def blocks(page):
+    text = page.read_text(encoding="utf-8")
+    return [(found[1], found[2], text[: found.start()].rstrip()[-200:]) for found in BLOCK.finditer(text)]
 
 
-@pytest.mark.parametrize("line", [line for line in COMMANDS if line.startswith("percept ")])
-def test_command_lines_run(line, in_a_copy):
-    assert main(shlex.split(line)[1:]) == 0
+def run_line(line, capsys):
+    """Run a line of a shell block, and return what it prints."""
+    words = shlex.split(line)
+    if words[0] == "make":
+        target = words[1] if words[1:] else "install"
+        assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    elif words[0] == "percept":
+        code = main(words[1:])
+        assert code == next((code for option, code in STOPS.items() if option in words), 0), line
+    elif words[0] != "source":
+        print(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+    return "".join(capsys.readouterr())
 
 
-def test_make_targets_exist():
-    targets = {line.split()[1] for line in COMMANDS if line.startswith("make ")}
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert targets
-    assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
-
-
-PYTHON = [text for kind, text in BLOCKS if kind == "python"]
-STATED = re.compile(r"^(\w+\(.*)\s+# ([\d.]+)( k)?", re.MULTILINE)
-
-
-def test_what_the_comments_state_is_found():
-    assert sum(len(STATED.findall(source)) for source in PYTHON) == 3
-
-
-@pytest.mark.parametrize("source", PYTHON)
-def test_python_blocks_run_and_their_comments_hold(source, in_a_copy):
-    names = {}
-    exec(compile(source, "README.md", "exec"), names)
+def hold_comments(source, names):
+    """Compare the numbers that comments state with what their lines give."""
     for expression, number, kilo in STATED.findall(source):
-        value = float(eval(expression, names)) / (1000 if kilo else 1)
-        digits = len(number.replace(".", ""))
-        assert f"{value:.{digits}g}" == number
+        value = float(eval(expression, names)) / (1000 if kilo.strip() else 1)
+        after_point = len(number.partition(".")[2])
+        assert f"{value:.{after_point}f}" == number, expression
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.usefixtures("cache", "in_a_copy")
+def test_every_block_runs(page, capsys):
+    names, printed = {}, ""
+    for language, text, before in blocks(page):
+        file = FILE.search(before)
+        if file:
+            with Path(file[2]).open("w" if file[1] == "Save this as" else "a", encoding="utf-8") as there:
+                there.write(text)
+        elif language == "toml":
+            Scene.from_tables(tomllib.loads(text))
+        elif language == "sh":
+            printed = "".join(run_line(line, capsys) for line in text.splitlines())
+        elif language == "python":
+            exec(compile(text, page.name, "exec"), names)
+            hold_comments(text, names)
+        else:
+            assert language == "text", language
+            assert [line for line in text.splitlines() if line not in printed] == []
+
+
+def test_the_readme_says_what_the_coupling_of_its_example_is(tmp_path, monkeypatch):
+    files = {FILE.search(before)[2]: text for _, text, before in blocks(README) if FILE.search(before)}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    from percept import Study, read_sessions
+
+    scene = Scene.load("scene.toml").with_inference(method="classical")
+    assert f'"{Study(read_sessions("walls.csv"), scene).coupling.verdict}"' in README.read_text("utf-8")
+
+
+def options_of(command):
+    parser = build_parser([command])
+    commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    return set(commands.choices[command]._option_string_actions)
+
+
+@pytest.mark.parametrize("page", [*PAGES, *ROOT.glob("*.md"), *ROOT.glob("*/README.md")], ids=lambda page: page.name)
+def test_commands_named_in_sentences_exist(page):
+    text = BLOCK.sub("", page.read_text(encoding="utf-8"))
+    for words in re.findall(r"`percept ([^`]+)`", text):
+        command, *rest = words.replace("\n", " ").split()
+        if command == "COMMAND":
+            continue
+        assert command in COMMANDS, words
+        assert {word for word in rest if word.startswith("--")} <= options_of(command), words
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_pictures_lead_somewhere(page):
+    links = re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8"))
+    assert [link for link in links if not link.startswith("http") and not (page.parent / link).exists()] == []
+
+
+def test_extras_named_in_the_readme_exist():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    named = re.findall(r"pip install '\.\[(\w+)\]'", README.read_text(encoding="utf-8"))
+    assert named
+    assert set(named) <= set(extras["optional-dependencies"])
+
+
+def test_the_readme_is_short():
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
+
+
+def test_the_scene_reference_follows_the_schema(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    import scene_reference
+
+    page = scene_reference.page()
+    assert scene_reference.PAGE.read_text(encoding="utf-8") == page, "run python docs/scene_reference.py"
+    rows = [row.split(" | ") for row in re.findall(r"^\| `.*", page, re.MULTILINE)]
+    assert [row[0] for row in rows if row[-1].strip(" |") == ""] == []
