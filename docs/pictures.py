@@ -1,4 +1,4 @@
-"""Draw the pictures of README and docs: python docs/pictures.py. Seeds are fixed; the studies are simulated."""
+"""Draw the pictures of README and docs, with fixed seeds: python docs/pictures.py."""
 
 from __future__ import annotations
 

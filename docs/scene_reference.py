@@ -18,7 +18,22 @@ PAGE = Path(__file__).parent / "scene.md"
 _MARK = "<!-- From here on the page is written by docs/scene_reference.py. -->"
 _TABLE = re.compile(r"(?:#: )?\[([\w.]+)\] *(?:# *(.*))?")
 _KEY = re.compile(r"(?:#: )?(\w+) = (.*)")
-_LIMITS = {"exclusiveMinimum": "> {:g}", "minimum": "≥ {:g}", "maximum": "≤ {:g}"}
+_LIMITS = {
+    "exclusiveMinimum": "> {:g}",
+    "minimum": "≥ {:g}",
+    "exclusiveMaximum": "< {:g}",
+    "maximum": "≤ {:g}",
+}
+_FIELDS = re.compile(r"^(\w+(?:, \w+)*) : .*\n((?:    .*(?:\n|$))+)", re.MULTILINE)
+
+#: Heads of the tables inside tables.
+_TITLES = {
+    "ModeTable": "A mode",
+    "Quantity": "A quantity",
+    "ColumnRule": "A column",
+    "ExcludeRule": "A rule of exclude",
+    "FilesTable": "files",
+}
 
 
 def meanings(template: str) -> dict[str, str]:
@@ -57,9 +72,13 @@ def value_of(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
     kind = schema.get("type")
     if kind in {"number", "integer"}:
         word = {"number": "number", "integer": "whole number"}[kind]
-        return " ".join([word, *(text.format(schema[key]) for key, text in _LIMITS.items() if key in schema)])
+        return ", ".join(
+            [word, *(text.format(schema[key]) for key, text in _LIMITS.items() if key in schema)]
+        )
+    if kind == "array" and "prefixItems" in schema:
+        return "one text or two"
     if kind == "array":
-        items = schema.get("items") or schema.get("prefixItems", [{}])[0]
+        items = schema["items"]
         return f"list: {value_of(items, definitions)}"
     return {"boolean": "`true`, `false`", "string": "text", "object": "a table"}.get(str(kind), "any")
 
@@ -76,23 +95,38 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _rows(name: str, table: dict[str, Any], said: dict[str, str], definitions: dict[str, Any]) -> list[str]:
+def _rows(table: dict[str, Any], said: dict[str, str], definitions: dict[str, Any]) -> list[str]:
+    """Return a Markdown table of a table's keys."""
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     for key, schema in table["properties"].items():
         cells = (
             f"`{key}`",
             value_of(schema, definitions),
             _default(schema, needed=key in table.get("required", ())),
-            said.get(f"{name}.{key}", ""),
+            said.get(key, ""),
         )
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return rows
 
 
+def _described(table: dict[str, Any]) -> dict[str, str]:
+    """Return what the docstring of a table says of its fields."""
+    return {
+        name: " ".join(text.split())
+        for names, text in _FIELDS.findall(table.get("description", ""))
+        for name in names.split(", ")
+    }
+
+
 def _said(table: dict[str, Any]) -> list[str]:
     """Return the description of a table without the lists of its fields."""
     text = re.split(r"\n\n(?:Attributes|Parameters|Raises)\n-+\n", table.get("description", ""))[0]
-    return [text.replace("\n", " ") if "\n\n" not in text else text]
+    return [text]
+
+
+def _links(schema: Any) -> list[str]:
+    """Name the definitions that a schema refers to."""
+    return re.findall(r'"#/\$defs/(\w+)"', json.dumps(schema))
 
 
 def reference() -> str:
@@ -102,17 +136,23 @@ def reference() -> str:
     schema = Scene.model_json_schema()
     definitions = schema["$defs"]
     lines: list[str] = []
-    for name, field in schema["properties"].items():
-        parts = [field, *field.get("anyOf", ())]
-        links = [part["$ref"] for part in parts if "$ref" in part]
+    for name in (name for name in said if name in schema["properties"]):
+        field = schema["properties"][name]
         lines += ["", f"## [{name}]", ""]
-        if not links:
+        inner = _links(field)
+        if field.get("type") == "object":
             lines += [f"{said[name][:1].upper()}{said[name][1:]}.", "", *_examples(name, template)]
-            continue
-        table = definitions[links[0].rpartition("/")[2]]
-        lines += [*_said(table), "", *_rows(name, table, said, definitions)]
+        else:
+            table = definitions[inner.pop(0)]
+            own = {key.rpartition(".")[2]: text for key, text in said.items() if key.startswith(f"{name}.")}
+            lines += [*_said(table), "", *_rows(table, own, definitions)]
+            inner += _links(table["properties"])
         if name == "model":
             lines += ["", "### [model.priors]", "", *_examples("model.priors", template)]
+        for link in inner:
+            table = definitions[link]
+            lines += ["", f"### {_TITLES[link]}", "", *_said(table), ""]
+            lines += _rows(table, _described(table), definitions)
     return "\n".join(lines).strip() + "\n"
 
 

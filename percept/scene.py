@@ -50,14 +50,25 @@ def _probability(value: float) -> float:
 # Strict: a quoted number, or true for 1, is a slip.
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
-Probability = Annotated[float, Field(strict=True), AfterValidator(_probability)]
+_BETWEEN: dict[str, Any] = {"exclusiveMinimum": 0, "exclusiveMaximum": 1}
+Probability = Annotated[float, Field(strict=True, json_schema_extra=_BETWEEN), AfterValidator(_probability)]
 Kind = Literal["mean", "user", "share"]
 # At Nyquist itself a sampled mass has no finite impedance. Written with fewer digits it may come out below.
 _NYQUIST_ANGLE = math.pi - 1e-9
 
 
 class ModeTable(Table):
-    """A flexible mode: a mass (kg) on a spring (N/m) and damper (N·s/m)."""
+    """A flexible mode of the device: a mass on a spring and a damper.
+
+    Attributes
+    ----------
+    mass : float
+        kg
+    stiffness : float
+        N/m
+    damping : float
+        N·s/m
+    """
 
     mass: Positive
     stiffness: NonNegative
@@ -154,10 +165,9 @@ class InferenceTable(Table):
 class ModelTable(Table):
     """The hierarchical model: pooling, priors and simpler variants.
 
-    `scale` gives a parameter whose references include zero a unit to divide by (normal family);
-    `resolution` is the step of the adjustment, whose variance step²/12 makes up for scatter in cells that
-    show none or whose parameters move in proportion, and is added nowhere else. Both in the parameter's
-    unit.
+    `scale` gives a parameter with a reference of zero a unit to divide by, under the normal family.
+    `resolution` is the step of the adjustment. Its variance, step²/12, stands in for scatter in cells that
+    show none or whose parameters move in proportion. percept adds it nowhere else.
     """
 
     pooling: Literal["partial", "none"] = "partial"
@@ -190,11 +200,7 @@ class ModelTable(Table):
 
 
 class ChecksTable(Table):
-    """Checks of the hierarchical model beside its fit; none without this table.
-
-    `refit` samples the posterior anew without each subject that reweighting cannot leave out; `compare`
-    fits smaller models too and compares them.
-    """
+    """Further checks of the hierarchical model. `percept report` makes the usual ones without this table."""
 
     refit: StrictBool = False
     compare: StrictBool = False

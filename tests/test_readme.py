@@ -104,7 +104,9 @@ def options_of(command):
     return set(commands.choices[command]._option_string_actions)
 
 
-@pytest.mark.parametrize("page", [*PAGES, *ROOT.glob("*.md"), *ROOT.glob("*/README.md")], ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page", [*PAGES, *ROOT.glob("*.md"), *ROOT.glob("*/README.md")], ids=lambda page: page.name
+)
 def test_commands_named_in_sentences_exist(page):
     text = BLOCK.sub("", page.read_text(encoding="utf-8"))
     for words in re.findall(r"`percept ([^`]+)`", text):
