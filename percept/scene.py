@@ -62,12 +62,8 @@ class ModeTable(Table):
 
     Attributes
     ----------
-    mass : float
-        kg
-    stiffness : float
-        N/m
-    damping : float
-        N·s/m
+    mass, stiffness, damping : float
+        Of the mode, in kg, N/m and N·s/m in this order.
     """
 
     mass: Positive
