@@ -112,7 +112,7 @@ def _misfits(checks: Record | None) -> Iterator[str]:
 def _warnings(warnings: list[Record]) -> Iterator[str]:
     for warning in warnings[:_WARNINGS]:
         where = f"{warning['file']}:{warning['row']}: " if warning["file"] else ""
-        yield f"{where}{warning['text']}{'' if warning['text'].endswith('?') else '.'}"
+        yield f"{where}{warning['text']}{'' if warning['text'].endswith(('?', '.')) else '.'}"
     if len(warnings) > _WARNINGS:
         yield f"Data lists {len(warnings) - _WARNINGS} more to look at."
 

@@ -15,7 +15,7 @@ from percept.sessions.quantities import IMPEDANCE, Quantity
 
 Record = Mapping[str, Any]
 
-_WORDS = re.compile(r"\b(?:[Ee]nvironment|[Ss]ubject)s?\b")
+_WORDS = re.compile(r"\b([Aa]n? )?((?:[Ee]nvironment|[Ss]ubject)s?)\b")
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
 EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
@@ -54,8 +54,11 @@ def worded(text: str, words: Mapping[str, Sequence[str]]) -> str:
     """Say a sentence of percept in the study's words for environments and subjects."""
 
     def own(found: re.Match[str]) -> str:
-        word = words[found[0].lower().removesuffix("s")][found[0].endswith("s")]
-        return word if found[0].islower() else word[:1].upper() + word[1:]
+        article, usual = found[1] or "", found[2]
+        word = words[usual.lower().removesuffix("s")][usual.endswith("s")]
+        if article:
+            article = article[0] + ("n " if word[:1].lower() in "aeiou" else " ")
+        return article + (word if usual.islower() else word[:1].upper() + word[1:])
 
     return _WORDS.sub(own, text)
 

@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Literal, TextIO
 
 import numpy as np
@@ -94,20 +95,34 @@ class Layout:
                 kept.append(at)
         cells, rows = [cells[at] for at in kept], [rows[at] for at in kept]
         self.width = width = self.width or (len(cells[0]) if cells else 0)
+        if self._lacks_first_name(cells):
+            self.names = ["row names", *self.names]
         header, named = self.header, len(self.names)
         fits = not cells or width in (named, len(header)) or width == named + 1 == len(header) + 1
         odd = next((at for at, r in enumerate(cells) if len(r) != width or (width > named and r[-1])), None)
         if odd is not None or not fits:
             wrong = next((at for at, r in enumerate(cells) if len(r) not in (named, len(header))), odd or 0)
             message = f"{len(cells[wrong])} cells where the header has {named}."
-            value, hint = (
-                clip(self.delimiter.join(cells[wrong])),
-                "Mend this line, or the quoting of a cell in it.",
-            )
+            value = clip(self.delimiter.join(cells[wrong]))
+            hint = "Mend this line, or the quoting of a cell in it."
+            if len(cells[wrong]) == named + 1:
+                hint += " Decimal commas need quotes; R's write.table needs col.names = NA."
             raise _MisfitError(named, message, file=self.file, row=rows[wrong], value=value, hint=hint)
         return Grid(
             header, [r[: len(header)] for r in cells] if width > len(header) else cells, rows, dropped
         )
+
+    def _lacks_first_name(self, cells: Sequence[Sequence[str]]) -> bool:
+        """Whether the header lacks the name of row names, as R's write.table leaves it.
+
+        Between commas a decimal comma may have made the cell that is too many.
+        """
+        if self.delimiter == "," or self.width != len(self.names) + 1:
+            return False
+        if not all(len(r) == self.width and r[-1] and r[0].isdecimal() for r in cells):
+            return False
+        names = [int(r[0]) for r in cells]
+        return all(one < other for one, other in pairwise(names))
 
 
 @dataclass

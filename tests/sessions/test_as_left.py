@@ -226,6 +226,15 @@ def test_one_file_in_another_unit_is_refused(tmp_path):
     assert any("differ by a thousand" in notice.text for notice in found.notices)
 
 
+@pytest.mark.parametrize("delimiter", ["\t", ";"])
+def test_row_names_without_a_header_as_r_writes_them(tmp_path, delimiter):
+    lines = ['"subject" "environment" "k_ref" "k_adj"', '"1" "A" "VE1" 15 14.5', '"7" "B" "VE1" 15 16.5']
+    found = read(tmp_path, "\n".join(lines).replace(" ", delimiter) + "\n")
+    assert found.table["subject"].tolist() == ["A", "B"]
+    assert found.table["k_adj"].tolist() == [14.5, 16.5]
+    assert any("columns not used: 'row names'" in notice.text for notice in found.notices)
+
+
 def test_unnamed_columns_are_named_by_their_position(tmp_path):
     text = '"","subject","environment","k_ref","k_adj"\n' + "".join(
         f'"{row}","1","a",10,1{row}\n' for row in (1, 2, 3)

@@ -155,6 +155,14 @@ REFUSED = {
     "nul": (b"subject,k_adj\n1,\x002\n", "a NUL character"),
     "utf-32": ("subject,k_adj\n1,2\n".encode("utf-32"), "no column for environment"),
     "no text at all": (b"subject,k\x81_adj\n", "byte 10 is not text"),
+    "row names of R between commas": (
+        b'"subject","environment","k_ref","k_adj"\n"1","1","a",10,11\n"2","2","a",10,12\n',
+        "R's write.table needs col.names = NA",
+    ),
+    "row names of R that do not rise": (
+        b"subject\tenvironment\tk_ref\tk_adj\n2\t1\ta\t10\t11\n1\t2\ta\t10\t12\n",
+        "5 cells where the header has 4",
+    ),
     "short line": (b"subject,environment,k_ref,k_adj\n1,a,10,11\n2,a,10\n", "3 cells where the header has 4"),
     "open quote": (b'subject,environment,k_ref,k_adj\n"1,a,10,11\n', "a quoted cell is not closed"),
     "text after a quote": (
