@@ -35,7 +35,7 @@ class Realism(NotebookRecord):
 
     magnitude_throughout: float  # By abs(Z_h)
     plane_throughout: float  # By stiffness and damping both
-    magnitude_error: float
+    magnitude_error: float  # With the fraction of the draws that no search decided
     plane_error: float
     draws: int
 
@@ -43,7 +43,8 @@ class Realism(NotebookRecord):
 def realism(display: Display, populations: Populations, lower: float, upper: float) -> Realism:
     """Count the draws under which a display stays inside between two frequencies, rad/s.
 
-    A display on its limit, to within rounding, counts as inside.
+    A display on its limit, to within rounding, counts as inside. So does one that no search decides, which the
+    error counts too.
     """
     draws = populations.stiffness[0].size
     if not draws:
@@ -54,12 +55,13 @@ def realism(display: Display, populations: Populations, lower: float, upper: flo
     for (low, high), (least, most) in zip((users.stiffness, users.damping), shown, strict=True):
         plane &= (low <= least) & (most <= high)
     # Inside in stiffness and damping is inside in magnitude: only the others need a search.
-    magnitude, rest = plane.copy(), np.flatnonzero(~plane)
+    magnitude, rest, undecided = plane.copy(), np.flatnonzero(~plane), 0
     if rest.size:
         found = departures(display, users.some(rest), lower, upper, throughout=True)
         magnitude[rest] = found.largest <= ON_LIMIT
+        undecided = int((magnitude[rest] & (found.bound > ON_LIMIT)).sum())
     p, q = float(magnitude.mean()), float(plane.mean())
-    return Realism(p, q, _error(p, draws), _error(q, draws), draws)
+    return Realism(p, q, _error(p, draws) + undecided / draws, _error(q, draws), draws)
 
 
 def _error(probability: float, draws: int) -> float:

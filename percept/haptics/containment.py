@@ -105,7 +105,7 @@ class Departures:
 
     largest: FloatArray  # Largest seen
     omega: FloatArray  # Where, rad/s
-    bound: FloatArray  # No ω departs by more
+    bound: FloatArray  # No ω departs by more; inf where the search ended undecided
 
     def verdict(self, n: int = 0) -> Verdict:
         """Judge one of them; within rounding, or where the bound decides nothing, it is marginal."""
@@ -119,7 +119,7 @@ def departures(
 ) -> Departures:
     """Search for the largest departure of abs(Z_h) over ω from `lower` to `upper`, one display or N.
 
-    With `throughout` the search for a display ends as soon as one ω shows it outside.
+    With `throughout` the search for a display ends as soon as one ω shows it outside, or none can.
     """
     count = region.size if display.size is None else display.size
     ends = first_pieces(display, lower, upper)
@@ -152,7 +152,8 @@ def departures(
             work = work.halved()
         elif throughout:
             break
-    bound = best + np.maximum(gap, _FRACTION * np.abs(best))
+    bound = np.maximum(best, ON_LIMIT) if throughout else best + np.maximum(gap, _FRACTION * np.abs(best))
+    bound[work.item] = np.inf
     return Departures(best, where, bound)
 
 

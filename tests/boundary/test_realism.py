@@ -9,6 +9,7 @@ from percept.boundary.realism import Populations, realism
 from percept.errors import UsageError
 from percept.haptics import Coupling, Device, Environment, effective_impedance, magnitude_envelope
 from percept.haptics import perceived_impedance as perceived
+from percept.haptics.containment import ON_LIMIT
 from percept.haptics.forms import Display
 
 LOWER, UPPER, PERIOD, DEVICE = 0.1, 100.0, 1e-3, Device(1.0, 5.0)
@@ -55,6 +56,18 @@ def test_a_display_far_away_is_real_to_nobody() -> None:
     users = Populations((np.full(9, 900.0), np.full(9, 1100.0)), (np.full(9, 1.0), np.full(9, 3.0)))
     found = realism(Display(DEVICE, Environment(9e3, 2.0), PERIOD), users, LOWER, UPPER)
     assert (found.magnitude_throughout, found.plane_throughout) == (0.0, 0.0)
+
+
+def test_a_draw_that_no_search_decides_is_in_the_error() -> None:
+    """A spring alone departs evenly; where rounding hides which side of the tolerance it is on, none decides."""
+    k, count = 1000.0, 400
+    off = ON_LIMIT + np.linspace(-2e-15, 2e-15, count)
+    for shift, undecided in ((0.0, True), (-1e-12, False)):
+        users = Populations((np.full(count, 900.0), k * np.exp(-off - shift)), (np.zeros(count), np.zeros(count)))
+        found = realism(Display(Device(0.0, 0.0), Environment(k, 0.0), PERIOD), users, LOWER, UPPER)
+        binomial = np.sqrt(found.magnitude_throughout * (1 - found.magnitude_throughout) / count)
+        assert (found.magnitude_error > max(binomial, 1 / count)) == undecided
+        assert found.plane_error == 1 / count
 
 
 def test_realism_needs_draws() -> None:
