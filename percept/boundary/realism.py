@@ -43,8 +43,8 @@ class Realism(NotebookRecord):
 def realism(display: Display, populations: Populations, lower: float, upper: float) -> Realism:
     """Count the draws under which a display stays inside between two frequencies, rad/s.
 
-    A display on its limit, to within rounding, counts as inside. So does one that no search decides, which the
-    error counts too.
+    A display on its limit, to within rounding, counts as inside. So does one that no search decides, which
+    the error counts too.
     """
     draws = populations.stiffness[0].size
     if not draws:

@@ -85,12 +85,14 @@ def _over(interval: Record | None, name: str) -> float | None:
 
 
 def _realism(document: Record) -> list[dict[str, Any]]:
-    """Return whether each reference stays inside the next user's boundary, directly and coupled.
+    """Return whether each reference stays inside the next user's boundary at every ω, directly and coupled.
 
     The boundary is the exact envelope in the study's family, Bayesian where there is one. A departure is the
-    largest distance outside it, as a fraction of the boundary's curve.
+    largest distance outside it, as a fraction of the boundary's curve; `plane_departure` is that of effective
+    stiffness and damping, in widths of their limits. `breaks` names what an inadmissible coupling breaks.
     """
-    records = matching((document["coupling"] or {}).get("realism") or (), kind=_KIND, shape="envelope")
+    coupling = document["coupling"] or {}
+    records = matching(coupling.get("realism") or (), kind=_KIND, shape="envelope")
     records = [record for record in records if record["joint"] == "marginal"]
     best = {"method": METHODS[::-1], "family": families_of(document)}
     chosen = [first(matching(records, environment=name), **best) for name in distinct(records, "environment")]
@@ -98,20 +100,29 @@ def _realism(document: Record) -> list[dict[str, Any]]:
         {"environment": record["environment"], "method": record["method"], "family": record["family"]}
         | {
             rendered: {
+                "verdict": record[f"verdict_{side}"],
                 "inside": record[f"share_inside_{side}"],
-                "departure": _departure(record[f"margin_{side}"]),
+                "departure": math.expm1(max(0.0, record[f"departure_{side}"])),
+                "omega": record[f"departure_omega_{side}"],
+                "plane_departure": record[f"plane_departure_{side}"],
             }
             for rendered, side in (("directly", "uncoupled"), ("coupled", "coupled"))
-            if record.get(f"share_inside_{side}") is not None
+            if record.get(f"verdict_{side}") is not None
         }
+        | ({} if record["verdict_coupled"] is None else {"breaks": _breaks(coupling["verdict"], record)})
         for record in chosen
         if record is not None
     ]
 
 
-def _departure(margin: float | None) -> float | None:
-    """Return how far outside a margin in log abs(Z_h) is, as a fraction."""
-    return None if margin is None else max(0.0, math.expm1(-min(float(margin), 0.0)))
+def _breaks(stability: str, record: Record) -> list[str]:
+    """Name the criteria that the scene's coupling breaks for an environment; none of an admissible one."""
+    broken = {
+        "stability": stability != "stable",
+        "magnitude": record["verdict_coupled"] == "outside",
+        "plane": record["plane_departure_coupled"] > 0.0,
+    }
+    return [name for name, is_broken in broken.items() if is_broken]
 
 
 def _biases(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
@@ -172,13 +183,16 @@ def _feelings(document: Record, realism: Sequence[Record]) -> list[str]:
     """Say which references stay inside the next user's boundary as they are rendered."""
     rendered = "coupled" if any("coupled" in record for record in realism) else "directly"
     records = [record for record in realism if rendered in record]
+    outside = [record for record in records if record[rendered]["verdict"] == "outside"]
     groups = {
-        "stay": [record for record in records if record[rendered]["inside"] >= 1.0],
-        "leave": [record for record in records if 0.0 < record[rendered]["inside"] < 1.0],
-        "never": [record for record in records if record[rendered]["inside"] <= 0.0],
+        "stay": [record for record in records if record[rendered]["verdict"] == "inside"],
+        "touch": [record for record in records if record[rendered]["verdict"] == "marginal"],
+        "leave": [record for record in outside if record[rendered]["inside"] > 0.0],
+        "never": [record for record in outside if record[rendered]["inside"] <= 0.0],
     }
     said = {
         "stay": ("stays inside {}", "stay inside {}"),
+        "touch": ("touches the limits of {}", "touch the limits of {}"),
         "leave": ("leaves {} at some frequencies", "leave {} at some frequencies"),
         "never": ("is outside {} at every frequency", "are outside {} at every frequency"),
     }

@@ -40,6 +40,7 @@ _SHAPES = {
     "pointwise": "limits of |Z_h| by the law of k and b together, at each ω for itself",
     "simultaneous": "such limits at a higher level, between which a curve stays at every ω drawn",
 }
+_BINDS = {"stability": "stability", "magnitude": "|Z_h|", "plane": "k and b"}
 _LAWS = {"weber": "Weber, w·{0}", "offset": "Weber with offset, c + w·{0}", "power": "power law, w·{0}^p"}
 
 
@@ -141,6 +142,10 @@ def coupling(document: Record) -> Section | None:
     values = {
         "coupling": record,
         "realism": _realism(realism, family_of(document)),
+        "admissible": [
+            {**row, "broken": ", ".join(_BINDS[name] for name in row["breaks"])}
+            for row in pointed(document["summary"]["overview"]["realism"], "/summary/overview/realism")
+        ],
         "effective": list({row["environment"]: row for row in realism}.values()),
         "probability": _probability(pointed(record.get("probability"), "/coupling/probability")),
         "rendered": ["directly", "coupled"][
@@ -162,9 +167,8 @@ def _realism(records: list[dict[str, Any]], family: str) -> dict[str, Any] | Non
     rows = [
         {
             "environment": environment,
-            "pointers": [
-                next((row["pointer"] for row in matching(kept, environment=environment, **column)), None)
-                for column in columns
+            "cells": [
+                next(iter(matching(kept, environment=environment, **column)), None) for column in columns
             ],
         }
         for environment in distinct(kept, "environment")
@@ -194,9 +198,6 @@ def _by_method(records: list[Record]) -> list[dict[str, Any]]:
         for kind in KINDS
         if (cell := matching(records, environment=environment, kind=kind))
     ]
-
-
-_BINDS = {"stability": "stability", "magnitude": "|Z_h|", "plane": "k and b"}
 
 
 def design(document: Record) -> Section | None:

@@ -21,7 +21,7 @@ from percept.haptics.search import covers_range
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable
 from percept.study.basics import Array, Skipped, Stream, generator
-from percept.study.device import Setup
+from percept.study.device import BOXES, Setup
 from percept.study.regions import Region
 
 if TYPE_CHECKING:
@@ -54,9 +54,9 @@ class CouplingStudy(NotebookRecord):
         Frequencies, rad/s; the criterion's bound and the real part of the coupling's admittance there.
     realism : DataFrame
         Per boundary: share of the range inside, where curves leave, and the margin, as drawn; without and
-        through the coupling. Of envelopes of rectangles also the verdict at every omega ("inside", "marginal"
-        or "outside"), the largest departure (log ratio, negative inside) with its omega, and that of
-        effective k and b, in widths.
+        through the coupling. Of rectangles (`judged` is "every omega") also the verdict at every omega
+        ("inside", "marginal" or "outside"), the largest departure (log ratio, negative inside) with its
+        omega, and that of effective k and b, in widths. Ellipses and draws are judged "as drawn" only.
     read_at : float
         Where single values are read, rad/s.
     probability : DataFrame or None
@@ -152,18 +152,21 @@ def _memberships(
             row["plane_uncoupled"] = direct.inside
             row["plane_coupled"], row["plane_leaves_coupled"] = coupled.inside, coupled.leaves
         region = known.get(key)
-        if region is not None and region.limits is not None and boundary.shape == "envelope":
+        certified = region is not None and region.limits is not None and boundary.shape in BOXES
+        row["judged"] = "every omega" if certified else "as drawn"
+        if certified:
+            assert region is not None
             row |= _verdicts(setup, region, boundary)
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def _verdicts(setup: Setup, region: Region, boundary: Boundary) -> dict[str, Any]:
-    """Judge a reference against a rectangle at every omega, without and through the coupling."""
+    """Judge a reference against a rectangle or its corners at every omega, directly and coupled."""
     assert region.limits is not None
     ends = float(boundary.omega[0]), float(boundary.omega[-1])
     k, b = ((np.array([low]), np.array([high])) for low, high in region.limits)
-    box, found = Boxes(k, b), dict[str, Any]()
+    box, found = Boxes(k, b, corners=boundary.shape == "corner"), dict[str, Any]()
     for name in ("uncoupled", "coupled"):
         display = setup.display(region.environment, coupled=name == "coupled")
         departed = departures(display, box, *ends)

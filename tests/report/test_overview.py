@@ -32,12 +32,19 @@ def document(rows, *, realism=(), coupling=None):
     }
 
 
-def felt(name, direct, coupled=None, margin=-0.1):
+def felt(name, direct, coupled=None, departure=0.1, **other):
+    """Shares of the drawn curve inside, and verdicts at every ω that follow from them unless given."""
     labels = {"environment": name, "kind": "user", "shape": "envelope", "joint": "marginal"}
-    return labels | {
-        "method": "classical", "family": "lognormal", "share_inside_uncoupled": direct,
-        "margin_uncoupled": margin, "share_inside_coupled": coupled, "margin_coupled": margin,
-    }  # fmt: skip
+    row = labels | {"method": "classical", "family": "lognormal"}
+    for side, share in (("uncoupled", direct), ("coupled", coupled)):
+        row |= {
+            f"share_inside_{side}": share,
+            f"verdict_{side}": None if share is None else "inside" if share == 1.0 else "outside",
+            f"departure_{side}": departure,
+            f"departure_omega_{side}": 31.6,
+            f"plane_departure_{side}": -0.2,
+        }
+    return row | other
 
 
 SOFT, HARD, NONE = ("A", 12, 15, 18, 5, 40), ("B", 8, 8.7, 9.5, 6, 12), ("C", 9, 10.1, 11, 7, 14)
@@ -85,11 +92,43 @@ def test_without_a_device_the_next_user_s_range_is_said():
     )
 
 
+def test_what_the_drawn_curve_shows_does_not_decide():
+    realism = [
+        felt("B", 1.0, 1.0, verdict_coupled="outside"),
+        felt("C", 1.0, 1.0, verdict_coupled="marginal"),
+    ]
+    coupling = {"margin": 1.4, "verdict": "stable"}
+    said = overview(document([SOFT], realism=realism, coupling=coupling))["sentences"]
+    assert said[1] == (
+        "Through the coupling, C touches the limits of the next user’s boundary; "
+        "B leaves it at some frequencies."
+    )
+
+
 def test_a_departure_is_the_fraction_by_which_the_boundary_is_left():
-    found = overview(document([SOFT], realism=[felt("A", 0.5, 1.0, margin=-math.log(1.58))]))
-    assert found["realism"][0]["directly"] == {"inside": 0.5, "departure": pytest.approx(0.58)}
-    inside = overview(document([SOFT], realism=[felt("A", 1.0, margin=0.2)]))
+    found = overview(document([SOFT], realism=[felt("A", 0.5, departure=math.log(1.58))]))
+    assert found["realism"][0]["directly"] == {
+        "verdict": "outside", "inside": 0.5, "departure": pytest.approx(0.58), "omega": 31.6,
+        "plane_departure": -0.2,
+    }  # fmt: skip
+    inside = overview(document([SOFT], realism=[felt("A", 1.0, departure=-0.2)]))
     assert inside["realism"][0]["directly"]["departure"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("stability", "row", "breaks"),
+    [
+        ("stable", {}, []),
+        ("stable", {"verdict_coupled": "marginal", "plane_departure_coupled": 0.0}, []),
+        ("marginal", {}, ["stability"]),
+        ("unstable", {"plane_departure_coupled": 0.1}, ["stability", "plane"]),
+        ("stable", {"verdict_coupled": "outside"}, ["magnitude"]),
+    ],
+)
+def test_what_the_scene_s_coupling_breaks_is_named(stability, row, breaks):
+    coupling = {"margin": 1.4, "verdict": stability}
+    (found,) = overview(document([SOFT], realism=[felt("A", 1.0, 1.0, **row)], coupling=coupling))["realism"]
+    assert found["breaks"] == breaks
 
 
 def test_a_reference_of_zero_has_no_bias():

@@ -52,9 +52,20 @@ def test_realism_stands_where_its_pointers_say(document):
     labels = ("environment", "kind", "method", "family", "shape")
     assert realism["rows"]
     for row in realism["rows"]:
-        for column, pointer in zip(realism["columns"], row["pointers"], strict=True):
+        for column, cell in zip(realism["columns"], row["cells"], strict=True):
             wanted = [row["environment"], column["kind"], column["method"], realism["family"], "envelope"]
-            assert [at(document, pointer)[name] for name in labels] == wanted
+            assert [cell[name] for name in labels] == wanted
+            assert at(document, cell["pointer"]).items() <= cell.items()
+
+
+def test_the_scene_s_coupling_is_judged_for_every_environment(document):
+    values = section(document, "coupling")
+    assert [row["environment"] for row in values["admissible"]] == document["data"]["environments"]
+    for row in values["admissible"]:
+        assert ("stability" in row["breaks"]) == (document["coupling"]["verdict"] != "stable")
+        assert ("|Z_h|" in row["broken"]) == (row["coupled"]["verdict"] == "outside")
+        assert ("k and b" in row["broken"]) == (row["coupled"]["plane_departure"] > 0)
+        assert at(document, row["pointer"])["breaks"] == row["breaks"]
 
 
 def test_probabilities_stand_where_their_pointers_say(both):

@@ -89,7 +89,7 @@ def test_statistics_above_their_range_are_hardly_ever_larger(planted):
 
 def test_reweighting_says_it_is_rough_and_sampling_anew_says_how_far_off(planted):
     quick = Study(planted.sessions, Scene.from_tables(planted.scene.to_dict() | {"checks": {}}))
-    quick.__dict__["fit"] = planted.fit
+    quick.__dict__["_fitted"] = planted.fit
     found = quick.checks.loo
     assert not found.subjects["refitted"].any()
     rough = [message for message in found.messages if "is rough" in message]
