@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from docutils.nodes import SkipNode
 from latex2mathml.converter import convert
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
@@ -16,6 +17,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 napoleon_google_docstring = False
+autodoc_default_options = {"exclude-members": "model_config"}
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
@@ -29,17 +31,15 @@ html_show_copyright = False
 
 def _inline(writer: Any, node: Any) -> None:
     writer.body.append(convert(node.astext()))
+    raise SkipNode  # or the source would follow
 
 
 def _display(writer: Any, node: Any) -> None:
     writer.body.append(f"<p>{convert(node.astext(), display='block')}</p>")
-
-
-def _nothing(writer: Any, node: Any) -> None:
-    pass
+    raise SkipNode
 
 
 def setup(app: Sphinx) -> None:
     """Write equations as MathML: browsers show it without a script. A CSV is shown as it is."""
     app.add_lexer("csv", TextLexer)
-    app.add_html_math_renderer("mathml", (_inline, _nothing), (_display, _nothing))
+    app.add_html_math_renderer("mathml", (_inline, None), (_display, None))

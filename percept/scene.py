@@ -63,7 +63,7 @@ class ModeTable(Table):
     Attributes
     ----------
     mass, stiffness, damping : float
-        Of the mode, in kg, N/m and N·s/m in this order.
+        In kg, N/m and N·s/m.
     """
 
     mass: Positive
