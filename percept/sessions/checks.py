@@ -59,10 +59,10 @@ def settle_references(
         earlier.update((str(n), v) for n, v in zip(names, settled.tolist(), strict=True) if v == v)
         expected = settled[codes]
         wrong = np.flatnonzero(~np.isnan(values) & (values != expected))
-        for row in wrong if len(wrong) <= _NAMED else wrong[~pd.Series(codes[wrong]).duplicated()]:
+        for row in wrong[~pd.Series(codes[wrong]).duplicated()]:
             source = "an earlier row" if np.isnan(given[codes[row]]) else "the scene"
             others = int((codes[wrong] == codes[row]).sum())
-            rows = f"; {others} rows have another, here the first" if len(wrong) > _NAMED else ""
+            rows = f"; {others} rows have another, here the first" if others > 1 else ""
             problems.add(
                 f"environment {shown([names[codes[row]]])} has the reference {expected[row]!s} in "
                 f"{source}{rows}.",

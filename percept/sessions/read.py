@@ -202,15 +202,17 @@ def neutralised(text: str) -> str:
 
 
 def read_sessions(
-    *paths: str | Path, columns: Mapping[str, Any] | None = None, options: ReadOptions | None = None
+    *paths: str | Path | pd.DataFrame,
+    columns: Mapping[str, Any] | None = None,
+    options: ReadOptions | None = None,
 ) -> Sessions:
-    """Read session files into one checked table.
+    """Read session files, or a DataFrame, into one checked table.
 
     Parameters
     ----------
-    *paths : str or Path
+    *paths : str, Path or DataFrame
         Files, folders, glob patterns, or "-" for standard input; CSV in any dialect, gz and zip archives of
-        them, Parquet and Excel.
+        them, Parquet and Excel. Or one DataFrame, as :meth:`Sessions.from_frame` takes it.
     columns : mapping, optional
         From canonical name (subject, session, environment, trial, k_ref, b_ref, k_adj, b_adj) to the files'
         own column name or a table {name, unit, path}; it goes before `options.columns`.
@@ -228,8 +230,14 @@ def read_sessions(
         What cannot be read as it stands, each problem with file, row, column, value and what to do; a
         :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
-    reading = Reading((options or ReadOptions()).with_columns(columns))
-    return _merged(reading, reading.tables(paths))
+    options = (options or ReadOptions()).with_columns(columns)
+    files = [path for path in paths if not isinstance(path, pd.DataFrame)]
+    if len(files) < len(paths):
+        if len(paths) > 1:
+            raise UsageError("a DataFrame is read alone.", hint="Put all rows into one: pandas.concat.")
+        return Sessions.from_frame(paths[0], options=options)  # type: ignore[arg-type]  # it is the DataFrame
+    reading = Reading(options)
+    return _merged(reading, reading.tables(files))
 
 
 def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from percept.errors import PerceptError, counted, printable
 from percept.sessions.options import ReadOptions
-from percept.sessions.read import read_sessions
+from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source, summarised
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
@@ -28,6 +29,11 @@ class Validation:
     sources, notices, exclusions : tuple
         As in :class:`~percept.sessions.Sessions`.
     counts : mapping of str to int
+    environments : tuple of mapping
+        What was understood: per environment its `references` by quantity, `subjects`, and the fewest and most
+        `trials` of a subject (None for published limits).
+    units : mapping of str to str
+        Of the references.
     problems : tuple of PerceptError
         All that were kept; `total` counts them all.
     """
@@ -38,6 +44,8 @@ class Validation:
     notices: tuple[Notice, ...] = ()
     exclusions: tuple[Exclusion, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
+    environments: tuple[Mapping[str, Any], ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
     problems: tuple[PerceptError, ...] = ()
     total: int = 0
 
@@ -49,6 +57,8 @@ class Validation:
             "form": self.form,
             "sources": [vars(source) for source in self.sources],
             "counts": dict(self.counts),
+            "environments": list(self.environments),
+            "units": dict(self.units),
             "notices": [vars(notice) for notice in self.notices],
             "exclusions": [vars(exclusion) for exclusion in self.exclusions],
             "problems": [{name: getattr(problem, name) for name in names} for problem in self.problems],
@@ -86,13 +96,45 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
         notices=(*sessions.notices, *sessions.warnings, *([_ALONE] if alone else [])),
         exclusions=sessions.exclusions,
         counts=sessions.counts,
+        environments=tuple(_understood(sessions)),
+        units={name: sessions.quantities[name].unit for name in sessions.parameters},
     )
+
+
+def _understood(sessions: Sessions) -> Iterator[dict[str, Any]]:
+    """Give a record of each environment: references, subjects, and trials of a subject."""
+    for name, rows in sessions.by_environment():
+        if sessions.form == "summary":
+            references = dict(zip(rows["parameter"], rows["reference"].tolist(), strict=True))
+            yield {"name": name, "references": references, "subjects": int(rows["n"].max()), "trials": None}
+            continue
+        trials = rows.groupby("subject").size()
+        yield {
+            "name": name,
+            "references": {p: float(rows[f"{p}_ref"].iloc[0]) for p in sessions.parameters},
+            "subjects": len(trials),
+            "trials": [int(trials.min()), int(trials.max())],
+        }
+
+
+def _table(record: Validation) -> list[str]:
+    """Lay out what was understood, a line per environment."""
+    rows = [["environment", *(f"{p}_ref ({unit})".replace(" ()", "") for p, unit in record.units.items())]]
+    rows[0] += ["subjects", "trials per subject"]
+    for one in record.environments:
+        trials = "published" if one["trials"] is None else " to ".join(map(str, dict.fromkeys(one["trials"])))
+        references = [one["references"].get(p) for p in record.units]
+        shown = ["–" if value is None or value != value else f"{value:g}" for value in references]
+        rows.append([printable(one["name"]), *shown, str(one["subjects"]), trials])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows] if record.environments else []
 
 
 def format_validation(record: Validation) -> str:
     """Plain text of a validation, one finding per line, each beginning with its file:row:column."""
     lines = [f"{s.name}: {s.rows} rows, sha256 {s.sha256}" for s in record.sources]
     lines += [f"  {number:>9}  {reason}" for reason, number in record.counts.items()]
+    lines += _table(record)
     lines += [f"notice: {notice}" for notice in record.notices]
     for e in record.exclusions:
         lines.append(f"left out: {f'{e.file}:{e.row}: ' if e.file else ''}subject {e.who}, {e.what}: {e.why}")

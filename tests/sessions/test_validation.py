@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import tomllib
 
+import pandas as pd
 import pytest
 
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, format_validation, propose_columns, read_sessions, validate
+from tests import DATASETS
 from tests.sessions.dialects import WRITERS, example
 
 HEAD = "subject,environment,k_ref,k_adj\n"
@@ -27,6 +29,64 @@ def test_what_was_read(tmp_path):
     parsed = json.loads(record.to_json())
     assert parsed["counts"]["observations"] == 2
     assert parsed["exclusions"][0]["row"] == 4
+
+
+def test_what_was_understood_is_a_line_per_environment(tmp_path):
+    """References in the units they are kept in, subjects, and the fewest and most trials of one."""
+    file = tmp_path / "f.csv"
+    file.write_text(
+        "subject,environment,k_ref,b_ref,k_adj,b_adj,trial\n"
+        "1,soft,0.5,2,0.4,2,1\n1,soft,0.5,2,0.4,2,2\n2,soft,0.5,2,0.6,2,1\n1,hard,20,,19,,1\n2,hard,20,,21,,1\n"
+    )
+    record = validate(
+        file,
+        options=ReadOptions(
+            columns={"k_ref": {"name": "k_ref", "unit": "N/mm"}, "k_adj": {"name": "k_adj", "unit": "N/mm"}}
+        ),
+    )
+    lines = [" ".join(line.split()) for line in format_validation(record).splitlines()]
+    at = lines.index("environment k_ref (N/m) b_ref (N·s/m) subjects trials per subject")
+    assert lines[at + 1 : at + 3] == ["soft 500 2 2 1 to 2", "hard 20000 – 2 1"]
+    found = json.loads(record.to_json())
+    assert found["units"] == {"k": "N/m", "b": "N·s/m"}
+    assert found["environments"][0] == {
+        "name": "soft", "references": {"k": 500.0, "b": 2.0}, "subjects": 2, "trials": [1, 2]
+    }  # fmt: skip
+
+
+def test_a_published_table_is_understood_too():
+    text = format_validation(validate(DATASETS / "hbfd_table1.csv"))
+    line = next(line for line in text.splitlines() if line.startswith("VE2"))
+    assert line.split() == ["VE2", "1000", "1", "10", "published"]
+
+
+def test_a_conflict_is_one_line(tmp_path):
+    file = tmp_path / "f.csv"
+    file.write_text(HEAD + "1,a,10,9\n2,a,12,9\n3,a,12,9\n1,b,10,9\n2,b,11,9\n3,b,10,9\n")
+    lines = format_validation(validate(file)).splitlines()
+    assert len(lines) == 3
+    assert lines[0].startswith(
+        f"{file}:3:k_ref: environment 'a' has the reference 10.0 in an earlier row; 2 rows have another, "
+        "here the first. (found 12.0)"
+    )
+    assert lines[1].startswith(
+        f"{file}:6:k_ref: environment 'b' has the reference 10.0 in an earlier row. (f"
+    )
+    assert lines[2] == "2 problems"
+
+
+def test_a_frame_is_read_as_a_file_is(tmp_path):
+    file = tmp_path / "f.csv"
+    file.write_text("who" + HEAD.removeprefix("subject") + "1,a,10,9\n2,a,10,12\n")
+    frame = pd.read_csv(file, dtype={"who": str})
+    read = read_sessions(frame, columns={"subject": "who"})
+    assert read.table.equals(read_sessions(file, columns={"subject": "who"}).table)
+    with pytest.raises(
+        UsageError, match=r"a DataFrame is read alone\. Put all rows into one: pandas\.concat"
+    ):
+        read_sessions(frame, file)
+    with pytest.raises(UsageError, match=r":2, column 'k_adj', value 'x': not a number"):
+        read_sessions(frame.assign(k_adj="x"), columns={"subject": "who"})
 
 
 def test_problems_have_places(tmp_path):
