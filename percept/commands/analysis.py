@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 import threading
+import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -209,6 +210,25 @@ def print_json(value: Any) -> None:
 def duration(seconds: float) -> str:
     """Say a time in seconds, or in minutes from two of them on."""
     return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
+
+
+class Counting:
+    """A line on a terminal for a long command: how much is done, what else there is to say, the time left."""
+
+    def __init__(self, what: str, *, shown: bool) -> None:
+        self._what, self._shown = what, shown and sys.stderr.isatty()
+        self._started, self._before = time.monotonic(), -1
+
+    def __call__(self, done: int, total: int, note: str = "") -> None:
+        """Say it; what an earlier run had finished tells nothing about the rate."""
+        if not self._shown:
+            return
+        if self._before < 0 or done < self._before:
+            self._started, self._before = time.monotonic(), done - 1
+        rate = (done - self._before) / max(time.monotonic() - self._started, 1e-9)
+        left = f"{duration((total - done) / rate)} left" if rate > 0 else ""
+        text = ", ".join(filter(None, (f"\r{done} of {total} {self._what}", note, left)))
+        print(f"{text}   ", end="\n" if done == total else "", file=sys.stderr, flush=True)
 
 
 class Working:

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from percept.commands.analysis import add_setting_arguments, add_worker_arguments, settings
+from percept.commands.analysis import Counting, add_setting_arguments, add_worker_arguments, settings
 
 if TYPE_CHECKING:
     from percept.batch import Summary
@@ -55,7 +54,12 @@ def run(arguments: argparse.Namespace) -> int:
     scene.with_inference(**changes)  # a wrong setting is wrong once, not once per study
     studies = sources(_named(arguments), scene=scene, changes=changes)
     with open_mapper(arguments.workers, arguments.scheduler) as mapper:
-        summary = run_batch(studies, arguments.out, mapper, progress=_Progress(shown=not arguments.quiet))
+        count = Counting("studies", shown=not arguments.quiet)
+
+        def told(done: int, total: int, bad: int) -> None:
+            count(done, total, f"{bad} refused or failed")
+
+        summary = run_batch(studies, arguments.out, mapper, progress=told)
     if arguments.json:
         print(json.dumps(plain({**vars(summary), "table": str(summary.table)}), indent=1))
     else:
@@ -88,23 +92,3 @@ def _print(summary: Summary) -> None:
     if analysed:
         print(f"{summary.seconds / analysed:.2f} s of a worker per study")
     print(summary.table)
-
-
-class _Progress:
-    """A line on the terminal: how many studies, how many of them not done, and the time left."""
-
-    def __init__(self, *, shown: bool) -> None:
-        self._shown = shown and sys.stderr.isatty()
-        self._started = time.monotonic()
-        self._before: int | None = None
-
-    def __call__(self, done: int, studies: int, failed: int) -> None:
-        if not self._shown:
-            return
-        if self._before is None:
-            self._before = done - 1
-        rate = (done - self._before) / max(time.monotonic() - self._started, 1e-9)
-        left = (studies - done) / rate
-        end = "\n" if done == studies else ""
-        text = f"\r{done} of {studies} studies, {failed} refused or failed, {left:.0f} s left   "
-        print(text, end=end, file=sys.stderr, flush=True)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from percept.commands import Command
-from percept.commands.analysis import Working, add_analysis_arguments, add_worker_arguments, open_study
+from percept.commands.analysis import (
+    Counting,
+    Working,
+    add_analysis_arguments,
+    add_worker_arguments,
+    open_study,
+)
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
@@ -70,10 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     plans = _plans(arguments)
 
-    def told(done: int, studies: int) -> None:
-        if not arguments.quiet and sys.stderr.isatty():
-            print(f"\r{done} of {studies} studies ", end="", file=sys.stderr, flush=True)
-
+    told = Counting("studies", shown=not arguments.quiet)
     with open_mapper(arguments.workers, arguments.scheduler) as mapper:
         asked: dict[str, Any] = {"mapper": mapper, "progress": told}
         if arguments.advice:
@@ -136,10 +138,7 @@ def _run_sbc(arguments: argparse.Namespace) -> int:
     from percept.calibration.sbc import calibrate_designs, write_calibrations
     from percept.workers import open_mapper
 
-    def told(design: str, done: int, fits: int) -> None:
-        if sys.stderr.isatty():
-            print(f"\r{design}: {done} of {fits} fits ", end="", file=sys.stderr, flush=True)
-
+    count = Counting("fits", shown=True)
     if arguments.seed < 0:
         raise UsageError("a seed is not negative.", key="--seed", value=arguments.seed)
     out = Path(arguments.out)
@@ -153,7 +152,7 @@ def _run_sbc(arguments: argparse.Namespace) -> int:
             mapper=mapper,
             checkpoint=out / "fits.jsonl",
             seconds=arguments.seconds,
-            progress=told,
+            progress=lambda design, *state: count(*state, design),
         )
     write_calibrations(calibrations, out)
     print(out / "sbc.md")

@@ -30,6 +30,7 @@ class Dependency:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
+    parser.add_argument("--all", action="store_true", help="list every dependency with its version")
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
@@ -53,11 +54,25 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(report, indent=1))
         return int(bool(broken))
     print(f"percept {__version__}, Python {platform.python_version()}, {platform.platform()}")
-    for package in packages:
-        kind = f"optional ({package.extra})" if package.extra else "needed"
-        note = f"  percept wants {package.wanted}" if package.version and package.fits is False else ""
-        print(f"  {package.name:<16}{package.version or 'missing':<14}{kind}{note}")
-    print(f"  {'browser':<16}{browser or 'none found':<14}  only for PDF files and tests of the page")
+    if arguments.all:
+        for package in packages:
+            kind = f"optional ({package.extra})" if package.extra else "needed"
+            note = f"  percept wants {package.wanted}" if package.version and package.fits is False else ""
+            print(f"  {package.name:<16}{package.version or 'missing':<14}{kind}{note}")
+    else:
+        extras: dict[str | None, list[str]] = {None: []}
+        for package in packages:
+            lacking = package.version is None or package.fits is False
+            extras.setdefault(package.extra, []).extend([package.name] * lacking)
+        needed = len(packages) - sum(package.extra is not None for package in packages)
+        print(f"needed: {needed - len(broken)} of {needed} packages are here")
+        said = [
+            f"{extra} lacks {', '.join(names)}" if names else extra
+            for extra, names in extras.items()
+            if extra
+        ]
+        print(f"extras: {'; '.join(said)}")
+    print(f"browser: {browser or 'none found'}, only for PDF files and tests of the page")
     for package in broken:
         print(f'Install {package.name}: python -m pip install "{package.name}{package.wanted}"')
     if not broken:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"
 _COLUMNS = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
+_MOST_ROWS = 30
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_analysis_arguments(parser)
     add_check_arguments(parser)
     parser.add_argument("--out", default="fit", metavar="DIR", help="folder to write into (fit)")
+    parser.add_argument(
+        "--all", action="store_true", help="print every interval: both families, joint ones too"
+    )
     parser.add_argument("--json", action="store_true", help="print fit.json")
 
 
@@ -40,15 +44,32 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
         return verdict(study)
-    table = study.intervals
-    if len(table):
-        table["environment"] = table["environment"].map(printable)
-        print(table[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
+    _print_intervals(study, every=arguments.all)
     for row in json.loads(path.read_text(encoding="utf-8"))["skipped"]:
         print(printable(f"Left out: {row['what']} ({row['why'].removesuffix('.')})."))
     _print_checks(study)
     print(path)
     return verdict(study)
+
+
+def _print_intervals(study: Study, *, every: bool) -> None:
+    """Print both methods side by side, or a row per interval."""
+    table = study.intervals[_COLUMNS] if every else study.summary(None)
+    if table.empty:
+        return
+    count = len(study.intervals)
+    table["environment"] = table["environment"].map(printable)
+    if not every:
+        table = table.head(_MOST_ROWS)
+        for method in study.intervals["method"].unique():
+            low, high = (table.pop(f"{method}_{side}") for side in ("lower", "upper"))
+            table[method] = [
+                "–" if low != low else f"{low:.5g} to {high:.5g}" for low, high in zip(low, high, strict=True)
+            ]
+            del table[f"{method}_estimate"]
+    print(table.to_string(index=False, float_format="{:.6g}".format))
+    if not every:
+        print(f"--all prints all {count} intervals: both families, and those that hold together.")
 
 
 def _print_checks(study: Study) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 
 from percept.commands.analysis import (
     Working,
@@ -11,6 +12,7 @@ from percept.commands.analysis import (
     open_study,
     verdict,
 )
+from percept.errors import printable
 
 EXAMPLE = "percept report sessions/ --scene scene.toml --out results"
 
@@ -35,12 +37,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the report, with what the gate does not withhold; the last line printed is the page's path."""
+    """Write the report, with what the gate does not withhold; and print its findings, warnings and path."""
     from percept.report import write_report
 
     with Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         asked = {"formats": arguments.formats, "pdf": arguments.pdf, "why": arguments.why}
         page = write_report(study, arguments.out, **asked)
+    if not arguments.quiet:
+        summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
+        # What the gate says stands on standard error.
+        gate = () if study.fit is None else (study.fit.run.gate.error_reached, study.fit.withheld)
+        warnings = [
+            f"warning: {said}"
+            for said in summary["cautions"]
+            if said.removeprefix("There are no Bayesian intervals: ") not in gate
+        ]
+        print("\n".join(map(printable, [*summary["overview"]["sentences"], *warnings])))
     print(page)
     return verdict(study)

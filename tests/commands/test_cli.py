@@ -104,12 +104,47 @@ def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
     out.mkdir()
     (out / "notes.txt").write_text("mine")
     code = main(["report", SESSIONS, "--method", "classical", "--out", str(out)])
-    last = capsys.readouterr().out.strip().splitlines()[-1]
+    *said, last = capsys.readouterr().out.strip().splitlines()
     assert code == 0
     assert Path(last) == out / "report.html"
+    summary = json.loads((out / "report.json").read_text(encoding="utf-8"))["summary"]
+    warnings = [f"warning: {sentence}" for sentence in summary["cautions"]]
+    assert said == [*summary["overview"]["sentences"], *warnings]
+    assert said[0].startswith("Stiffness is set ")
+    assert warnings
     assert "VE5" in Path(last).read_text(encoding="utf-8")
     assert (out / "notes.txt").read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, capsys):
+    """Sixteen environments have 48 rows, of which 30 are printed."""
+    rows = [f"S{s},E{e:02},{10 * e},{11 * e + s * 0.3 * e}" for e in range(1, 17) for s in range(3)]
+    path = write(tmp_path, rows, "subject,environment,k_ref,k_adj\n")
+    words = ["fit", path, "--method", "classical", "--quiet", "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].split() == [
+        "environment",
+        "parameter",
+        "kind",
+        "family",
+        "unit",
+        "reference",
+        "classical",
+    ]
+    assert [line.split()[0] for line in printed[1:31]] == [f"E{e:02}" for e in range(1, 11) for _ in range(3)]
+    assert printed[31] == "--all prints all 96 intervals: both families, and those that hold together."
+    document = json.loads((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
+    (row,) = (
+        row
+        for row in document["intervals"]
+        if (row["environment"], row["kind"], row["family"]) == ("E01", "mean", "lognormal")
+    )
+    assert printed[1].endswith(f"{row['lower']:.5g} to {row['upper']:.5g}")
+    assert main([*words, "--all"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len([line for line in lines if line.split()[3:5] == ["classical", "normal"]]) == 48
 
 
 def test_simulate_reproduces_the_committed_sessions(tmp_path):

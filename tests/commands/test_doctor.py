@@ -22,8 +22,19 @@ def test_json_says_what_is_installed(capsys):
     assert by_name["hypothesis", "test"]["wanted"].startswith(">=")
 
 
-def test_text_names_every_dependency(capsys):
+def test_text_is_five_lines(capsys):
     assert main(["doctor"]) == 0
+    version, needed, extras, browser, verdict = capsys.readouterr().out.splitlines()
+    assert version.startswith(f"percept {__version__}, Python {platform.python_version()}")
+    always = sum(one.extra is None for one in dependencies(metadata.requires("percept")))
+    assert needed == f"needed: {always} of {always} packages are here"
+    assert {"test", "cluster"} <= {part.split()[0] for part in extras.removeprefix("extras: ").split("; ")}
+    assert browser.startswith("browser: ")
+    assert verdict == "Everything percept needs is here."
+
+
+def test_all_names_every_dependency(capsys):
+    assert main(["doctor", "--all"]) == 0
     text = capsys.readouterr().out
     for one in dependencies(metadata.requires("percept")):
         assert one.name in text

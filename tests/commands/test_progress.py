@@ -57,6 +57,28 @@ def on_a_terminal(script, *words, columns=100):
     return done.returncode, printed, re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
 
 
+COUNTED = """
+import time
+from percept.commands.analysis import Counting
+count = Counting("studies", shown=True)
+for done in (501, 502):  # 500 were finished before
+    time.sleep(0.3)
+    count(done, 1000, "3 refused or failed")
+count(1000, 1000, "3 refused or failed")
+"""
+
+
+def test_a_long_command_tells_the_time_left_by_its_own_rate():
+    _, printed, shown = on_a_terminal(COUNTED)
+    assert printed == ""
+    lines = [line.strip() for line in shown.replace("\n", "\r").split("\r") if line.strip()]
+    assert lines[0].startswith("501 of 1000 studies, 3 refused or failed, ")
+    # Two studies take 0.3 s or more, so 498 take 75 s; a rate over all 502 would promise under 1 s.
+    seconds = int(re.search(r"(\d+) s left", lines[1])[1])
+    assert seconds >= 60
+    assert lines[-1] == "1000 of 1000 studies, 3 refused or failed, 0 s left"
+
+
 @pytest.mark.parametrize("columns", [40, 60, 100])
 def test_shows_what_it_does_and_then_the_sampler(columns):
     code, printed, shown = on_a_terminal(SAMPLING, columns=columns)
