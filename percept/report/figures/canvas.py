@@ -89,9 +89,10 @@ def common_range(lows: ArrayLike, highs: ArrayLike, *, about: float) -> tuple[fl
     ends = []
     for sign, sides in ((-1.0, lows), (1.0, highs)):
         out = np.maximum(sign * (np.asarray(sides, dtype=float) - about), 0.0)
-        # An infinite end is cut off like any other that lies far out.
-        out = np.where(np.isfinite(out), out, np.finfo(float).max)
-        ends.append(about + sign * min(out.max(), _GENEROUS * float(np.median(out)) or out.max()))
+        # An infinite end is cut off like any other that lies far out, and decides nothing.
+        middle = float(np.median(out))
+        far = _GENEROUS * middle if 0.0 < middle < np.inf else out[np.isfinite(out)].max(initial=0.0)
+        ends.append(about + sign * float(min(out.max(), far or 1.0)))
     return ends[0], ends[1]
 
 
