@@ -152,7 +152,7 @@ def _run_sbc(arguments: argparse.Namespace) -> int:
             mapper=mapper,
             checkpoint=out / "fits.jsonl",
             seconds=arguments.seconds,
-            progress=lambda design, *state: count(*state, design),
+            progress=lambda design, done, fits: count(done, fits, design),
         )
     write_calibrations(calibrations, out)
     print(out / "sbc.md")

@@ -46,13 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
         page = write_report(study, arguments.out, **asked)
     if not arguments.quiet:
         summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
-        # What the gate says stands on standard error.
-        gate = () if study.fit is None else (study.fit.run.gate.error_reached, study.fit.withheld)
-        warnings = [
-            f"warning: {said}"
-            for said in summary["cautions"]
-            if said.removeprefix("There are no Bayesian intervals: ") not in gate
-        ]
+        # What `verdict` says stands on standard error.
+        told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
+        warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
         print("\n".join(map(printable, [*summary["overview"]["sentences"], *warnings])))
     print(page)
     return verdict(study)

@@ -42,9 +42,8 @@ def refused(arguments, capsys):
         ([*ROWS, "S3,B,100,2,abc,2.0"], HEADER, 2, ["study.csv", "7", "k_adj", "abc"]),
         (ROWS[:2], HEADER, 1, ["at least two subjects", "S1"]),
         ([*ROWS, ROWS[1]], HEADER, 2, ["study.csv", "S1", "B"]),
-        ([*ROWS, "S3,B,100,2,-4,2.0"], HEADER, 1, ["study.csv", "7", "k_adj", "-4", "normal"]),
     ],
-    ids=["missing column", "text in a number", "one subject", "two rows for one cell", "negative"],
+    ids=["missing column", "text in a number", "one subject", "two rows for one cell"],
 )
 def test_bad_input_says_where_and_leaves_nothing(tmp_path, capsys, lines, header, code, expected):
     out = tmp_path / "out"
@@ -54,6 +53,18 @@ def test_bad_input_says_where_and_leaves_nothing(tmp_path, capsys, lines, header
         assert part in message
     assert not out.exists()
     assert [path.name for path in tmp_path.iterdir()] == ["study.csv"]
+
+
+def test_what_no_logarithm_is_of_costs_the_model_and_not_the_report(tmp_path, capsys):
+    out = tmp_path / "out"
+    path = write(tmp_path, [*ROWS, "S3,B,100,2,-4,2.0"])
+    assert main(["report", path, "--out", str(out)]) == 1
+    captured = capsys.readouterr()
+    assert "study.csv:7, column 'k_adj', value -4.0: an adjustment of zero or below" in captured.err
+    assert 'Set family = "normal"' in captured.err
+    assert "There are no Bayesian intervals" not in captured.out
+    assert captured.out.splitlines()[0] == "Stiffness shows no clear bias in any of 2 environments."
+    assert captured.out.splitlines()[-1] == str(out / "report.html")
 
 
 def test_names_reach_the_terminal_as_text(tmp_path, capsys):
