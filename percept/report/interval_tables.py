@@ -41,6 +41,7 @@ def intervals(document: Record) -> Section | None:
             _matrix(matching(marginal, parameter=name), families_of(document), quantities_of(document)[name])
             for name in distinct(marginal, "parameter")
         ],
+        "panels": [f"intervals_{name}" for name in distinct(marginal, "parameter")],
         "tables": tables,
         "sentences": _sentences(rows),
     }

@@ -131,7 +131,7 @@ def _ratio_drawing(rows: Mapping[str, list[Record]], index: int, families: Seque
         "One family and one shape for each kind. Dashed, at 1: the reference"
         + ("; dotted: the reference through the coupling." if coupled else ".")
         + " An arrow with a value marks a curve that leaves the axis.",
-        (175.0, 24.0 + 27.0 * len(rows)),
+        (175.0, 24.0 + 22.0 * len(rows)),
         draw,
     )
 
@@ -179,7 +179,7 @@ def stability_drawings(coupling: Record | None) -> list[Drawing]:
             "stability",
             "Stability of the coupling over the angular frequency",
             "Re 1/Z_c of the coupling and the lower bound it has to stay above (Eq. 10).",
-            (120.0, 80.0),
+            (120.0, 62.0),
             draw,
         )
     ]

@@ -120,17 +120,17 @@ def _interval_drawing(document: Record, parameter: str) -> Drawing | None:
     subject = document["data"]["words"]["subject"][0]
 
     def draw(figure: Figure) -> None:
-        labels, width = row_labels(environments, most=_MOST_MARGIN - _MARGIN_BESIDE)
-        (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), top=3, bottom=21)
+        labels, width = row_labels(environments, most=_MOST_MARGIN / 2)
+        (ax,) = panels(figure, left=max(12.0, width + _MARGIN_BESIDE), top=3, bottom=25)
         draw_intervals(ax, environments, bars, values, log=log, labels=labels, subject=subject)
         ax.set_xlabel(f"adjusted {name} / reference")
-        legend_below(ax, columns=4)
+        legend_below(ax)
 
     return Drawing(
         f"intervals_{parameter}",
         f"Intervals of {name}, divided by the reference",
         _interval_caption(rows, bars, values, families) + _cut([bars]),
-        (150.0, 26.0 + 14.0 * len(environments)),
+        (86.0, 32.0 + 13.0 * len(environments)),
         draw,
     )
 
@@ -264,7 +264,7 @@ def _band_drawing(document: Record, parameter: str | None) -> Drawing:
 
     with_laws = ", with the fitted laws" if any(widths.laws for widths in series) else ""
     caption = f"Width of the band of {said}{with_laws}. The numbers are in the table."
-    return Drawing(name, title, caption, (120.0, 100.0), draw)
+    return Drawing(name, title, caption, (120.0, 80.0), draw)
 
 
 def _size(row: Record) -> str:
