@@ -299,7 +299,7 @@ def _fit(statistics: Statistics, seed: int) -> dict[str, Any]:
     gate, limits = run.gate, 2 * _KINDS * len(model.cells)
     cost = {
         "coordinates": len(model.names), "wall_s": wall, "processor_s": processor, "steps": run.steps,
-        "tau": gate.autocorrelation_time, "rhat": gate.rhat or math.nan, "worst_error": gate.worst_error,
+        "tau": gate.autocorrelation_time, "rhat": gate.rhat, "worst_error": gate.worst_error,
         "passed": gate.passed, "reasons": " ".join([*gate.reasons, gate.error_reached]).strip(),
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }  # fmt: skip

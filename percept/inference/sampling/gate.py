@@ -51,7 +51,7 @@ class Gate:
 
     passed: bool  # Whether the run has mixed, so that its numbers may be reported with their errors
     reasons: tuple[str, ...]  # What failed
-    rhat: float | None  # Largest rank R-hat across ensembles
+    rhat: float  # Largest rank R-hat across ensembles
     autocorrelation_time: float  # Longest autocorrelation time of a reported quantity, in steps
     slowest: str  # The quantity it belongs to
     times_run: float  # Kept steps per ensemble over that time, of a long run's last part
@@ -129,26 +129,23 @@ class Judged:
     estimates: Estimates  # Q estimates
     errors: Array  # (Q,) Monte Carlo standard errors
     times: Array  # (Q,) Autocorrelation times of the influence functions' ranks, in kept positions
-    rhats: Array | None  # (Q,) Rank R-hat of the influence functions across ensembles
+    rhats: Array  # (Q,) Rank R-hat of the influence functions across ensembles
 
 
-def judge(estimands: Estimands, components: Array, tolerance: float, *, full: bool) -> Judged:
+def judge(estimands: Estimands, components: Array) -> Judged:
     """Estimate, and measure errors and convergence."""
-    parts = [_judge_part(part, components, tolerance, full) for part in estimands.parts()]
+    parts = [_judge_part(part, components) for part in estimands.parts()]
     names = tuple(name for part in parts for name in part.estimates.names)
-    value, scale, errors, times = (
+    value, scale, errors, times, rhats = (
         np.concatenate(each)
         for each in zip(
-            *((part.estimates.value, part.estimates.scale, part.errors, part.times) for part in parts),
-            strict=True,
+            *((p.estimates.value, p.estimates.scale, p.errors, p.times, p.rhats) for p in parts), strict=True
         )
     )
-    rhats = [part.rhats for part in parts if part.rhats is not None]
-    known = np.concatenate(rhats) if len(rhats) == len(parts) else None
-    return Judged(Estimates(names, value, scale), errors, times, known)
+    return Judged(Estimates(names, value, scale), errors, times, rhats)
 
 
-def _judge_part(estimands: Estimands, components: Array, tolerance: float, full: bool) -> Judged:
+def _judge_part(estimands: Estimands, components: Array) -> Judged:
     estimates, influence = estimands.estimate(components.reshape(-1, components.shape[-1]))
     series = influence.reshape(*components.shape[:3], -1)
     errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series)))
@@ -156,8 +153,7 @@ def _judge_part(estimands: Estimands, components: Array, tolerance: float, full:
     scores = normal_scores(some_walkers(series, _RANKED))
     tail = (np.abs(scores) > _TAIL).astype(float)
     times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
-    wanted = full or bool(np.all(errors <= tolerance * estimates.scale))
-    return Judged(estimates, errors, times, _rhats(scores, tail, times) if wanted else None)
+    return Judged(estimates, errors, times, _rhats(scores, tail, times))
 
 
 def _rhats(scores: Array, tail: Array, times: Array) -> Array:
@@ -205,14 +201,12 @@ def pass_gate(
         reasons.append(f"{int((~moved).sum())} walkers did not move in the second half of the run.")
     elif acceptance.min() < _STUCK:
         reasons.append(f"a walker is stuck: it accepted {acceptance.min():.2%} of its proposals.")
-    rhat = None
-    if judged.rhats is not None:
-        apart = int(np.argmax(judged.rhats))
-        rhat = float(judged.rhats[apart])
-        if not rhat < _RHAT_LIMIT:
-            reasons.append(
-                f"the ensembles disagree on {names[apart]}: rank R-hat {rhat:.4f}, limit {_RHAT_LIMIT}."
-            )
+    apart = int(np.argmax(judged.rhats))
+    rhat = float(judged.rhats[apart])
+    if not rhat < _RHAT_LIMIT:
+        reasons.append(
+            f"the ensembles disagree on {names[apart]}: rank R-hat {rhat:.4f}, limit {_RHAT_LIMIT}."
+        )
     if not np.isfinite(relative[worst]):
         reasons.append(f"{names[worst]} has no finite Monte Carlo error.")
     met = bool(relative[worst] <= settings.tolerance)

@@ -68,8 +68,9 @@ class Reference:
 Generators = Sequence[np.random.Generator]
 #: A log density, points (N, d) to (N,).
 Density = Callable[[Array], Array]
-#: Least and most share of independent draws: neither kind of move dies.
-_LEAST_INDEPENDENT, _MOST_INDEPENDENT = 0.1, 0.8
+#: Least and most share of independent draws. Walkers leave a far tail by rotations alone, and a limit that
+#: hangs on such a tail needs them wherever the bulk is served well.
+_LEAST_INDEPENDENT, _MOST_INDEPENDENT = 0.1, 0.6
 #: Walkers by whose jumps moves are compared, a fraction: those the transport serves worst leave last, and
 #: decide how long a run remembers.
 _WORST = 0.1

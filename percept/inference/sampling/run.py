@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 _BURN_IN, _LEARNING = 40, 24
 _FIRST_ROUND = 144
 #: A run predicted to take so many times its first round begins again, with a transport fitted to that round.
-_WORTH_REFINING = 3.0
+#: Half as many are enough where that has so many times the effective draws of the transport's own sample.
+_WORTH_REFINING, _BETTER_SAMPLE = 3.0, 4.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
 #: Autocorrelation times after that, as a fraction of those before.
@@ -61,7 +62,7 @@ def sample(
     seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
     here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), seeds[0])
     chain = _Chain(here, points, seeds[1], estimands, settings, _STRIDE, _FIRST_ROUND)
-    refined = 0
+    refined, fitted = 0, 0.0
     while True:
         chain.extend(progress)
         run = chain.judge(progress)
@@ -69,10 +70,11 @@ def sample(
             return run
         # Once for accuracy; again only where walkers are slow.
         wanted = steps_to_settle(run) if refined else chain.steps_needed(run)
-        if refined == _MOST_REFINED or wanted <= _WORTH_REFINING * chain.spanned:
+        better = 0 < _BETTER_SAMPLE * fitted < run.gate.effective_draws
+        if refined == _MOST_REFINED or wanted <= _WORTH_REFINING * (0.5 if better else 1.0) * chain.spanned:
             chain.go_on(run)
             continue
-        refined += 1
+        refined, fitted = refined + 1, run.gate.effective_draws
         walkers, goal = _refined_size(run, chain.steps_by_error(run))
         rng, seed = np.random.default_rng(seeds[2 * refined]), seeds[2 * refined + 1]
         drawn = run.points.reshape(-1, run.points.shape[-1])
@@ -90,10 +92,17 @@ def _refined_size(run: Run, by_error: float) -> tuple[int, int]:
         # No fewer steps than the autocorrelation time asks for, whatever the number of walkers.
         wanted = max(_REFINED_STEPS, _SHORTER * steps_to_settle(run))
         work = steps * walkers
-        walkers = _WALKERS * min(_MORE_WALKERS, key=lambda n: abs(math.log(work / (n * _WALKERS * wanted))))
+        most = _room(run.points, run.components) // (settings.ensembles * _FEWEST_POSITIONS * _WALKERS)
+        fitting = [n for n in _MORE_WALKERS if n <= max(most, 1)]
+        walkers = _WALKERS * min(fitting, key=lambda n: abs(math.log(work / (n * _WALKERS * wanted))))
         steps = work / walkers
     predicted = min(steps, 4.0 * _REFINED_ROUND, settings.most_steps - _BURN_IN)
     return walkers, math.ceil(max(predicted, _REFINED_ROUND))
+
+
+def _room(points: Array, components: Array) -> int:
+    """Draws of a part, over all ensembles, that memory has room for; a component has two influences or so."""
+    return _NUMBERS_LIMIT // (points.shape[-1] + 3 * components.shape[-1])
 
 
 class _Chain:
@@ -117,11 +126,8 @@ class _Chain:
         self._kept: list[tuple[Array, Array]] = []  # Points (E, T, W, d) and components (E, T, W, C)
         self._closed: Run | None = None  # With the estimates of all closed parts
         self._closed_steps = 0
-        ensembles, walkers, dimension = points.shape
-        count = estimands.components(here.map(points[0, :1])).shape[1]
-        # Every component has two influences or so.
-        most = min(_KEPT_LIMIT, _NUMBERS_LIMIT // (dimension + 3 * count)) // (ensembles * walkers)
-        self._most = max(most, _FEWEST_POSITIONS)
+        room = min(_KEPT_LIMIT, _room(points, estimands.components(here.map(points[0, :1]))))
+        self._most = max(room // (points.shape[0] * points.shape[1]), _FEWEST_POSITIONS)
         self._goal = min(goal, self._most * stride)
         self._expected = _BURN_IN + max(goal, _STEPS_PER_JUMP / max(self._state.jump, 1e-3))
         self._error = math.nan
@@ -168,10 +174,7 @@ class _Chain:
         points, components = (np.concatenate(kept, axis=1) for kept in zip(*self._kept, strict=True))
         self._kept = [(points, components)]
         state, settings, stride = self._state, self._settings, self._stride
-        # Of a later part R-hat must be known whatever its own errors: together with the parts before it is
-        # more accurate than alone. At the cap it decides alone whether the numbers are given.
-        full = self._full or self._closed is not None or state.steps >= settings.most_steps
-        judged = judge(self._estimands, components, settings.tolerance, full=full)
+        judged = judge(self._estimands, components)
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         if self._closed:
             judged = self._with_closed(judged, self._closed)
@@ -207,22 +210,23 @@ class _Chain:
         if not self._full:
             return left < 1
         # A last part too short to settle would take the verdict from the parts before it.
-        least = steps_to_settle(run) if _settled(run) else 0
+        least = steps_to_settle(run) if run.gate.passed else 0
         return left < max(least, _FEWEST_POSITIONS * self._stride)
 
     def go_on(self, run: Run) -> None:
-        """Make room where memory is full, and set the next goal."""
-        needed = self.steps_needed(run)
-        if self._full and _settled(run):
+        """Make room where memory is or will be full, and set the next goal."""
+        needed, settling = self.steps_needed(run), steps_to_settle(run)
+        if self._full and run.gate.passed:
             self._closed, self._closed_steps, self._kept = run, self.spanned, []
-        elif self._full:
+        while not run.gate.passed and (self._full or settling > self._most * self._stride):
             # Contiguous, as they are when taken up again: a sum's last bits depend on the order in memory.
             points, components = (np.ascontiguousarray(kept[:, 1::2]) for kept in self._kept[0])
             self._kept = [(points, components)]
             self._stride *= 2
-        goal = max(needed - self._closed_steps, steps_to_settle(run))
         left = self._settings.most_steps - self._state.steps
-        self._goal = min(goal, self._most * self._stride, self._steps + left)
+        self._goal = min(
+            max(needed - self._closed_steps, settling), self._most * self._stride, self._steps + left
+        )
 
     def steps_by_error(self, run: Run) -> float:
         """Predict the steps after which the estimates are accurate enough."""
@@ -237,11 +241,6 @@ class _Chain:
         """Predict the steps the run should span in all; it at least grows by a tenth."""
         wanted = max(self.steps_by_error(run), self._steps_by_time(run), 1.1 * self.spanned)
         return math.ceil(min(wanted, 4.0 * self.spanned))
-
-
-def _settled(run: Run) -> bool:
-    """Whether a part has mixed; R-hat is worked out whenever memory is full."""
-    return run.gate.passed and run.gate.rhat is not None
 
 
 def steps_to_settle(run: Run) -> int:

@@ -216,7 +216,7 @@ def test_thinned_draws_are_nearly_independent():
 def judged(components):
     """The gate of a run whose components are given, of shape (E, T, W, Q), one position in three steps."""
     names = tuple(f"E x[{i}]" for i in range(components.shape[-1]))
-    found = judge(Means(names, first), components, 0.9, full=True)
+    found = judge(Means(names, first), components)
     accepted = np.full((len(components), components.shape[2]), 0.5)
     length = components.shape[1]
     return pass_gate(
