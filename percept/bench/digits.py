@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from percept.bench import twins_density as twin
-from percept.bench.twins_density import Levels
+from percept.bench import twins as twin
+from percept.bench.twins import Levels
 from percept.inference import Moments
 from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.classical.trials import subject_means

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from percept.bench import twins_haptics as twin
+from percept.bench import twins as twin
 from percept.bench.digits import Digits, digits_row
 from percept.haptics import (
     Coupling,

@@ -164,7 +164,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "propagation": lambda _: _bench("propagation", "study_propagation")(_published()),
     "digits": _digits,
     "skipping": lambda _: _bench("skipping", "skipping_cost")(),
-    "workers": lambda given: _bench("workers", "batch_costs")(given.studies),
+    "workers": lambda given: _bench("growth", "batch_costs")(given.studies),
     "growth": lambda _: _bench("growth", "growth")(log=_log),
 }
 #: Parts run alone, which write their own files.

@@ -54,7 +54,7 @@ def test_workers_here_in_threads_or_far_away_give_the_same_bytes(studies, tmp_pa
             == first.read_bytes()
         )
     arguments = ["batch", *few, "--tolerance", "0.3", "--seed", "3", "--out", str(tmp_path / "remote")]
-    with scheduler(tmp_path, workers=2) as (_, address):
+    with scheduler(tmp_path, workers=1) as (_, address):
         assert main([*arguments, "--scheduler", address]) == 1
     assert "text.csv:2" in capsys.readouterr().err
     assert (tmp_path / "remote" / first.name).read_bytes() == first.read_bytes()
@@ -138,7 +138,7 @@ def test_wrong_usage_starts_nothing(studies, tmp_path, capsys, arguments, messag
 
 def test_a_withheld_posterior_is_no_success(tmp_path, capsys):
     path = tmp_path / "s.csv"
-    unmixed_sessions().to_csv(path, index=False)
+    unmixed_sessions("VE1", "VE3").to_csv(path, index=False)
     (tmp_path / "hasty.toml").write_text("[inference]\ntolerance = 0.01\nmost_steps = 200\n")
     words = [
         "batch",

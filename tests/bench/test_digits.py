@@ -12,7 +12,7 @@ import pytest
 from mpmath import mp
 
 from percept.bench import digits as bench
-from percept.bench import twins_density as twin
+from percept.bench import twins as twin
 from percept.bench.digits import collapsed, density_digits, moment_digits, number_accuracy, small_large
 from percept.inference import Moments
 from percept.inference.classical.trials import subject_means

@@ -8,11 +8,10 @@ import sys
 import pytest
 
 from percept.bench.digits import Digits
-from percept.bench.growth import Growth, SamplingCost
+from percept.bench.growth import BatchCost, Growth, SamplingCost
 from percept.bench.measure import described, measurement, measurement_markdown
 from percept.bench.propagation import PropagationCost
 from percept.bench.skipping import Saving
-from percept.bench.workers import BatchCost
 from percept.cli import main
 
 RECORDS = (SamplingCost, PropagationCost, Digits, Saving, BatchCost, Growth)

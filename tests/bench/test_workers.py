@@ -1,6 +1,6 @@
 import pytest
 
-from percept.bench.workers import batch_costs
+from percept.bench.growth import batch_costs
 from tests.workers.clusters import QUIET
 
 

@@ -1,4 +1,5 @@
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,12 +11,12 @@ from percept.cache import PosteriorCache
 from percept.cli import main
 from percept.report.document import build_document
 from percept.report.plain import dumps
-from tests.cache.test_key import sessions_file
+from tests.batch.conftest import study_text
 
 SCENE = {
     "device": {"mass": 1.0, "damping": 5.0, "period": 0.001},
     "frequency": {"lower": 1.0, "upper": 50.0, "points": 3},
-    "inference": {"tolerance": 0.2, "kinds": ["user"], "method": "bayesian"},
+    "inference": {"tolerance": 0.5, "kinds": ["user"], "method": "bayesian"},
 }
 # Whether the sampler was imported is asked of a process that did nothing else.
 FOUND = """
@@ -35,39 +36,44 @@ def document(path, store):
     return dumps(build_document(study)).encode()
 
 
-def test_report_json_is_the_same_in_every_byte_from_the_cache_which_imports_no_sampler(tmp_path):
-    path = sessions_file(tmp_path)
-    kept = PosteriorCache(tmp_path / "kept")
-    computed = document(path, None)
-    assert document(path, kept) == computed
-    assert len(kept.entries()) == 1
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Sessions, the cache that keeps their posterior, and their document."""
+    folder = tmp_path_factory.mktemp("kept")
+    path, store = folder / "study.csv", PosteriorCache(folder / "kept")
+    path.write_text(study_text(1, subjects=4))
+    return path, store, document(path, store)
+
+
+def test_report_json_is_the_same_in_every_byte_from_the_cache_which_imports_no_sampler(kept):
+    path, store, computed = kept
+    assert len(store.entries()) == 1
     root = Path(__file__).resolve().parents[2]
     found = subprocess.run(
-        [sys.executable, "-c", FOUND, str(path), str(kept.folder)], cwd=root, capture_output=True, check=False
-    )
+        [sys.executable, "-c", FOUND, str(path), str(store.folder)],
+        cwd=root, capture_output=True, check=False,
+    )  # fmt: skip
     assert found.stderr == b""
     assert found.stdout == computed
     assert b'"passed": true' in computed
 
 
-def test_show_and_clear(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("PERCEPT_CACHE", str(tmp_path / "kept"))
-    path = sessions_file(tmp_path)
-    wanted = ["fit", str(path), "--tolerance", "0.3", "--quiet", "--out", str(tmp_path / "out")]
-    assert main(wanted) == 0
-    capsys.readouterr()
+def test_show_and_clear(kept, tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "kept"
+    shutil.copytree(kept[1].folder, folder)
+    monkeypatch.setenv("PERCEPT_CACHE", str(folder))
     assert main(["cache", "--json"]) == 0
     state = json.loads(capsys.readouterr().out)
-    assert state["folder"] == str(tmp_path / "kept")
+    assert state["folder"] == str(folder)
     (entry,) = state["entries"]
-    assert entry["bytes"] == state["bytes"] == next(Path(state["folder"]).iterdir()).stat().st_size
+    assert entry["bytes"] == state["bytes"] == next(folder.iterdir()).stat().st_size
     assert main(["cache"]) == 0
     shown = capsys.readouterr().out
     assert "1 posteriors" in shown
     assert entry["key"][:16] in shown
     assert main(["cache", "clear"]) == 0
     assert "1 posteriors removed" in capsys.readouterr().out
-    assert list((tmp_path / "kept").iterdir()) == []
+    assert list(folder.iterdir()) == []
     assert main(["cache", "clear", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["removed"] == 0
 

@@ -1,6 +1,6 @@
 """The eight studies, and what is frozen of each: numbers of report.json, and classical curves.
 
-Only what users see makes them: `percept report`, `percept.Study` and report.json's fields. Files that are not
+Only what users see makes them: `percept.Study` and report.json's fields. Files that are not
 in `datasets/` stand in `data/`:
 
 * `stiffness.csv`, `one_environment.csv` and `three_environments.csv` are subsets of the published sessions.
@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 
 import percept
-from percept.cli import main
+from percept.report.document import build_document
+from percept.report.plain import dumps
 from tests import DATASETS
 
 __all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "frozen_part"]
@@ -49,12 +50,9 @@ class Golden:
     sessions: Path
     scene: Path
 
-    def report(self, out: Path, *, seed: int = SEED) -> Document:
-        """Write the report into a folder and return its document."""
-        asked = ["--seed", str(seed), "--tolerance", str(TOLERANCE), "--no-cache", "--quiet"]
-        code = main(["report", str(self.sessions), "--scene", str(self.scene), "--out", str(out), *asked])
-        assert code == 0, f"{self.name}: exit code {code}"
-        document: Document = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    def report(self, *, seed: int = SEED) -> Document:
+        """Return what report.json holds."""
+        document: Document = json.loads(dumps(build_document(self.study(seed=seed, tolerance=TOLERANCE))))
         return document
 
     def study(self, **inference: Any) -> percept.Study:

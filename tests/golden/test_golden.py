@@ -20,8 +20,8 @@ def frozen(name: str) -> Any:
 
 
 @pytest.mark.parametrize("golden", STUDIES, ids=lambda golden: golden.name)
-def test_numbers_are_as_frozen(golden, tmp_path, capsys):
-    now = frozen_part(golden, golden.report(tmp_path / "out"))
+def test_numbers_are_as_frozen(golden):
+    now = frozen_part(golden, golden.report())
     now = json.loads(json.dumps(now))
     assert differences(frozen(golden.name), now) == []
     assert now["skipped"] == frozen(golden.name)["skipped"]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.bench import twins_haptics as twin
+from percept.bench import twins as twin
 from percept.bench.digits_haptics import PROMISE, QUANTITIES, haptics_digits
 from percept.haptics import Coupling, required_damping_at
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.bench import twins_haptics as twin
+from percept.bench import twins as twin
 from percept.errors import UsageError
 from percept.haptics import (
     Coupling,

@@ -67,7 +67,7 @@ def test_the_parameters_asked_for_and_their_order(tmp_path, parameters):
 
 def test_intervals_are_those_of_the_trials(tmp_path):
     file = study(tmp_path / "s.csv")
-    asked = scene(tolerance=0.2, seed=3)
+    asked = scene(tolerance=0.3, seed=3, parameters=("k",))
     ours = reduced_intervals(reduce_sessions(file), asked)
     theirs = Study(read_sessions(file), asked).intervals
     theirs = theirs[(theirs["method"] == "bayesian") | (theirs["family"] == "lognormal")].reset_index(
@@ -76,7 +76,7 @@ def test_intervals_are_those_of_the_trials(tmp_path):
     same = [c for c in theirs if c not in ("lower", "upper", "estimate")]
     assert ours[same].equals(theirs[same])
     classical = (theirs["method"] == "classical").to_numpy()
-    assert classical.sum() == 2 * (~classical).sum()
+    assert classical.sum() == (~classical).sum() > 0
     numbers = ["lower", "upper", "estimate"]
     np.testing.assert_allclose(ours[numbers][classical], theirs[numbers][classical], rtol=1e-12)
     # The same seed leads through the same draws.
@@ -89,7 +89,7 @@ def test_intervals_are_those_of_the_trials(tmp_path):
 def test_without_one_method(tmp_path):
     reduced = reduce_sessions(study(tmp_path / "s.csv"))
     assert set(reduced_intervals(reduced, scene(method="classical"))["method"]) == {"classical"}
-    asked = scene(method="bayesian", tolerance=0.3)
+    asked = scene(method="bayesian", tolerance=0.5, parameters=("k",))
     assert set(reduced_intervals(reduced, asked)["method"]) == {"bayesian"}
 
 
@@ -143,7 +143,7 @@ def test_nothing_but_equal_values_is_refused(tmp_path):
 
 
 def test_a_failed_gate_is_told(tmp_path):
-    unmixed_sessions().to_csv(tmp_path / "s.csv", index=False)
+    unmixed_sessions("VE1", "VE3").to_csv(tmp_path / "s.csv", index=False)
     reduced = reduce_sessions(tmp_path / "s.csv")
     both = reduced_intervals(reduced, scene(**UNMIXED))
     assert set(both["method"]) == {"classical"}
@@ -155,8 +155,8 @@ def test_a_failed_gate_is_told(tmp_path):
 
 
 def test_an_error_above_the_tolerance_is_told_beside_the_intervals(tmp_path):
-    reduced = reduce_sessions(study(tmp_path / "s.csv"))
-    asked = scene(method="bayesian", tolerance=0.001, most_steps=900, walkers=64)
+    reduced = reduce_sessions(study(tmp_path / "s.csv", most=1))
+    asked = scene(method="bayesian", tolerance=0.001, most_steps=400, walkers=64, parameters=("k",))
     found = reduced_intervals(reduced, asked)
     assert set(found["method"]) == {"bayesian"}
     assert "where 0.1 % was asked" in found.attrs["error_reached"]
