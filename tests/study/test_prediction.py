@@ -181,7 +181,7 @@ def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(publi
 
 
 def test_intervals_from_published_limits_say_how_they_come_to_logarithms(published: Study) -> None:
-    bayesian = published.intervals.query("method == 'bayesian'")
+    bayesian = published.interpretation.query("method == 'bayesian'")
     assert bayesian["covers"].str.contains("moment matching").all()
 
 
