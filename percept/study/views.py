@@ -22,10 +22,10 @@ _LIMITS = ["estimate", "lower", "upper"]
 _LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
 _CURVES = ("omega", "lower", "upper", "reference", "coupled")
 #: What a study keeps once it is computed, by the name it is asked for.
-_KEPT = {"_intervals": "intervals"} | {
+_KEPT = {"_intervals": "intervals", "_fitted": "fit"} | {
     name: name
     for name in (
-        "fit", "posterior", "checks", "regions", "boundaries", "band", "coupling", "coupling_design",
+        "posterior", "checks", "regions", "boundaries", "band", "coupling", "coupling_design",
         "sensitivity", "ladder", "model_choice",
     )
 }  # fmt: skip

@@ -60,6 +60,7 @@ def test_a_boundary_is_drawn_as_it_is_computed(both_study, ax):
     wanted = {
         "environment": "VE4",
         "kind": "user",
+        "method": "classical",
         "family": "lognormal",
         "joint": "marginal",
         "shape": "envelope",
