@@ -22,6 +22,8 @@ from percept.sessions.table import FileTable
 
 #: Each trial of a subject, session and environment takes a bit, so that its number is bounded.
 _TRIALS = 1 << 24
+#: Rows that warnings and units are looked for in, at most; of more every second, fourth … one.
+_SCREENED = 1 << 18
 _Family = Literal["lognormal", "normal"]
 
 
@@ -42,6 +44,8 @@ class Reduced:
         A response is log(adjusted/reference), or (adjusted − reference)/reference.
     sources : tuple of Source
     notices : tuple of Notice
+    warnings : tuple of Notice
+        As of :class:`Sessions`; of more than 262,144 rows an even sample is looked at.
     counts : mapping of str to int
         Rows by what became of them.
     quantities : mapping of str to Quantity
@@ -52,6 +56,7 @@ class Reduced:
     family: _Family
     sources: tuple[Source, ...] = ()
     notices: tuple[Notice, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
     quantities: Quantities = field(default_factory=lambda: IMPEDANCE)
 
@@ -111,6 +116,8 @@ class _Cells:
         self.references: dict[str, dict[str, float]] = {}
         self.numbered = False
         self.visits = pd.DataFrame()
+        self.sample: list[pd.DataFrame] = []
+        self.stride = 1
         # By visit, its trials as the bits of a whole number.
         self.seen: dict[tuple[str, ...], int] = {}
 
@@ -131,6 +138,7 @@ class _Cells:
         place = lambda at: {"file": file, "row": int(rows[at])}  # noqa: E731
         declared = self.reading.options.environments
         checks.settle_references(frame, declared, self.references, self.parameters, place, problems)
+        self._sample(frame)
         visits = frame.groupby(list(IDS), sort=False)
         if self.reading.options.trial != "order":
             self._check_trials(frame, visits.indices, place)
@@ -143,6 +151,18 @@ class _Cells:
         parts[[_scatter(*pair) for pair in self._pairs]] = 0.0
         block = self._sums(parts, list(IDS), visits.ngroup().to_numpy())
         self.visits = self._sums(pd.concat([self.visits, block]), list(IDS))
+
+    def _sample(self, frame: pd.DataFrame) -> None:
+        """Keep the rows of a block, and fewer of all where they have become too many."""
+        self.sample.append(self._thinned(frame.assign(file=len(self.reading.sources))))
+        if sum(map(len, self.sample)) > _SCREENED:
+            self.stride *= 2
+            self.sample = [self._thinned(part) for part in self.sample]
+
+    def _thinned(self, part: pd.DataFrame) -> pd.DataFrame:
+        """Take rows evenly, and the first of every visit, which else would seem not to have been tried."""
+        even = part["row"].to_numpy() % self.stride == 0
+        return part if self.stride == 1 else part[even | ~part.duplicated(list(IDS)).to_numpy()]
 
     @property
     def _pairs(self) -> list[tuple[str, str]]:
@@ -157,17 +177,17 @@ class _Cells:
             message = "trial numbers are negative or too large to be checked in blocks."
             hint = "Number the trials of each subject and environment 1, 2, 3 …"
             raise UsageError(message, column="trial", value=int(trials[at]), hint=hint, **place(at))
+        if frame.duplicated(checks.TRIAL).any():
+            checks.check_duplicates(frame, place, problems, numbered=self.numbered)
+            return
         again: list[int] = []
         for visit, rows in visits.items():
             bits = np.zeros(int(trials[rows].max()) + 1, dtype=np.uint8)
             bits[trials[rows]] = 1
-            if bits.sum() < len(rows):
-                checks.check_duplicates(frame, place, problems, numbered=self.numbered)
-                return
             own = int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
-            both = self.seen.get(visit, 0) & own
-            self.seen[visit] = self.seen.get(visit, 0) | own
-            again += [int(row) for row in rows if both >> int(trials[row]) & 1] if both else []
+            before = self.seen.get(visit, 0)
+            again += [int(row) for row in rows if before >> int(trials[row]) & 1] if before & own else []
+            self.seen[visit] = before | own
         where = lambda at: "an earlier row"  # noqa: E731
         checks.tell_duplicates(frame, sorted(again), where, place, problems, numbered=self.numbered)
 
@@ -188,8 +208,7 @@ class _Cells:
         reading.refuse_nothing([self.visits])
         names = list(reading.options.quantities)
         environments = self.visits["environment"].unique().tolist()
-        for p in self.parameters:
-            self._check_units(p)
+        warnings = self._look()
         cells = self._sums(reading.settled(self.visits), ["subject", "environment"])
         reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())
         measures = [*(f"mean_{p}" for p in names), *(_scatter(*pair) for pair in _pairs(names))]
@@ -208,24 +227,24 @@ class _Cells:
             family=self.family,
             sources=tuple(reading.sources),
             notices=tuple(dict.fromkeys(reading.notices)),
+            warnings=warnings,
             counts=dict(reading.counts),
             quantities=reading.options.quantities,
         )
 
-    def _check_units(self, p: str) -> None:
-        """Compare adjustments with references, trials by their visit's mean."""
-        mean, n = self.visits[f"mean_{p}"].to_numpy(), self.visits["n"].to_numpy()
-        ratio = np.exp(mean) if self.family == "lognormal" else 1.0 + mean
-        known = np.flatnonzero((ratio > 0) & (n > 0))
-        if len(known):
-            rising = known[np.argsort(ratio[known])]
-            reached = np.cumsum(n[rising])
-            typical = float(ratio[rising[np.searchsorted(reached, 0.5 * reached[-1])]])
-            reading, place = self.reading, {"file": self.reading.sources[0].name}
-            reading.notices += checks.check_units(
-                reading.options.quantities[p], typical, reading.declared_units, place, reading.problems
-            )
-            reading.problems.raise_if_any()
+    def _look(self) -> tuple[Notice, ...]:
+        """Check units and look for what is seldom meant, as the whole table's reader does."""
+        reading, table = self.reading, pd.concat(self.sample, ignore_index=True)
+        if self.stride > 1:
+            text = f"units and warnings are of {len(table):,} rows, an even sample"
+            reading.notices.append(Notice(text))
+        place = reading.place(table)
+        known = [reading.options.quantities[p] for p in self.parameters]
+        reading.notices += checks.check_plausible(
+            table, known, reading.declared_units, place, reading.problems
+        )
+        reading.problems.raise_if_any()
+        return tuple(checks.screen(table, self.parameters, place, reading.pooled(table)))
 
     def _sums(self, parts: pd.DataFrame, by: list[str], code: Any = None) -> pd.DataFrame:
         """Merge counts, means and scatters of parts of the same cell, cells in order of first appearance."""

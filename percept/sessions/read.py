@@ -256,11 +256,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         reading.problems.add(message, file=list(forms.values())[1], hint="Read them one by one.")
     reading.refuse_nothing(frames)
     merged = pd.concat(frames, ignore_index=True)
-    files, rows = merged["file"].to_numpy(), merged["row"].to_numpy()
-
-    def place(at: int) -> dict[str, Any]:
-        return {"file": reading.sources[int(files[at])].name, "row": int(rows[at])}
-
+    place = reading.place(merged)
     quantities = reading.options.quantities
     if "summary" in forms:
         check_summary(merged, reading.options.quantities, place, reading.problems)
@@ -285,9 +281,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         counts=dict(reading.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
         listed=tuple(reading.options.environments),
-        pooled=tuple(
-            c for c in ("group", *reading.options.groups) if c in tidy and c not in reading.options.split
-        ),
+        pooled=reading.pooled(tidy),
         quantities=quantities,
     )
 

@@ -17,7 +17,7 @@ from percept.sessions.columns import resolve
 from percept.sessions.files import Input, expand, ids_from_name, is_workbook, load, open_text
 from percept.sessions.grids import Block, Grid, text_blocks, with_names
 from percept.sessions.options import ReadOptions
-from percept.sessions.records import IDS, Exclusion, NoDataError, Notice, Problems, Source
+from percept.sessions.records import IDS, Exclusion, NoDataError, Notice, Place, Problems, Source
 from percept.sessions.table import FileTable
 
 _EXTRA = "Install what reads it: pip install 'percept[tables]'."
@@ -120,6 +120,16 @@ class Reading:
         present = {name for frame in frames if len(frame) for name in frame["environment"].unique()}
         unnamed = (name for name in self.options.environments if name not in present)
         self.notices += [Notice("[environments] names it, and no row does", column=name) for name in unnamed]
+
+    def place(self, table: pd.DataFrame) -> Place:
+        """Return where a row of the table, by its position, stands."""
+        files, rows = table["file"].to_numpy(), table["row"].to_numpy()
+        return lambda at: {"file": self.sources[int(files[at])].name, "row": int(rows[at])}
+
+    def pooled(self, table: pd.DataFrame) -> tuple[str, ...]:
+        """Columns of groups that the analysis does not tell apart."""
+        names = dict.fromkeys(("group", *self.options.groups))
+        return tuple(c for c in names if c in table and c not in self.options.split)
 
     def settled(self, table: pd.DataFrame) -> pd.DataFrame:
         """Look at ids and cells over all files; a row of the table may stand for as many as `rows` says."""

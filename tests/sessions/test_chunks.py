@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from percept.errors import RefusalError, UsageError
-from percept.sessions import ReadOptions, files, grids, read_sessions, reduce_sessions
+from percept.sessions import ReadOptions, chunks, files, grids, read_sessions, reduce_sessions
 
 HEAD = "subject,session,environment,k_ref,b_ref,trial,k_adj,b_adj"
 
@@ -331,6 +331,39 @@ def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, severa
         assert reduced.cells[reduced.cells["n"] == 0].filter(regex="mean|scatter").isna().all(axis=None)
         for what in sessions.counts.keys() - {"rows without k", "rows without b"}:
             assert reduced.counts.get(what) == sessions.counts.get(what)
+
+
+def unlike(records):
+    """Records with zeros, values at the end of the knob, gross errors, groups, and a control left alone."""
+    edited = [[*r, "old" if r[0] < "002" else "young"] for r in records]
+    for at in range(0, len(edited), 5):
+        edited[at][6] = repr(4.0 * float(edited[at][3])) if edited[at][2] == "VE2" else edited[at][6]
+    for at, value in ((0, "0"), (7, "0"), (50, "1e9")):
+        edited[at][6] = value
+    return [[*r[:7], r[4], r[8]] if r[0] == "001" else r for r in edited if (r[0], r[2]) != ("003", "VE1")]
+
+
+@pytest.mark.usefixtures("blocks")
+def test_blocks_warn_of_what_the_reader_warns_of(tmp_path, monkeypatch):
+    file = write(tmp_path / "f.csv", unlike(rows()), header=f"{HEAD},group")
+    warnings = whole(monkeypatch, file).warnings
+    assert {notice.column for notice in warnings} == {"k_adj", "b_adj", "group", None}
+    assert reduce_sessions(file, family="normal").warnings == warnings
+    monkeypatch.setattr(chunks, "_SCREENED", 200)
+    sampled = reduce_sessions(file, family="normal")
+    assert any("an even sample" in notice.text for notice in sampled.notices)
+    # What is of subjects and cells is found in the sample too.
+    whole_cells = {notice.text for notice in warnings if notice.column in ("b_adj", "group", None)}
+    assert {notice.text for notice in sampled.warnings} >= whole_cells
+
+
+def test_a_file_in_other_units_is_refused_by_blocks_too(tmp_path):
+    records = [[*r[:6], repr(float(r[6]) / 1000), r[7]] if r[0] == "001" else r for r in rows(subjects=4)]
+    paths = one_file_each(tmp_path, records)
+    for read in (read_sessions, reduce_sessions):
+        with pytest.raises(UsageError, match="units of the file seem to differ by a thousand") as caught:
+            read(*paths)
+        assert caught.value.file == str(tmp_path / "001.csv")
 
 
 def test_rows_of_unfinished_subjects_count_whatever_they_lack(tmp_path):
