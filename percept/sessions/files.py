@@ -317,7 +317,7 @@ def _settled(declared: str | None, marked: str | None) -> str:
 def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> UsageError | None:
     """Decode all bytes; return what is wrong with the first that are no text, and raise on a NUL."""
     decoder = codecs.getincrementaldecoder(encoding)()
-    position, lines, newlines, data = 0, 0, 0, b"-"
+    position, data = 0, b"-"
     stream.seek(start)
     while data:
         data = stream.read(BLOCK)
@@ -325,19 +325,18 @@ def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> U
         try:
             text = decoder.decode(data, final=not data)
         except UnicodeDecodeError as error:
-            at = error.start - pending
+            position += error.start - pending
             beside = " (nor in UTF-8)" if encoding == "cp1252" else ""
-            return UsageError(
-                f"byte {position + at + 1} is not text in {encoding}{beside}.",
-                file=file,
-                row=1 + newlines + data[: max(at, 0)].count(b"\n"),
-                hint="Export the table again as CSV in UTF-8.",
-            )
+            message = f"byte {position + 1} is not text in {encoding}{beside}."
+            stream.seek(start)
+            row = 1 + stream.read(position).count(b"\n")
+            return UsageError(message, file=file, row=row, hint="Export the table again as CSV in UTF-8.")
         if (nul := text.find("\0")) >= 0:
+            stream.seek(start)
+            before = stream.read(position).decode(encoding, errors="ignore")
             message = "a NUL character: this is a binary file, or UTF-16 without a byte-order mark."
             hint = 'Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".'
-            raise UsageError(message, file=file, row=1 + lines + line_ends(text[:nul]), hint=hint)
-        lines, newlines = lines + line_ends(text), newlines + data.count(b"\n")
+            raise UsageError(message, file=file, row=1 + line_ends(before + text[:nul]), hint=hint)
         position += len(data)
     return None
 
