@@ -176,6 +176,35 @@ def design_couplings(
         No boundary, a range that is not strictly between 0 and Nyquist or outside a device's table, a device
         with arrays as parameters, T not positive, an unknown hold; a damping that is negative or no list.
     """
+    walls, lines = _checked(device, boundaries, frequencies, period, hold, damping)
+    each = tuple(_region(device, [wall], lines, period, hold) for wall in walls)
+    common = each[0] if len(each) == 1 else _region(device, walls, lines, period, hold)
+    return CouplingDesign(each=each, common=common)
+
+
+def softest_coupling(
+    device: AnyDevice,
+    boundaries: Sequence[EnvironmentBoundary],
+    frequencies: tuple[float, float],
+    period: float,
+    *,
+    hold: str = "average",
+    damping: ArrayLike | None = None,
+) -> QualifyingCoupling | None:
+    """Return the softest coupling that suits all boundaries, as `design_couplings` does, without its map."""
+    walls, lines = _checked(device, boundaries, frequencies, period, hold, damping)
+    return _end(device, walls, lines, 1, period, hold)
+
+
+def _checked(
+    device: AnyDevice,
+    boundaries: Sequence[EnvironmentBoundary],
+    frequencies: tuple[float, float],
+    period: float,
+    hold: str,
+    damping: ArrayLike | None,
+) -> tuple[list[_Wall], FloatArray]:
+    """Return what each boundary asks for, and the lines of b_c."""
     if not boundaries:
         raise UsageError("a coupling needs at least one boundary to stay inside of.")
     lower, upper = frequencies
@@ -190,10 +219,7 @@ def design_couplings(
     if b_c.ndim != 1 or not b_c.size:
         raise UsageError("damping must be a list of one value or more.", value=b_c.shape)
     walls = [_Wall(device, boundary, (lower, upper), period, hold) for boundary in boundaries]
-    lines = np.unique(b_c)
-    each = tuple(_region(device, [wall], lines, period, hold) for wall in walls)
-    common = each[0] if len(each) == 1 else _region(device, walls, lines, period, hold)
-    return CouplingDesign(each=each, common=common)
+    return walls, np.unique(b_c)
 
 
 def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
@@ -209,36 +235,46 @@ def _region(
     device: AnyDevice, walls: Sequence[_Wall], lines: FloatArray, period: float, hold: str
 ) -> QualifyingRegion:
     """Cut away at the walls' ω until a check at all ω finds nothing outside."""
-
-    def gaps(damping: FloatArray) -> Gaps:
-        cuts = np.concatenate([wall.forbidden(damping) for wall in walls], axis=1)
-        return Gaps.of(stable_stiffness(device, damping, period, hold), cuts)
-
-    def passing(couplings: Coupling) -> BoolArray:
-        good: BoolArray = np.ones(np.size(couplings.stiffness), dtype=np.bool_)
-        for wall in walls:
-            good &= wall.passes(couplings)
-        return good
-
     for _ in range(_ROUNDS):
-        found = gaps(lines).inset(_OUTLINE)
+        found = _gaps(device, walls, lines, period, hold).inset(_OUTLINE)
         line, column = np.nonzero(found.kept)
         if not line.size:
             break
         low, high = found.low[line, column, None], found.high[line, column, None]
         k_c = low + _FRACTIONS * (high - low)
-        good = passing(Coupling(k_c.ravel(), np.repeat(lines[line], _FRACTIONS.size)))
+        good = _passing(walls, Coupling(k_c.ravel(), np.repeat(lines[line], _FRACTIONS.size)))
         found.kept[line, column] = good.reshape(k_c.shape).all(axis=1)
         if good.all():
             break
-    ends: list[QualifyingCoupling | None] = []
-    for side in (0, 1):
-        for _ in range(_ROUNDS):
-            best = _extreme(gaps, lines, side)
-            if best is None or passing(best)[0]:
-                break
-        ends.append(None if best is None else _described(device, walls, best, side, period, hold))
-    return QualifyingRegion(lines, found.lines(), *ends)
+    largest, softest = (_end(device, walls, lines, side, period, hold) for side in (0, 1))
+    return QualifyingRegion(lines, found.lines(), largest, softest)
+
+
+def _gaps(device: AnyDevice, walls: Sequence[_Wall], damping: FloatArray, period: float, hold: str) -> Gaps:
+    """Return the k_c that stability and the walls' ω leave on lines of b_c."""
+    cuts = np.concatenate([wall.forbidden(damping) for wall in walls], axis=1)
+    return Gaps.of(stable_stiffness(device, damping, period, hold), cuts)
+
+
+def _passing(walls: Sequence[_Wall], couplings: Coupling) -> BoolArray:
+    return np.logical_and.reduce([wall.passes(couplings) for wall in walls])
+
+
+def _end(
+    device: AnyDevice, walls: Sequence[_Wall], lines: FloatArray, side: int, period: float, hold: str
+) -> QualifyingCoupling | None:
+    """Return the coupling with the largest k_c, or on side 1 the smallest, that passes; None without any."""
+
+    def gaps(damping: FloatArray) -> Gaps:
+        return _gaps(device, walls, damping, period, hold)
+
+    for _ in range(_ROUNDS):
+        best = _extreme(gaps, lines, side)
+        if best is None:
+            return None
+        if _passing(walls, best)[0]:
+            return _described(device, walls, best, side, period, hold)
+    return None
 
 
 def _described(

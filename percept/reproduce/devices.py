@@ -22,6 +22,7 @@ from percept.haptics import (
     magnitude_envelope,
     max_coupling_stiffness,
 )
+from percept.haptics.design import softest_coupling
 from percept.haptics.search import section_minimum
 from percept.reproduce.published import Array, Published, Wall
 from percept.reproduce.squares import Square, felt_square
@@ -37,6 +38,8 @@ _RANGE = 31  # Over the perceivable range
 # Dampings of the trade-off, N·s/m, and the least one looked at, found to a thousandth.
 _DAMPINGS = np.geomspace(0.5, 60.0, 11)
 _LEAST, _DIGITS = 1e-4, 1e-3
+# How often the damping is doubled in search of a device on which one coupling suits all.
+_DOUBLE, _DOUBLINGS = 2.0, 5
 _LINES = 17  # Values of b_c along which couplings are searched
 
 
@@ -238,7 +241,9 @@ def trade_off(published: Published) -> TradeOff:
     least = tuple(_least(published, [row], _bracket(softest[row])) for row in rows)
     common = max(least)
     if np.isfinite(common) and np.isnan(_softest(published, common, rows)):
-        common = _least(published, rows, (common, float(_DAMPINGS[-1])))
+        enough = (common * _DOUBLE**i for i in range(1, _DOUBLINGS + 1))
+        high = next((b for b in enough if not np.isnan(_softest(published, b, rows))), np.inf)
+        common = _least(published, rows, (high / _DOUBLE, high))
     return TradeOff(
         damping=_DAMPINGS,
         stiffest=np.asarray(
@@ -266,9 +271,7 @@ def _softest(published: Published, damping: float, rows: Sequence[int]) -> float
     boundaries = next_user_boundaries(published)
     lines = 8 * damping * np.sin(np.linspace(0.0, np.pi / 2, _LINES)) ** 2
     some = [boundaries[row] for row in rows]
-    softest = design_couplings(
-        device, some, _range(published), published.period, damping=lines
-    ).common.softest
+    softest = softest_coupling(device, some, _range(published), published.period, damping=lines)
     return float("nan") if softest is None else float(softest.stiffness)
 
 

@@ -138,6 +138,13 @@ def _coupling(document: Document) -> dict[str, Any]:
         for field in ("share_inside", "margin", "plane"):
             # Held to 1: a share or a margin near zero keeps its absolute digits only.
             found[f"{name} {field}"] = [row[f"{field}_uncoupled"], row[f"{field}_coupled"], 1.0]
+        if row["judged"] == "every omega":
+            found[f"{name} verdict"] = [row["verdict_uncoupled"], row["verdict_coupled"]]
+            found[f"{name} plane_departure"] = [
+                row["plane_departure_uncoupled"],
+                row["plane_departure_coupled"],
+                1.0,
+            ]
         for field in ("leaves_uncoupled", "leaves_coupled", "plane_leaves_coupled"):
             found[f"{name} {field}"] = row[field]
         found[f"{name} effective"] = [[row["effective_stiffness"]], [row["effective_damping"]]]

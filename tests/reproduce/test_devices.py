@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from percept.haptics import Coupling, Device, magnitude_envelope, required_damping
+from percept.haptics.design import softest_coupling
 from percept.reproduce import devices
 from percept.reproduce.devices import adapted_couplings, next_user_boundaries, trade_off
 
@@ -180,9 +181,21 @@ def test_below_the_least_damping_nothing_stiff_enough_is_stable(published, trade
         assert trade.softest[row][known][0] <= stiffest * 1.005
 
 
-def test_one_coupling_for_all_needs_what_the_worst_needs(trade):
+def test_one_coupling_for_all_needs_what_the_worst_needs(published, trade):
     assert trade.least_common >= max(trade.least) * (1 - 1e-12)
-    assert np.isfinite(trade.least_common)
+    lines = 8 * trade.least_common * np.sin(np.linspace(0.0, np.pi / 2, 17)) ** 2
+    for factor, found in ((1.0, True), (0.998, False)):
+        device = Device(published.device.mass, factor * trade.least_common)
+        boundaries = next_user_boundaries(published)
+        coupling = softest_coupling(
+            device, boundaries, (0.1, 100.0), published.period, damping=factor * lines
+        )
+        assert (coupling is not None) == found
+        if coupling is not None:
+            assert required_damping(
+                Coupling(coupling.stiffness, coupling.damping), published.period
+            ).damping <= (device.damping * (1 + 1e-9))
+            assert all(stays_inside(published, device, row, coupling) for row in range(5))
 
 
 def test_boundaries_are_of_the_next_user(published):
