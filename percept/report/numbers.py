@@ -90,8 +90,5 @@ def _written(value: float, digits: int, style: str) -> str:
         return percentage(value, digits)
     if style == "error":
         return f"{bare(rounded(100 * value, 1))}\u202f%"
-    if style == "departure":
-        # A logarithm of a ratio, of which only what lies outside counts.
-        return percentage(math.expm1(max(0.0, value)), digits)
     text = rounded(float(value), digits)
     return text if style == "fixed" else bare(text)

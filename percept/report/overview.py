@@ -102,7 +102,7 @@ def _realism(document: Record) -> list[dict[str, Any]]:
             rendered: {
                 "verdict": record[f"verdict_{side}"],
                 "inside": record[f"share_inside_{side}"],
-                "departure": math.expm1(max(0.0, record[f"departure_{side}"])),
+                "departure": max(0.0, record[f"departure_{side}"]),
                 "omega": record[f"departure_omega_{side}"],
                 "plane_departure": record[f"plane_departure_{side}"],
             }

@@ -55,7 +55,7 @@ class CouplingStudy(NotebookRecord):
     realism : DataFrame
         Per boundary: share of the range inside, where curves leave, and the margin, as drawn; without and
         through the coupling. Of rectangles (`judged` is "every omega") also the verdict at every omega
-        ("inside", "marginal" or "outside"), the largest departure (log ratio, negative inside) with its
+        ("inside", "marginal" or "outside"), the largest departure (relative, negative inside) with its
         omega, and that of effective k and b, in widths. Ellipses and draws are judged "as drawn" only.
     read_at : float
         Where single values are read, rad/s.
@@ -171,7 +171,7 @@ def _verdicts(setup: Setup, region: Region, boundary: Boundary) -> dict[str, Any
         display = setup.display(region.environment, coupled=name == "coupled")
         departed = departures(display, box, *ends)
         found[f"verdict_{name}"] = departed.verdict()
-        found[f"departure_{name}"] = float(departed.largest[0])
+        found[f"departure_{name}"] = float(np.expm1(departed.largest[0]))
         found[f"departure_omega_{name}"] = float(departed.omega[0])
         found[f"plane_departure_{name}"] = float(plane_departures(display, region.limits, *ends)[0][0])
     return found

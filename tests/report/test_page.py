@@ -22,7 +22,7 @@ from tests.unmixed import UNMIXED, unmixed_sessions
 from .conftest import DATASETS, scene_of
 
 STYLES = [("plain", digits) for digits in range(2, 7)] + [("percent", digits) for digits in (2, 3)]
-STYLES += [(style, 5) for style in ("short", "short percent", "count", "bias")]
+STYLES += [(style, 5) for style in ("short", "short percent", "count", "bias", "error")]
 HOSTILE = '"><img src=x onerror=alert(1)>{{7*7}}</script>'
 
 
