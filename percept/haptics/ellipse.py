@@ -18,6 +18,7 @@ from percept.haptics.arrays import (
     real_array,
     times,
 )
+from percept.haptics.containment import Plane
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import distance_axes
 from percept.haptics.records import AnyDevice
@@ -79,43 +80,23 @@ def magnitude_envelope_ellipse(
     """
     k, b = _checked_centre(centre, "(k, b)")
     factor = _checked_factor(shape, radius, "(k, b)")
-    plane = _plane(omega, device, period, hold, mass)
+    plane, seen, size = _plane(omega, device, period, hold, mass)
     lower, upper = np.full((2, plane.across.size), np.inf)
-    seen = plane.finite
     lower[seen], upper[seen] = _extremes(plane.at(seen), k, b, factor)
     at_dc = np.isinf(plane.per_rate)
     lower[at_dc], upper[at_dc] = _range_at_dc(plane.across[at_dc], k, b, factor)
-    return lower.reshape(plane.shape)[()], upper.reshape(plane.shape)[()]
+    return lower.reshape(size)[()], upper.reshape(size)[()]
 
 
-@dataclass(frozen=True)
-class _Plane:
-    """Where abs(Z_h) is hypot(gain·b + across, along − per_rate·k), one element for each ω and device."""
-
-    gain: FloatArray
-    per_rate: FloatArray  # s/rad
-    across: FloatArray  # N·s/m
-    along: FloatArray  # N·s/m
-    shape: tuple[int, ...]  # before the arrays were raveled
-
-    @property
-    def finite(self) -> BoolArray:
-        """Where no term is infinite, as k is at DC and a mass at Nyquist."""
-        return np.isfinite(self.per_rate) & np.isfinite(self.across) & np.isfinite(self.along)
-
-    def at(self, which: IntArray | BoolArray) -> _Plane:
-        """Return some of the elements."""
-        gain, per_rate, across, along = (
-            part[which] for part in (self.gain, self.per_rate, self.across, self.along)
-        )
-        return _Plane(gain, per_rate, across, along, gain.shape)
-
-
-def _plane(omega: ArrayLike, device: AnyDevice, period: float, hold: str, mass: float) -> _Plane:
+def _plane(
+    omega: ArrayLike, device: AnyDevice, period: float, hold: str, mass: float
+) -> tuple[Plane, BoolArray, tuple[int, ...]]:
+    """Return the plane, where it is finite (k is not at DC, a mass not at Nyquist), and the arrays' shape."""
     across, along, held = distance_axes(warp(omega, period), device, hold, real_array(mass, "mass", "kg"))
     parts = np.broadcast_arrays(held.gain, held.per_rate, across, along)
     gain, per_rate, across, along = (part.ravel() for part in parts)
-    return _Plane(gain, per_rate, across, along, parts[0].shape)
+    finite = np.isfinite(per_rate) & np.isfinite(across) & np.isfinite(along)
+    return Plane(gain, per_rate, across, along), finite, parts[0].shape
 
 
 def _checked_centre(centre: tuple[float, float], pair: str) -> tuple[float, float]:
@@ -147,7 +128,7 @@ def _checked_factor(shape: ArrayLike, radius: float, pair: str) -> FloatArray:
     return float(radius_array) * np.array([[sd_k, 0.0], [correlation * sd_b, rest * sd_b]])
 
 
-def _extremes(plane: _Plane, k: float, b: float, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _extremes(plane: Plane, k: float, b: float, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the smallest and the largest distance from the origin to an ellipse of (k, b), at every ω."""
     p, q = plane.gain * b + plane.across, plane.along - plane.per_rate * k
     images = plane.gain * factor[1, 0], plane.gain * factor[1, 1], -plane.per_rate * factor[0, 0]
@@ -282,12 +263,11 @@ def magnitude_envelope_log_ellipse(
             hint="centre and shape are of natural logarithms of k and b.",
         )
     curve = _Curve(log_k, log_b, factor)
-    plane = _plane(omega, device, period, hold, mass)
+    plane, seen, size = _plane(omega, device, period, hold, mass)
     lower, upper = np.full((2, plane.across.size), np.inf)
-    seen = plane.finite
     lower[seen], upper[seen] = _extremes_along(curve, plane.at(seen))
     lower[_holds_origin(curve, plane)] = 0.0
-    return lower.reshape(plane.shape)[()], upper.reshape(plane.shape)[()]
+    return lower.reshape(size)[()], upper.reshape(size)[()]
 
 
 @dataclass(frozen=True)
@@ -311,7 +291,7 @@ class _Curve:
         return -along_k * sin, -along_k * cos, along_b * cos - cross * sin, -cross * cos - along_b * sin
 
 
-def _extremes_along(curve: _Curve, plane: _Plane) -> tuple[FloatArray, FloatArray]:
+def _extremes_along(curve: _Curve, plane: Plane) -> tuple[FloatArray, FloatArray]:
     """Return the smallest and the largest distance along the curve, at every ω."""
     k, b = curve.at(_ANGLES)
     # Squares of numbers near one neither overflow nor vanish where they decide.
@@ -323,7 +303,7 @@ def _extremes_along(curve: _Curve, plane: _Plane) -> tuple[FloatArray, FloatArra
     gain, per_rate, across, along = (
         np.ldexp(part, -size) for part in (plane.gain, plane.per_rate, plane.across, plane.along)
     )
-    scaled = _Plane(gain, per_rate, across, along, plane.shape)
+    scaled = Plane(gain, per_rate, across, along)
     turns, index, sign = _turning_points(scaled, k, b)
     near, there = scaled.at(turns), plane.at(turns)
 
@@ -350,7 +330,7 @@ def _extremes_along(curve: _Curve, plane: _Plane) -> tuple[FloatArray, FloatArra
     return lower, upper
 
 
-def _turning_points(plane: _Plane, k: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+def _turning_points(plane: Plane, k: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     """Return where distances turn on the grid: which ω, which angle, and 1 for a dip or -1 for a peak.
 
     All are refined: on the grid the wrong one may look better.
@@ -365,7 +345,7 @@ def _turning_points(plane: _Plane, k: FloatArray, b: FloatArray) -> tuple[IntArr
     return turns, index, np.repeat([1.0, -1.0], [dips[0].size, peaks[0].size])
 
 
-def _holds_origin(curve: _Curve, plane: _Plane) -> BoolArray:
+def _holds_origin(curve: _Curve, plane: Plane) -> BoolArray:
     """Say where the region holds the (k, b) at which Z_h vanishes."""
     k, b = ratio(plane.along, plane.per_rate, empty=-1.0), ratio(-plane.across, plane.gain, empty=-1.0)
     positive = (k > 0) & (b > 0) & np.isfinite(k) & np.isfinite(b)
