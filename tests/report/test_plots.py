@@ -59,6 +59,7 @@ def test_a_boundary_is_drawn_as_it_is_computed(both_study, ax):
     assert both_study.plot_boundary("VE4", ax=ax) is ax
     wanted = {
         "environment": "VE4",
+        "method": "classical",
         "kind": "user",
         "method": "classical",
         "family": "lognormal",
