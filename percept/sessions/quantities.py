@@ -104,13 +104,14 @@ def is_impedance(parameters: Iterable[str]) -> bool:
 
 def with_mass(quantities: Quantities) -> Quantities:
     """Return what references are of: the quantities, and an impedance's mass, which nobody adjusts."""
-    return {**quantities, "m": _MASS} if is_impedance(quantities) else quantities
+    return {**quantities, "m": _MASS} if quantities.keys() >= IMPEDANCE.keys() else quantities
 
 
 def numbers_of(quantities: Iterable[str]) -> tuple[str, ...]:
     """Name the columns of numbers: references, then adjustments."""
     names = tuple(quantities)
-    mass = (MASS,) if is_impedance(names) else ()
+    # A third quantity leaves k and b an impedance.
+    mass = (MASS,) if IMPEDANCE.keys() <= set(names) else ()
     return (*(f"{name}_ref" for name in names), *mass, *(f"{name}_adj" for name in names))
 
 
