@@ -61,7 +61,6 @@ def test_a_boundary_is_drawn_as_it_is_computed(both_study, ax):
         "environment": "VE4",
         "method": "classical",
         "kind": "user",
-        "method": "classical",
         "family": "lognormal",
         "joint": "marginal",
         "shape": "envelope",
