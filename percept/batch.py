@@ -152,9 +152,7 @@ def analyse(files: StudyFiles) -> Outcome:
 def _study(files: StudyFiles) -> Study:
     """Read the files from a folder that is gone afterwards; messages name the paths the user gave."""
     scene = Scene.from_tables(files.scene)
-    options = ReadOptions.from_mapping(
-        {"columns": scene.columns, "sessions": scene.sessions, "environments": scene.environments}
-    )
+    options = ReadOptions.from_mapping(dict(scene))
     with tempfile.TemporaryDirectory(prefix="percept-") as root:
         folder = Path(root) / "study"
         for name, data in files.files:

@@ -220,11 +220,13 @@ Noun = Annotated[tuple[str, str], BeforeValidator(_noun)]
 class StudyTable(Table):
     """What the study calls its environments and subjects, as a noun or as singular and plural.
 
-    Without a word environments are "conditions" where the quantities adjusted make no impedance.
+    Without a word environments are "conditions" where the quantities adjusted make no impedance. `factor` is
+    a column of conditions that the same subjects went through: its levels are compared two by two.
     """
 
     environment: Noun | None = None
     subject: Noun = ("subject", "subjects")
+    factor: Annotated[str, Field(min_length=1)] | None = None
 
 
 class ReportTable(Table):

@@ -27,6 +27,7 @@ _PAIR = [
     "width_ratio", "shift", "overlap",
 ]  # fmt: skip
 _STEPS = ["environment", "parameter", "cause", "width", "log_width_error", "centre", "centre_error"]
+_CONTRAST = ["environment", "parameter", "kind", "method", "lower", "estimate", "upper", "p_value", "n"]
 _MOST_CURVES = 10
 
 
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--other-scene", metavar="FILE", help="scene of the second study, such as another device"
     )
-    parser.add_argument("--by", metavar="COLUMN", help="compare the two groups of subjects in this column")
+    parser.add_argument("--by", metavar="COLUMN", help="compare the groups, or conditions, in this column")
     parser.add_argument(
         "--coverage",
         default="coverage",
@@ -48,12 +49,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the methods' comparison for one path, the difference of the studies for two."""
+    from percept.study import Study
     from percept.study.compare import compare_studies
 
     with Working("comparing", shown=not arguments.quiet) as progress:
         if len(arguments.sessions) == 1 and not (arguments.by or arguments.other_scene):
             return _methods(open_study(arguments, progress), arguments)
-        names, (a, b) = zip(*_named(arguments, progress), strict=True)
+        named = _named(arguments, progress)
+        if isinstance(named, Study):
+            return _contrasts(named, arguments)
+        names, (a, b) = zip(*named, strict=True)
         comparison = compare_studies(a, b)
     tell_error(a, b)
     if arguments.json:
@@ -74,15 +79,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _named(arguments: argparse.Namespace, progress: Working) -> list[tuple[str, Study]]:
-    """Return the two studies, each with what it is."""
-    from percept.study.compare import split_by
+def _named(arguments: argparse.Namespace, progress: Working) -> list[tuple[str, Study]] | Study:
+    """Return the two studies, each with what it is; one study where the groups share subjects."""
+    from percept.sessions.levels import by_level
+    from percept.study.compare import split_by, within_subjects
 
     paths, column = arguments.sessions, arguments.by
     if column:
         if arguments.other_scene:
             raise UsageError("--by compares groups under one scene; leave --other-scene out.")
         study = open_study(arguments, progress, groups=[column])
+        if within_subjects(study.sessions, column):
+            return study.over(by_level(study.sessions, column))
         groups = split_by(study.sessions, column)
         if len(groups) > 2:
             raise UsageError(
@@ -103,6 +111,36 @@ def _named(arguments: argparse.Namespace, progress: Working) -> list[tuple[str, 
         )
         for path, scene in zip((paths[0], paths[-1]), scenes, strict=True)
     ]
+
+
+def _contrasts(study: Study, arguments: argparse.Namespace) -> int:
+    """Print the contrasts of conditions that the same subjects went through."""
+    import pandas as pd
+
+    from percept.study.basics import Skipped, results
+    from percept.study.contrast import contrast_rows
+
+    rows = list(contrast_rows(study.sessions, study.parameters, study.scene))
+    table, factor = pd.DataFrame(results(rows)), study.sessions.factor
+    assert factor is not None
+    notes = [f"{row.what}: {row.why}" for row in rows if isinstance(row, Skipped)]
+    if not len(table):
+        raise RefusalError("no contrast can be worked out.", column=factor.name, hint="; ".join(notes))
+    if arguments.json:
+        stated = {"factor": factor.name, "levels": factor.levels, **_stated(study), "notes": notes}
+        print_json({**stated, "contrast": table.to_dict("records")})
+        return 0
+    ratio = "ratio" if study.scene.inference.family == "lognormal" else "difference, in references"
+    print("\n".join([f"{factor.name}: the same subjects at {', '.join(factor.levels)}.", *notes]))
+    print(f"Paired, {_claim(study)}.")
+    table = table.assign(environment=table["environment"].fillna("overall"))
+    for first, second in factor.pairs:
+        for of, unit in (("bias", ratio), ("spread", "ratio of SDs between users")):
+            alike = table[(table["first"] == first) & (table["second"] == second) & (table["of"] == of)]
+            if len(alike):
+                print(f"\n{of.capitalize()}, {second} against {first}, {unit}:")
+                _print(alike[_CONTRAST])
+    return 0
 
 
 def _methods(study: Study, arguments: argparse.Namespace) -> int:

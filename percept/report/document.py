@@ -41,9 +41,9 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     Returns
     -------
     dict
-        ``schema``, ``provenance``, ``data``, ``intervals``, ``boundaries`` with their ``zoom`` windows,
-        ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``, ``design``,
-        ``sensitivity``, ``comparison``, ``ladder``, ``curve_comparison``, ``diagnostics``, ``checks``,
+        ``schema``, ``provenance``, ``data``, ``intervals``, ``contrast``, ``boundaries`` with their ``zoom``
+        windows, ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``,
+        ``design``, ``sensitivity``, ``comparison``, ``ladder``, ``curve_comparison``, ``diagnostics``, ``checks``,
         ``skipped``, and what is worked out from them: ``summary``. JSON values only (see
         `percept.report.plain`), in the units of the tables: those of the quantities, and N/m, N·s/m, rad/s,
         kg, s. No run times, no folders.
@@ -57,6 +57,7 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         "provenance": provenance(study),
         "data": data_of(study),
         "intervals": plain(study.intervals.assign(covers=study.interpretation["covers"])),
+        "contrast": plain(study.contrasts),
         "boundaries": boundaries,
         "zoom": windows,
         "close": _close_views(study, windows),

@@ -23,6 +23,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
         "references": list(_references(intervals)),
         "widths": _widths(intervals),
         "cautions": [
+            *_levels(document.get("contrast")),
             *_left_out(document.get("skipped") or ()),
             *_inaccurate(document.get("diagnostics")),
             *_few(intervals),
@@ -32,6 +33,15 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
             *_warnings(document["data"]["doubts"]),
         ],
     }
+
+
+def _levels(contrast: list[Record] | None) -> Iterator[str]:
+    """Say what the levels of a factor are to everything but the contrasts."""
+    if contrast:
+        yield (
+            f"Each level of {contrast[0]['factor']} stands as a condition of its own. Only the section on "
+            f"{contrast[0]['factor']} compares levels within subjects."
+        )
 
 
 def _left_out(skipped: Sequence[Record]) -> Iterator[str]:

@@ -47,10 +47,42 @@ _LAWS = {"weber": "Weber, w·{0}", "offset": "Weber with offset, c + w·{0}", "p
 def build_sections(document: Record) -> list[Section]:
     """Return the sections a document needs, in reading order; what it has nothing for is absent."""
     order = (
-        summary, intervals, boundaries, direct, coupling, design, device, band, comparison, diagnostics,
-        checks, data, methods, provenance, skipped,
+        summary, intervals, contrast, boundaries, direct, coupling, design, device, band, comparison,
+        diagnostics, checks, data, methods, provenance, skipped,
     )  # fmt: skip
     return [section for build in order if (section := build(document)) is not None]
+
+
+def contrast(document: Record) -> Section | None:
+    """Return the contrasts of conditions within subjects, pair by pair of levels."""
+    rows = pointed(document.get("contrast"), "/contrast")
+    if not rows:
+        return None
+    quantities = quantities_of(document)
+    tables = [
+        {"first": first, "second": second, "quantity": quantities[parameter], "of": of, "rows": alike}
+        for first, second in dict.fromkeys((row["first"], row["second"]) for row in rows)
+        for parameter in distinct(rows, "parameter")
+        for of in ("bias", "spread")
+        if (alike := matching(rows, first=first, second=second, parameter=parameter, of=of))
+    ]
+    means = matching(rows, of="bias", kind="mean")
+    overall = matching(means, environment=None) or means
+    best = {p: ordered(METHODS[::-1], matching(overall, parameter=p), "method")[:1] for p in quantities}
+    values = {
+        "tables": tables,
+        "overall": [
+            {**row, "label": quantities[row["parameter"]].label}
+            for row in overall
+            if [row["method"]] == best[row["parameter"]]
+        ],
+        "ratio": rows[0]["family"] == "lognormal",
+        "factor": rows[0]["factor"],
+        "cell": document["data"]["environments"][0],
+    }
+    levels = list(dict.fromkeys((row["second"], row["first"]) for row in rows))
+    versus = f"{levels[0][0]} against {levels[0][1]}" if len(levels) == 1 else "levels two by two"
+    return Section("contrast", f"{rows[0]['factor']}: {versus}", values)
 
 
 def boundaries(document: Record) -> Section | None:

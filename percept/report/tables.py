@@ -42,6 +42,7 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
         name = "band" if parameter is None else f"band_{parameter}"
         tables[name] = _table(heads, matching(band["rows"], parameter=parameter))
     for name, rows in (
+        ("contrast", document["contrast"]),
         ("comparison", document["comparison"]),
         ("comparison_curves", document["curve_comparison"]),
     ):
@@ -83,6 +84,8 @@ def _cell(value: Any) -> Any:
     """Make what a spreadsheet would run as a formula text."""
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, list):
+        value = "; ".join(value)
     return neutralised(value) if isinstance(value, str) and value not in ("inf", "-inf") else value
 
 

@@ -95,12 +95,15 @@ def in_order(environments: Sequence[str], references: pd.DataFrame, listed: Iter
     return tuple(sorted(environments, key=keys.__getitem__))
 
 
-def check_duplicates(table: pd.DataFrame, place: Place, problems: Problems, *, numbered: bool) -> None:
-    """Find rows that stand twice for one subject, session, environment and trial."""
-    again = np.flatnonzero(table.duplicated(TRIAL).to_numpy())
+def check_duplicates(
+    table: pd.DataFrame, place: Place, problems: Problems, *, numbered: bool, split: Sequence[str] = ()
+) -> None:
+    """Find rows that stand twice for one subject, session, environment, group told apart and trial."""
+    cell = [*dict.fromkeys((*TRIAL, *split))]
+    again = np.flatnonzero(table.duplicated(cell).to_numpy())
 
     def where(at: int) -> str:
-        origin = place(int(np.flatnonzero((table[TRIAL] == table[TRIAL].iloc[at]).all(axis=1))[0]))
+        origin = place(int(np.flatnonzero((table[cell] == table[cell].iloc[at]).all(axis=1))[0]))
         return f"{origin.get('file')}:{origin.get('row')}"
 
     tell_duplicates(table, again.tolist(), where, place, problems, numbered=numbered)

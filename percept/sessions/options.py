@@ -355,7 +355,7 @@ class ReadOptions(SessionsTable, DataTables):
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
-        """Build from a scene's tables on data, such as `columns` and `sessions`; others are not looked at.
+        """Build from a scene's tables on data, and the column of `study.factor`; others are not looked at.
 
         Raises
         ------
@@ -366,5 +366,8 @@ class ReadOptions(SessionsTable, DataTables):
             checked = _Tables(**{name: tables[name] for name in _Tables.model_fields if name in tables})
         except ValidationError as error:
             raise said(_Tables, error, file=file) from error
-        tables = {name: getattr(checked, name) for name in DataTables.model_fields}
-        return cls(**tables, **dict(checked.sessions))
+        kept = {name: getattr(checked, name) for name in DataTables.model_fields}
+        options = cls(**kept, **dict(checked.sessions))
+        study = tables.get("study") or {}
+        factor = study.get("factor") if isinstance(study, Mapping) else getattr(study, "factor", None)
+        return options.with_groups([factor]) if isinstance(factor, str) else options

@@ -16,6 +16,7 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import checks
+from percept.sessions.levels import Factor
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import IMPEDANCE, Quantities, trial_columns
 from percept.sessions.reading import Reading
@@ -66,6 +67,8 @@ class Sessions:
         Columns of groups that the analysis does not tell apart.
     quantities : mapping of str to Quantity
         What may be adjusted, by name.
+    factor : Factor, optional
+        The factor within subjects whose levels `environment` tells apart.
     """
 
     table: pd.DataFrame
@@ -78,6 +81,7 @@ class Sessions:
     listed: tuple[str, ...] = ()
     pooled: tuple[str, ...] = ()
     quantities: Quantities = field(default_factory=lambda: IMPEDANCE)
+    factor: Factor | None = None
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
@@ -294,7 +298,8 @@ def _checked_trials(
     if options.trial == "order":
         table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
     checks.settle_references(table, options.environments, {}, parameters, place, problems)
-    checks.check_duplicates(table, place, problems, numbered=reading.numbered)
+    split = [name for name in options.split if name in table]
+    checks.check_duplicates(table, place, problems, numbered=reading.numbered, split=split)
     reading.notices += checks.check_plausible(
         table, [options.quantities[p] for p in parameters], reading.declared_units, place, problems
     )

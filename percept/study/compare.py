@@ -13,6 +13,7 @@ from scipy import special
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
 from percept.sessions import Sessions
+from percept.sessions.levels import filled
 from percept.sessions.quantities import trial_columns
 from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
@@ -59,45 +60,26 @@ class PairComparison(NotebookRecord):
 
 def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
     """Split a study by a column of the sessions, such as a group of subjects."""
-    if sessions.form == "summary":
-        raise UsageError(
-            "published limits hold no subjects to divide.",
-            column=column,
-            hint="Give sessions, or two studies.",
-        )
-    table = sessions.table
-    if column not in table:
-        known = ", ".join(str(name) for name in table.columns)
-        raise UsageError(
-            f"there is no such column; the columns are {known}.",
-            column=column,
-            hint=f'A column that is no part of the format is kept by [sessions] groups = ["{column}"].',
-        )
-    blank = table[column].astype(str).str.strip() == ""
-    if blank.any():
-        file, row = sessions.locate(int(table.index[blank][0]))
-        raise UsageError(
-            f"{counted(int(blank.sum()), 'row')} without a value, of no group.",
-            file=file,
-            row=row,
-            column=column,
-            hint="Fill them in, or leave such rows out with [sessions] exclude.",
-        )
-    parts = {
+    filled(sessions, column)
+    return {
         str(value): dataclasses.replace(sessions, table=rows)
-        for value, rows in table.groupby(column, sort=False)
+        for value, rows in sessions.table.groupby(column, sort=False)
     }
-    if len(parts) < 2:
-        raise UsageError("all rows have one value: there is nothing to compare.", column=column)
-    groups = table.groupby("subject", sort=False)[column].nunique()
-    if shared := [str(subject) for subject in groups.index[groups > 1]]:
+
+
+def within_subjects(sessions: Sessions, column: str) -> bool:
+    """Whether some subjects are in more than one group, and can be paired; refuse where none can."""
+    filled(sessions, column)
+    cells = sessions.table.groupby(["subject", "environment"], sort=False)[column].nunique()
+    groups = sessions.table.groupby("subject", sort=False)[column].nunique()
+    shared = [str(subject) for subject in groups.index[groups > 1]]
+    if shared and (cells > 1).sum() == 0:
         raise RefusalError(
-            f"{_counted(shared)} in more than one group, and intervals of two samples need different people.",
+            f"{_counted(shared)} in more than one group, and no environment was adjusted in two groups.",
             column=column,
-            hint="To compare conditions that the same people went through, give each condition environments "
-            "of its own: one model then holds them all.",
+            hint="Conditions are compared at references that they share: name environments by reference.",
         )
-    return parts
+    return bool(shared)
 
 
 def compare_studies(first: Study, second: Study) -> PairComparison:

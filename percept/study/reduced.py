@@ -21,6 +21,9 @@ from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFrame:
     """Work out the intervals of a reduced study: those of `Study.intervals`, in one family."""
     scene = scene or Scene()
+    if scene.study.factor:
+        hint = "Read the files with read_sessions, or leave the key out to pool the levels."
+        raise UsageError("a reduced study keeps no levels.", key="study.factor", hint=hint)
     references = reduced.references.set_index("environment")
     parameters = _parameters(reduced, scene)
     reference = {(p, str(e)): float(v) for p in parameters for e, v in references[f"{p}_ref"].items()}

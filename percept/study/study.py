@@ -18,6 +18,7 @@ from percept.errors import UsageError
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
+from percept.sessions.levels import by_level
 from percept.sessions.quantities import is_impedance
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Array, Skipped, analysed_parameters, referenced, results, select
@@ -93,8 +94,9 @@ class Study(StudyViews):
                 f"a study is of Sessions, not of {type(sessions).__name__}.",
                 hint="read_sessions reads files, Sessions.from_frame takes a DataFrame.",
             )
-        self.sessions = sessions
         self.scene = scene or Scene()
+        factor = self.scene.study.factor
+        self.sessions = by_level(sessions, factor) if factor else sessions
         self.progress = progress
         self.store = store
 
@@ -386,7 +388,7 @@ class Study(StudyViews):
     def skipped(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
         parts: list[Any] = [*self._intervals, *self._with_reference, *self._setup, *self._zoom]
-        parts += [*self._banded, *self._sources.skipped]
+        parts += [*self._contrasts, *self._banded, *self._sources.skipped]
         if self.setup is not None:
             parts.append(fixed_device(self.setup, self.scene.inference.method))
             parts += [no_design(self.setup, self.scene.inference.kinds)] if self.setup.coupling else []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import importlib
 from collections.abc import Collection, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,14 +16,15 @@ from percept.errors import counted
 from percept.html import fields_html
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.basics import select
+from percept.study.basics import Skipped, results, select
+from percept.study.intervals import Row
 
 _CELL = ["environment", "parameter", "kind"]
 _LIMITS = ["estimate", "lower", "upper"]
 _LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
 _CURVES = ("omega", "lower", "upper", "reference", "coupled")
 #: What a study keeps once it is computed, by the name it is asked for.
-_KEPT = {"_intervals": "intervals", "_fitted": "fit"} | {
+_KEPT = {"_intervals": "intervals", "_fitted": "fit", "_contrasts": "contrasts"} | {
     name: name
     for name in (
         "posterior", "checks", "regions", "boundaries", "band", "coupling", "coupling_design",
@@ -46,6 +48,10 @@ class StudyViews:
 
         @property
         def intervals(self) -> pd.DataFrame:
+            """Of `percept.Study`."""
+
+        @property
+        def parameters(self) -> tuple[str, ...]:
             """Of `percept.Study`."""
 
         @property
@@ -75,6 +81,25 @@ class StudyViews:
         return wide(
             self.intervals, select("kind", kind, self.scene.inference.kinds), self.scene.inference.family
         )
+
+    @cached_property
+    def _contrasts(self) -> list[Row | Skipped]:
+        """Contrasts of the levels of a factor within subjects, and those there are none of."""
+        if self.sessions.factor is None:
+            return []
+        from percept.study.contrast import contrast_rows
+
+        return list(contrast_rows(self.sessions, self.parameters, self.scene))
+
+    @property
+    def contrasts(self) -> pd.DataFrame:
+        """Contrasts of the levels of `[study] factor`, of bias and of spread; empty without a factor.
+
+        A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or spread), kind
+        and method. Limits are ratios under the lognormal family; of bias under the normal one they are
+        differences in references. `environment` is None for the average over `references`.
+        """
+        return pd.DataFrame(results(self._contrasts))
 
     @property
     def curves(self) -> pd.DataFrame:

@@ -8,6 +8,7 @@ from percept import Scene, Study, read_sessions
 from percept.cli import main
 from percept.study.compare import compare_studies
 from tests import DATASETS
+from tests.study.within import frame, study
 from tests.unmixed import unmixed_sessions
 
 SESSIONS = str(DATASETS / "hbfd_sessions.csv")
@@ -112,6 +113,26 @@ def test_different_people_of_one_file_are_two_samples(folder, capsys):
     found = json.loads(printed(words, capsys))
     assert found["notes"] == []
     assert len(found["differences"]) == 4
+
+
+def test_conditions_of_the_same_subjects_are_paired(tmp_path, capsys):
+    frame().to_csv(tmp_path / "hand.csv", index=False)
+    words = ["compare", tmp_path / "hand.csv", "--by", "hand", "--method", "classical", "--level", "0.95"]
+    found = json.loads(printed([*words, "--json"], capsys))
+    assert (found["factor"], found["levels"]) == ("hand", ["left", "right"])
+    made = study(frame()).contrasts
+    assert [row["lower"] for row in found["contrast"]] == made["lower"].tolist()
+    text = printed(words, capsys)
+    assert "Bias, right against left, ratio:" in text
+    overall = made[made["environment"].isna() & (made["kind"] == "mean")].iloc[0]
+    (line,) = [line for line in text.splitlines() if "overall" in line and "mean" in line]
+    assert f"{overall['lower']:.4g}" in line
+    assert "Spread, right against left, ratio of SDs between users:" in text
+    zero = frame().assign(k_adj=0.0)
+    zero.to_csv(tmp_path / "zero.csv", index=False)
+    words[1] = tmp_path / "zero.csv"
+    assert main([*map(str, words), "--quiet"]) == 1
+    assert "no contrast can be worked out" in capsys.readouterr().err
 
 
 def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp_path):

@@ -1,0 +1,189 @@
+"""Conditions within subjects: contrasts against SciPy on subjects' means, and what is left out of them."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept.report.document import build_document
+from percept.report.page import render_page
+from percept.report.tables import csv_tables
+from percept.sessions import ReadError, ReadOptions, Sessions
+from percept.sessions.levels import by_level
+from percept.study.compare import within_subjects
+from percept.study.reduced import reduced_intervals
+from tests import DATASETS
+from tests.study.within import frame, study
+
+
+def means(table, response):
+    """Subjects' means of a response, (subject, (level, environment))."""
+    return table.assign(y=response).pivot_table(index="subject", columns=["hand", "environment"], values="y")
+
+
+def row_of(contrasts, environment, of="bias", kind="mean"):
+    rows = contrasts[contrasts["of"] == of]
+    rows = rows[rows["kind"] == kind] if of == "bias" else rows
+    rows = rows[rows["environment"].isna() if environment is None else rows["environment"] == environment]
+    (row,) = rows.to_dict("records")
+    return row
+
+
+@pytest.mark.parametrize("family", ["lognormal", "normal"])
+def test_contrasts_are_those_of_subjects_means(family):
+    table = frame()
+    ratio = table["k_adj"] / table["k_ref"]
+    wide = means(table, np.log(ratio) if family == "lognormal" else ratio - 1.0)
+    found = study(table, family).contrasts
+    for environment in ("VE1", "VE2", "VE3", None):
+        left, right = (
+            wide[level].mean(axis=1) if environment is None else wide[level, environment]
+            for level in ("left", "right")
+        )
+        test, n = stats.ttest_rel(right, left), len(left)
+        interval = test.confidence_interval(0.95)
+        row = row_of(found, environment)
+        ends = np.array([interval.low, (right - left).mean(), interval.high])
+        expected = np.exp(ends) if family == "lognormal" else ends
+        np.testing.assert_allclose([row["lower"], row["estimate"], row["upper"]], expected, rtol=1e-9)
+        assert (row["n"], row["first"], row["second"]) == (n, "left", "right")
+        assert row["p_value"] == pytest.approx(test.pvalue, rel=1e-9)
+        user = row_of(found, environment, kind="user")
+        half = stats.t.isf(0.025, n - 1) * (right - left).std(ddof=1) * np.sqrt(1.0 + 1.0 / n)
+        centre = np.log(user["upper"]) if family == "lognormal" else user["upper"]
+        assert centre == pytest.approx((right - left).mean() + half, rel=1e-9)
+        spread = row_of(found, environment, of="spread")
+        assert spread["estimate"] == pytest.approx(right.std(ddof=1) / left.std(ddof=1), rel=1e-9)
+        assert spread["p_value"] == pytest.approx(stats.pearsonr(left + right, right - left).pvalue, rel=1e-9)
+    assert row_of(found, None)["references"] == ["VE1", "VE2", "VE3"]
+
+
+def test_contrasts_say_what_they_cover():
+    found = study(frame()).contrasts
+    assert row_of(found, "VE1")["covers"] == (
+        "The typical user’s ratio of stiffness (right over left) lies between the limits, with 95 % "
+        "confidence (from 8 users with both levels)."
+    )
+    assert row_of(found, None, kind="share")["covers"].startswith(
+        "For at least 95 % of all users the ratio of stiffness (right over left) lies between the limits"
+    )
+    assert row_of(study(frame(), "normal").contrasts, "VE1", kind="user")["covers"].startswith(
+        "The next user's difference of stiffness (right less left, in references) lies"
+    )
+
+
+def test_overall_contrasts_average_over_what_all_subjects_share():
+    table = frame()
+    gone = (table["subject"] == "S2") & (table["environment"] == "VE3") & (table["hand"] == "right")
+    gone |= (table["subject"] == "S5") & (table["hand"] == "left")
+    kept = table[~gone]
+    made = study(kept)
+    wide = means(kept, np.log(kept["k_adj"] / kept["k_ref"])).drop("S5")
+    right, left = (wide[level][["VE1", "VE2"]].mean(axis=1) for level in ("right", "left"))
+    row = row_of(made.contrasts, None)
+    assert row["references"] == ["VE1", "VE2"]
+    assert row["n"] == 7
+    assert row["p_value"] == pytest.approx(stats.ttest_rel(right, left).pvalue, rel=1e-9)
+    assert row_of(made.contrasts, "VE3")["n"] == 6
+    assert dict(made.skipped) | {
+        "1 subject in contrasts of stiffness, right against left": "no reference has both levels",
+        "VE3 in the overall contrast of stiffness, right against left": "some subjects lack a level there",
+    } == dict(made.skipped)
+
+
+def test_three_levels_are_compared_two_by_two():
+    found = study(frame(levels=("left", "right", "both"))).contrasts
+    assert list(dict.fromkeys(zip(found["second"], found["first"], strict=True))) == [
+        ("right", "left"),
+        ("both", "left"),
+        ("both", "right"),
+    ]
+
+
+def test_each_level_of_a_reference_is_a_cell_of_its_own():
+    made = study(frame())
+    assert made.environments == tuple(f"VE{i}, {hand}" for i in (1, 2, 3) for hand in ("left", "right"))
+    assert made.reference["k", "VE2, right"] == 100.0
+    again = made.over(made.sessions)
+    assert again.environments == made.environments
+    assert len(Study(Sessions.from_frame(frame(trials=1).query("hand == 'left'"))).contrasts) == 0
+
+
+def test_a_trial_may_have_its_number_at_every_level():
+    with pytest.raises(ReadError, match="repeat a subject, session"):
+        Sessions.from_frame(frame())
+    with pytest.raises(ReadError, match="stands already in"):
+        study(frame().iloc[[0, *range(24)]])
+
+
+def test_what_has_no_contrast_is_named():
+    table = frame()
+    table.loc[0, "k_adj"] = 0.0
+    assert dict(study(table).skipped)["contrasts of stiffness"].startswith("a value is zero or negative")
+    zero = frame().assign(k_ref=0.0)
+    assert "[model] scale.k" in dict(study(zero, "normal").skipped)["contrasts of stiffness"]
+    scaled = study(frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}).contrasts
+    unscaled = study(frame().query("environment == 'VE1'"), "normal").contrasts
+    assert row_of(scaled, "VE1")["lower"] == pytest.approx(row_of(unscaled, "VE1")["lower"], rel=1e-12)
+    alone = frame()
+    alone = alone[(alone["subject"] == "S0") | (alone["hand"] == "left")]
+    why = dict(study(alone).skipped)
+    assert why["contrast of stiffness, right against left, in VE1"].startswith("fewer than two subjects")
+    apart = frame().query("(environment == 'VE1') == (hand == 'left')")
+    assert "overall contrast of stiffness, right against left" in dict(study(apart).skipped)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"hand": "left"}, "all rows have one value"),
+        ({"hand": ["left", ""] * 48}, "48 rows without a value, of no group"),
+    ],
+)
+def test_columns_that_are_no_factor_are_refused(change, message):
+    with pytest.raises(UsageError, match=message):
+        study(frame(trials=2).assign(trial=range(96), **change))
+
+
+def test_factors_that_cannot_be_told_apart_are_refused():
+    with pytest.raises(UsageError, match="column 'foot'"):
+        Study(
+            Sessions.from_frame(frame(trials=1).query("hand == 'left'")),
+            Scene.from_tables({"study": {"factor": "foot"}}),
+        )
+    table = read_sessions(DATASETS / "hbfd_table1.csv")
+    with pytest.raises(UsageError, match="published limits hold no subjects"):
+        by_level(table, "hand")
+    names = {"VE1": "A", "VE2": "A, b", "VE3": "C"}
+    mixed = frame(levels=("b, c", "c")).replace({"environment": names})
+    with pytest.raises(UsageError, match="two cells would have one name"):
+        study(mixed)
+    with pytest.raises(UsageError, match="a reduced study keeps no levels"):
+        reduced_intervals(None, Scene.from_tables({"study": {"factor": "hand"}}))
+
+
+def test_groups_share_subjects_at_references_they_share():
+    options = ReadOptions().with_groups(["hand"])
+    assert within_subjects(Sessions.from_frame(frame(), options=options), "hand")
+    apart = frame().query("(environment == 'VE1') == (hand == 'left')")
+    with pytest.raises(RefusalError, match=r"8 subjects .* no environment was adjusted in two groups"):
+        within_subjects(Sessions.from_frame(apart, options=options), "hand")
+    different = frame().query("(subject < 'S4') == (hand == 'left')")
+    assert not within_subjects(Sessions.from_frame(different, options=options), "hand")
+
+
+def test_the_page_has_a_section_of_the_factor():
+    made = study(frame())
+    document = build_document(made)
+    assert len(document["contrast"]) == 4 * 4
+    assert document["summary"]["cautions"][0].startswith(
+        "Each level of hand stands as a condition of its own"
+    )
+    page = render_page(document, {}, date="2026-01-01")
+    assert "hand: right against left" in page
+    overall = next(i for i, row in enumerate(document["contrast"]) if row["environment"] is None)
+    assert f'data-at="/contrast/{overall}/lower"' in page
+    rows = csv_tables(document)["contrast.csv"].splitlines()
+    assert len(rows) == 1 + len(document["contrast"])
+    assert "VE1; VE2; VE3" in rows[1 + overall]
+    assert "hand:" not in render_page(document | {"contrast": []}, {}, date="2026-01-01")
