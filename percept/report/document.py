@@ -43,8 +43,8 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``contrast``, ``boundaries`` with their ``zoom``
         windows, ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``,
-        ``design``, ``sensitivity``, ``comparison``, ``ladder``, ``curve_comparison``, ``diagnostics``, ``checks``,
-        ``skipped``, and what is worked out from them: ``summary``. JSON values only (see
+        ``design``, ``sensitivity``, ``comparison``, ``ladder``, ``curve_comparison``, ``diagnostics``,
+        ``checks``, ``skipped``, and what is worked out from them: ``summary``. JSON values only (see
         `percept.report.plain`), in the units of the tables: those of the quantities, and N/m, N·s/m, rad/s,
         kg, s. No run times, no folders.
     """
