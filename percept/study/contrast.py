@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -69,7 +69,7 @@ def _responses(sessions: Sessions, quantity: Quantity, scene: Scene) -> pd.DataF
     for cell in sessions.factor.cells:
         own = (known["environment"] == cell).to_numpy()
         who = known["subject"].to_numpy()[own]
-        values = subject_means(response[own], who).values if own.any() else []
+        values = subject_means(response[own], who).values if own.any() else np.empty(0)
         means[cell] = pd.Series(values, index=list(dict.fromkeys(who)), dtype=float)
     return pd.DataFrame(means)
 
@@ -90,12 +90,12 @@ def _of_pair(
     if alone := int((~paired).sum()):
         yield Skipped(f"{counted(alone, 'subject')} in contrasts of {what}", "no reference has both levels")
     shared = [str(e) for e in both.columns[both[paired].all(axis=0)]] if paired.any() else []
-    labels = {"factor": factor.name, "first": pair[0], "second": pair[1], "parameter": quantity.name}
+    labels: Row = {"factor": factor.name, "first": pair[0], "second": pair[1], "parameter": quantity.name}
     for environment in factor.environments:
         kept = both[environment]
         cell = labels | {"environment": environment, "references": [environment]}
-        ends = (frame.loc[kept, environment].to_numpy(dtype=float) for frame in (first, second))
-        yield from _rows(*ends, cell, f"{what}, in {environment}", quantity, asked)
+        ends = [frame.loc[kept, environment].to_numpy(dtype=float) for frame in (first, second)]
+        yield from _rows(ends, cell, f"{what}, in {environment}", quantity, asked)
     if several and not shared:
         yield Skipped(f"overall contrast of {what}", "no reference has both levels for every subject")
     elif several:
@@ -104,28 +104,24 @@ def _of_pair(
                 f"{', '.join(left)} in the overall contrast of {what}", "some subjects lack a level there"
             )
         cell = labels | {"environment": None, "references": shared}
-        ends = (frame.loc[paired, shared].mean(axis=1).to_numpy(dtype=float) for frame in (first, second))
-        yield from _rows(*ends, cell, f"{what}, overall", quantity, asked)
+        ends = [frame.loc[paired, shared].mean(axis=1).to_numpy(dtype=float) for frame in (first, second)]
+        yield from _rows(ends, cell, f"{what}, overall", quantity, asked)
 
 
 def _rows(
-    first: Array,
-    second: Array,
-    cell: Mapping[str, object],
-    what: str,
-    quantity: Quantity,
-    asked: InferenceTable,
+    ends: Sequence[Array], cell: Row, what: str, quantity: Quantity, asked: InferenceTable
 ) -> Iterator[Row | Skipped]:
-    """Yield the rows of one reference, or of subjects' averages."""
+    """Yield the rows of one reference, or of subjects' averages, by subjects' values at both levels."""
+    first, second = ends
     if len(first) < 2:
         yield Skipped(f"contrast of {what}", "fewer than two subjects have both levels")
         return
     try:
         for kind in asked.kinds:
             found, p_value = paired_contrast(second - first, kind, **claim_of(asked))
-            ends = [float(end) for end in (found.lower, found.upper, found.estimate)]
+            limits = [float(end) for end in (found.lower, found.upper, found.estimate)]
             yield contrast_row(
-                cell, asked, quantity, ends, len(first),
+                cell, asked, quantity, limits, len(first),
                 of="bias", kind=kind, method="classical", p_value=p_value if kind == "mean" else None,
             )  # fmt: skip
         ratio = spread_ratio(first, second, level=asked.level)
@@ -139,7 +135,7 @@ def _rows(
 
 
 def contrast_row(
-    cell: Mapping[str, object],
+    cell: Row,
     asked: InferenceTable,
     quantity: Quantity,
     ends: list[float],
@@ -172,7 +168,7 @@ def contrast_row(
 
 
 def _covers(
-    cell: Mapping[str, object],
+    cell: Row,
     of: str,
     kind: str | None,
     method: str,
