@@ -3,38 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from percept.errors import UsageError, counted
-from percept.sessions.records import shown
-
-if TYPE_CHECKING:
-    from percept.sessions.read import Sessions
-
-
-@dataclasses.dataclass(frozen=True)
-class Factor:
-    """A factor within subjects: its column, its levels, and the reference and level of each cell."""
-
-    name: str
-    levels: tuple[str, ...]
-    cells: Mapping[str, tuple[str, str]]  # "VE1, left": VE1 at left
-
-    @property
-    def pairs(self) -> list[tuple[str, str]]:
-        """Levels two by two; the second is compared with the first."""
-        return list(itertools.combinations(self.levels, 2))
-
-    @property
-    def environments(self) -> list[str]:
-        """Environments in the order of their cells."""
-        return list(dict.fromkeys(environment for environment, _ in self.cells.values()))
-
-    def cell(self, environment: str, level: str) -> str:
-        """Name the cell of an environment at a level."""
-        return f"{environment}, {level}"
+from percept.sessions.read import Sessions
+from percept.sessions.records import Factor, shown
 
 
 def filled(sessions: Sessions, column: str) -> None:

@@ -16,7 +16,6 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import checks
-from percept.sessions.levels import Factor
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import IMPEDANCE, Quantities, trial_columns
 from percept.sessions.reading import Reading
@@ -25,6 +24,7 @@ from percept.sessions.records import (
     MASS,
     SUMMARY_COLUMNS,
     Exclusion,
+    Factor,
     Notice,
     Place,
     Source,

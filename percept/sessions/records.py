@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 from percept.errors import PerceptError, UsageError
@@ -65,6 +66,29 @@ class Exclusion:
     why: str
     file: str | None = None
     row: int | None = None
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A factor within subjects: its column, its levels, and the reference and level of each cell."""
+
+    name: str
+    levels: tuple[str, ...]
+    cells: Mapping[str, tuple[str, str]]  # "VE1, left": VE1 at left
+
+    @property
+    def pairs(self) -> list[tuple[str, str]]:
+        """Levels two by two; the second is compared with the first."""
+        return list(combinations(self.levels, 2))
+
+    @property
+    def environments(self) -> list[str]:
+        """Environments in the order of their cells."""
+        return list(dict.fromkeys(environment for environment, _ in self.cells.values()))
+
+    def cell(self, environment: str, level: str) -> str:
+        """Name the cell of an environment at a level."""
+        return f"{environment}, {level}"
 
 
 class ReadError(UsageError):

@@ -13,8 +13,8 @@ from percept.inference.classical.trials import subject_means
 from percept.inference.record import percent
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
-from percept.sessions.levels import Factor
 from percept.sessions.quantities import Quantity
+from percept.sessions.records import Factor
 from percept.study.basics import Array, Skipped, claim_of
 from percept.study.intervals import Row
 
