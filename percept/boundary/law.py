@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
+from scipy import integrate, special
 from scipy.interpolate import CubicSpline
 
 from percept.errors import RefusalError, UsageError
@@ -125,6 +125,15 @@ class PairLaw:
         return np.ascontiguousarray(over_k), np.ascontiguousarray(over_b)
 
     @functools.cached_property
+    def margins(self) -> tuple[Array, Array]:
+        """Probability of b, and of k, up to the points that `cumulated` has them at: (outer, 1 + B)."""
+        first, second = (
+            integrate.cumulative_trapezoid(table[:, -1], dx=1.0 / (len(table) - 1), axis=0, initial=0.0)
+            for table in self.cumulated
+        )
+        return first, second
+
+    @functools.cached_property
     def whole(self) -> tuple[Array, Array]:
         """The first column of `cumulated`, flat."""
         first, second = (table[..., 0].ravel() for table in self.cumulated)
@@ -133,7 +142,11 @@ class PairLaw:
     @functools.cached_property
     def points(self) -> tuple[Array, Array, Array]:
         """Points that fill the plane evenly, k and b each (C,), and their probability in every batch."""
-        place = np.outer(_EVEN, np.arange(0.5, _POINTS)) % 1.0
+        return self.even(_POINTS)
+
+    def even(self, count: int) -> tuple[Array, Array, Array]:
+        """Return as many such points."""
+        place = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
         k, b = (
             axis.native(axis.low + part * (axis.high - axis.low))
             for axis, part in zip(self.axes, place, strict=True)
@@ -143,7 +156,7 @@ class PairLaw:
         (row, over), (column, part) = (
             steps(at, size) for at, size in zip(place, table.shape[:2], strict=True)
         )
-        held = np.zeros((_POINTS, len(self.density)))
+        held = np.zeros((count, len(self.density)))
         for i, weight in enumerate((1.0 - over, over)):
             for j, other in enumerate((1.0 - part, part)):
                 held += (weight * other)[:, None] * table[row + i, column + j]

@@ -24,9 +24,11 @@ from percept.inference.sampling.endpoints import root
 
 Array = NDArray[np.float64]
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 # An interval ends like a square root: nodes even in the angle take that out.
 _PLACES, _PARTS = np.sin(0.5 * np.pi * _NODES), 0.5 * np.pi * _WEIGHTS * np.cos(0.5 * np.pi * _NODES)
+# Legendre polynomials of the highest orders at the nodes: an integrand that they hold much of is rough.
+_LAST = np.polynomial.legendre.legvander(_NODES, _NODES.size - 1)[:, -6:]
 _LEAST = 1e-14
 # Limits are found to this many SDs of a normal.
 _EXACT = 1e-4
@@ -34,8 +36,8 @@ _EXACT = 1e-4
 _TAIL, _WIDER = 0.005, 3.0
 # Bands, in logarithms, that a limit moves by at most per SD.
 _STEEPEST, _NARROWEST = 2.0, 1e-9
-# One point in so many says where to look.
-_SOME = 5
+# Points that say where to look.
+_SOME = 600
 _BLOCK_VALUES, _TINY = 1 << 20, np.finfo(np.float64).tiny
 # A level is calibrated to this many SDs of a normal.
 _CLOSE, _MOST_STEPS, _FARTHEST = 0.003, 12, 3.0
@@ -83,34 +85,35 @@ class Magnitude:
         # At Nyquist a mass is endless, whatever k and b are.
         self._finite = np.isfinite(offsets).all(axis=0) & (gains > 0).all(axis=0)
         self._law, self._gains, self._offsets = law, gains[:, self._finite], offsets[:, self._finite]
-        self._solved: dict[float, tuple[Array, Array, Array]] = {}
+        self._solved: dict[float, tuple[Array, Array]] = {}
 
     def limits(self, level: float, shifts: Array | None = None) -> Limits:
         """Equal-tailed limits; `shifts` of their score by batch are part of the error."""
         score = _score(level)
-        logs, slopes, changes = self._known(score)
+        logs, slopes = self._known(score)
         found = np.full((2, self._finite.size), np.inf)
         found[:, self._finite] = np.exp(logs)
         if not self._law.shares.size:
             return Limits(found[0], found[1], None)
         errors = np.zeros(found.shape)
-        errors[:, self._finite] = slopes * self._spread((0.0 if shifts is None else shifts) - changes)
+        own = (0.0 if shifts is None else shifts) - self._changes(score)
+        errors[:, self._finite] = slopes * self._spread(own)
         return Limits(found[0], found[1], errors)
 
     def calibrate(self, level: float) -> Calibration:
         """Choose the level at each omega that keeps curves inside at all of them with probability `level`."""
         first = score = _score(level)
-        held = self._law.points[2]
+        k, b, held = self._law.points
         limits = self._known(score)[0][..., None]
         # Only what leaves the narrowest limits can leave wider ones.
         leave, parts = np.zeros(held.shape[1], dtype=bool), []
-        for m, part in self._logs():
+        for m, part in self._logs(k, b):
             leave |= ((part < limits[0, m]) | (part > limits[1, m])).any(axis=0)
             parts.append(part.astype(np.float32))
         held, logs = held[:, leave], np.concatenate([part[:, leave] for part in parts])
         for _ in range(_MOST_STEPS):
             # How far out each point lies at most, in SDs beyond the limits, and where.
-            limits, slopes, changes = self._known(score)
+            limits, slopes = self._known(score)
             out = np.concatenate([limits[0, :, None] - logs, logs - limits[1, :, None]])
             out /= slopes.reshape(-1, 1)
             where = out.argmax(axis=0)
@@ -119,17 +122,16 @@ class Magnitude:
             if abs(step) < _CLOSE or (score == first and step < 0.0):
                 break
             score = min(max(first, score + step), first + _FARTHEST)
-        turn = np.flatnonzero(leave) % _PARTED
+        turn = np.flatnonzero(leave) * _PARTED // leave.size
         steps = [
             _level_of(farthest[turn == i], _PARTED * held[0, turn == i], 1.0 - level)[0]
             for i in range(_PARTED)
         ]
-        error, shifts = float(np.std(steps, ddof=1) / np.sqrt(_PARTED)), np.zeros(self._law.shares.size)
+        # Points that are even leave an error that falls about as their number to the power 3/4.
+        error = float(np.std(steps, ddof=1) / _PARTED**0.75)
         rate = 2.0 * float(_density(np.array(score)))
-        if not shifts.size:
-            return Calibration(_level(score), rate * error, shifts)
         # A batch moves limits and weights alike.
-        moved = farthest[:, None] + changes.reshape(-1, shifts.size)[where]
+        moved = farthest[:, None] + self._changes(score).reshape(-1, len(held) - 1)[where]
         own = np.einsum("bc,cb->b", held[1:], moved > 0.0)
         shifts = (own - own @ self._law.shares) / (fall * (1.0 - level))
         return Calibration(_level(score), rate * float(np.hypot(error, self._spread(shifts))), shifts)
@@ -141,9 +143,8 @@ class Magnitude:
         square = ((values - mean[..., None]) * self._law.shares) ** 2
         return np.asarray(np.sqrt(square.sum(axis=-1) * batches / (batches - 1.0)))
 
-    def _logs(self, every: int = 1) -> Iterator[tuple[slice, Array]]:
-        """Yield log abs(Z_h) at the points of the grid, some frequencies at a time."""
-        k, b = (values[::every] for values in self._law.points[:2])
+    def _logs(self, k: Array, b: Array) -> Iterator[tuple[slice, Array]]:
+        """Yield log abs(Z_h) at points, some frequencies at a time."""
         step = max(1, _BLOCK_VALUES // k.size)
         for start in range(0, self._gains.shape[1], step):
             m = slice(start, start + step)
@@ -153,49 +154,43 @@ class Magnitude:
 
     @functools.cached_property
     def _outlook(self) -> tuple[Array, NDArray[np.intp]]:
-        """About where log limits lie, and which of k and b moves abs(Z_h) most there, (2, M).
-
-        Given the other one the probability changes slowly, so that few nodes integrate it.
-        """
-        k, b, held = (values[..., ::_SOME] for values in self._law.points)
-        tail, weight = _TAIL, held[0] / held[0].sum()
-        steps = [axis.step(values) for axis, values in zip(self._law.axes, (k, b), strict=True)]
-        starts, inner = [], []
-        for m, logs in self._logs(_SOME):
+        """About where log limits lie, and of which of k and b the interval is best taken there, (2, M)."""
+        k, b, held = self._law.even(_SOME)
+        starts = []
+        for _, logs in self._logs(k, b):
             order = np.argsort(logs, axis=1)
-            below = np.cumsum(weight[order], axis=1)
-            moves = [
-                np.abs((gain[m, None] * values + offset[m, None]) * gain[m, None] * step)
-                * np.exp(-2.0 * logs)
-                for gain, offset, values, step in zip(self._gains, self._offsets, (k, b), steps, strict=True)
-            ]
-            for beyond in (below, 1.0 - below):
-                at = np.abs(np.log(np.maximum(beyond, _LEAST) / tail))
-                starts.append(
-                    np.take_along_axis(logs, np.take_along_axis(order, at.argmin(axis=1)[:, None], 1), 1)[
-                        :, 0
-                    ]
-                )
-                near = np.zeros(logs.shape)
-                np.put_along_axis(near, order, (at < 1.5) * weight[order], axis=1)
-                inner.append(np.argmax([np.einsum("mc,mc->m", near, part) for part in moves], axis=0))
-        # One after the other, lower and upper of each block.
-        first, most = (
-            np.stack([np.concatenate(part[side::2]) for side in (0, 1)]) for part in (starts, inner)
-        )
-        return first, most
+            below = np.cumsum(held[0][order], axis=1)
+            starts.append(
+                [
+                    np.take_along_axis(logs, np.take_along_axis(order, at[:, None], 1), 1)[:, 0]
+                    for beyond in (below, 1.0 - below)
+                    for at in [np.abs(np.log(np.maximum(beyond, _LEAST) / _TAIL)).argmin(axis=1)]
+                ]
+            )
+        first = np.concatenate(starts, axis=1)
+        at, radius = np.tile(np.arange(first.shape[1]), 2), np.exp(first.ravel())
+        rough = [self._content(inner, at, radius, 1)[2] for inner in (0, 1)]
+        return first, np.argmin(rough, axis=0).reshape(first.shape)
 
-    def _known(self, score: float) -> tuple[Array, Array, Array]:
+    def _known(self, score: float) -> tuple[Array, Array]:
         if score not in self._solved:
             self._solved[score] = self._solve(score)
         return self._solved[score]
 
-    def _solve(self, score: float) -> tuple[Array, Array, Array]:
-        """Return log limits (2, M) at a score, their slopes in it, and what each batch changes it by."""
+    def _changes(self, score: float) -> Array:
+        """Return by what each batch changes the score of the limits, (2, M, B)."""
+        at, inner = np.tile(np.arange(self._gains.shape[1]), 2), self._outlook[1].ravel()
+        held, _ = self.content(at, np.exp(self._known(score)[0].ravel()), inner, every=True)
+        changes = (held[:, 1:] - held[:, :1]).reshape(2, self._gains.shape[1], -1) / _density(np.array(score))
+        changes[0] *= -1.0
+        return changes
+
+    def _solve(self, score: float) -> tuple[Array, Array]:
+        """Return log limits (2, M) at a score, and their slopes in it."""
         start, inner = self._outlook
         if self._solved:
             known = min(self._solved, key=lambda other: abs(other - score))
-            logs, slopes, _ = self._solved[known]
+            logs, slopes = self._solved[known]
             start = logs + np.array([[-1.0], [1.0]]) * (score - known) * slopes
         count = start.shape[1]
         at, inner = np.tile(np.arange(count), 2), inner.ravel()
@@ -216,12 +211,10 @@ class Magnitude:
         scale = np.tile(np.maximum(start[1] - start[0], _NARROWEST), 2)
         low, high = start.ravel() - _WIDER * scale, start.ravel() + _WIDER * scale
         x = root(short, start.ravel(), low, high, scale, _EXACT)
-        held, slope = self.content(at, np.exp(x), inner, every=True)
-        density = _density(np.array(score))
-        changes = np.repeat([-1.0, 1.0], count)[:, None] * (held[:, 1:] - held[:, :1]) / density
+        short(x)
         # Where a law all but ends the slope has none of the digits: no limit moves that far.
-        slopes = density / np.maximum(slope, density / (_STEEPEST * scale))
-        return x.reshape(2, -1), slopes.reshape(2, -1), changes.reshape(2, count, -1)
+        slopes = 1.0 / np.maximum(rate, 1.0 / (_STEEPEST * scale))
+        return x.reshape(2, -1), slopes.reshape(2, -1)
 
     def content(
         self, at: NDArray[np.intp], radius: Array, inner_of: NDArray[np.intp], *, every: bool = False
@@ -236,25 +229,35 @@ class Magnitude:
         for inner in (0, 1):
             (rows,) = np.nonzero(inner_of == inner)
             if rows.size:
-                held[rows], slope[rows] = self._content(inner, at[rows], radius[rows], columns)
+                held[rows], slope[rows], _ = self._content(inner, at[rows], radius[rows], columns)
         return (held if every else held[:, 0]), slope
 
-    def _content(self, inner: int, at: NDArray[np.intp], radius: Array, columns: int) -> tuple[Array, Array]:
-        """Integrate over one of k and b the probability of the interval of the other."""
+    def _content(
+        self, inner: int, at: NDArray[np.intp], radius: Array, columns: int
+    ) -> tuple[Array, Array, Array]:
+        """Integrate over one of k and b the probability of the interval of the other.
+
+        Also return how rough the slope's integrand is: what its last Legendre coefficients amount to.
+        """
         axis, outer = self._law.axes[inner], self._law.axes[1 - inner]
         table = self._law.cumulated[inner]
         (gain, offset), (gain_out, offset_out) = (
             (self._gains[p, at, None], self._offsets[p, at, None]) for p in (inner, 1 - inner)
         )
         radius = radius[:, None]
-        left, right = (outer.place((sign * radius - offset_out) / gain_out)[0] for sign in (-1.0, 1.0))
+        # What the inner one adds at least leaves less to the outer one: few nodes must not fall beyond.
+        ends = gain * axis.native(np.array([axis.low, axis.high])) + offset
+        least = np.maximum(0.0, np.maximum(ends[:, :1], -ends[:, 1:]))
+        reach = np.sqrt(np.maximum((radius - least) * (radius + least), 0.0))
+        left, right = (outer.place((sign * reach - offset_out) / gain_out)[0] for sign in (-1.0, 1.0))
         half = 0.5 * (right - left)
         u = 0.5 * (right + left) + half * _PLACES
         weight = half * _PARTS / (outer.high - outer.low)
         far = gain_out * outer.native(u) + offset_out
         side = np.sqrt(np.maximum((radius - far) * (radius + far), 0.0))
         row, over = steps(outer.fraction(u), len(table))
-        held, slope = np.zeros((at.size, columns)), np.zeros(at.size)
+        held = np.zeros((at.size, columns))
+        slopes, margin = np.zeros(u.shape), table[:, -1, :columns]
         flat = table.reshape(-1, table.shape[2]) if columns > 1 else self._law.whole[inner]
         for sign in (1.0, -1.0):
             place, rate = axis.place((sign * side - offset) / gain)
@@ -273,8 +276,23 @@ class Magnitude:
             with np.errstate(divide="ignore", invalid="ignore"):
                 moves = np.where(side > 0.0, rate * radius**2 / (side * gain), 0.0)
             moves *= (table.shape[1] - 1) / (axis.high - axis.low)
-            slope += np.einsum("qj,qj,qj->q", weight, moves, rise.reshape(at.size, _NODES.size, -1)[..., 0])
-        return held, slope
+            slopes += weight * moves * rise.reshape(*u.shape, -1)[..., 0]
+        # Far out the rest is what counts: of the margin all digits are known.
+        whole = margin[row] + over[..., None] * (margin[row + 1] - margin[row])
+        ends = outer.fraction(np.concatenate([left, right], axis=1))
+        at_end, beyond = steps(ends, len(table))
+        summed = self._law.margins[inner][:, :columns]
+        # Of lines between the table's points, as the nodes are.
+        first, beyond = margin[at_end], beyond[..., None]
+        known = summed[at_end] + beyond * (first + 0.5 * beyond * (margin[at_end + 1] - first)) / (
+            len(table) - 1
+        )
+        most = held[:, 0] > 0.5
+        missed = known[:, 1] - known[:, 0] - np.einsum("qj,qjc->qc", weight, whole)
+        held[most] += missed[most]
+        slope = slopes.sum(axis=1)
+        rough = np.abs(slopes @ _LAST).sum(axis=1) / np.maximum(slope, _TINY)
+        return held, slope, rough
 
 
 def _step_and_rise(flat: Array, index: NDArray[np.intp]) -> tuple[Array, Array]:

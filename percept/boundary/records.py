@@ -28,8 +28,10 @@ class Boundary:
     shape : str
         "corner": both lower limits together and both upper together (Eqs 16-17); the curves can cross.
         "envelope": exact smallest and largest magnitude over the region. "pointwise": equal-tailed limits of
-        the law of (k, b) at each omega. "simultaneous": such limits at a level at which whole curves lie
-        inside with probability `level`; they contain the pointwise ones.
+        the law of (k, b) at each omega. "simultaneous": limits between which whole curves lie with
+        probability `level`; they contain the pointwise ones. Bayesian: pointwise limits at a higher level.
+        Classical: the envelope of Hotelling's ellipse, which holds whole curves of normal users at least at
+        the level, joined with the pointwise limits.
     level : float
         Level of the region, or of the curves.
     omega : ndarray, shape (M,)
@@ -47,7 +49,7 @@ class Boundary:
         Typical (root mean square over log omega) and largest of `errors`, as a fraction of half the band's
         width in logarithms. None without errors, and without width.
     pointwise_level, pointwise_level_error : float or None
-        Of a simultaneous boundary: the level of its limits at each omega, and the Monte Carlo error of that.
+        Of a Bayesian simultaneous boundary: the level of its limits at each omega, and its Monte Carlo error.
     """
 
     environment: str

@@ -96,7 +96,7 @@ def regions_of(
     asked: InferenceTable,
 ) -> tuple[Region, ...]:
     """Put together the regions of every method; ellipses of a fit go around its laws."""
-    found = [*rectangles(intervals), *_classical_ellipses(sources, asked.level)]
+    found = [*rectangles(intervals), *classical_ellipses(sources, asked.level)]
     if fit is not None and is_impedance(fit.parameters):
         found += _bonferroni(fit, asked)
         for law in laws:
@@ -183,7 +183,7 @@ def _subject_pairs(sessions: Sessions, family: Family) -> Iterator[tuple[str, tu
             yield environment, (k, b)
 
 
-def _classical_ellipses(sources: Sources, level: float) -> Iterator[Region]:
+def classical_ellipses(sources: Sources, level: float) -> Iterator[Region]:
     """Hotelling's ellipses of the average and the next user, in both families."""
     for family, values in sources.pairs.items():
         for environment, (k, b) in values.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import integrate
+from scipy import integrate, special
 
 from percept.boundary.law import PairLaw, confidence_law, mixture_law
 from percept.boundary.limits import Limits, Magnitude, relative_error
@@ -44,8 +44,10 @@ def laws() -> list[tuple[PairLaw, np.ndarray]]:
 def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) -> None:
     law, (k, b) = laws()[which]
     magnitude = Magnitude(law, device, PERIOD, OMEGA)
-    limits, together = magnitude.limits(0.99), magnitude.calibrate(0.99)
-    wide = magnitude.limits(together.level)
+    limits = magnitude.limits(0.99)
+    # A law that is not drawn is not calibrated.
+    together = magnitude.calibrate(0.99) if law.shares.size else None
+    wide = magnitude.limits(together.level) if together else limits
     assert (wide.lower <= limits.lower).all()
     assert (limits.upper <= wide.upper).all()
     error, inside = np.sqrt(0.005 * 0.995 / DRAWS), np.ones(DRAWS, dtype=bool)
@@ -54,6 +56,8 @@ def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) 
         assert abs((curve < limits.lower[m]).mean() - 0.005) < 4.5 * error + 1e-4
         assert abs((curve > limits.upper[m]).mean() - 0.005) < 4.5 * error + 1e-4
         inside &= (wide.lower[m] <= curve) & (curve <= wide.upper[m])
+    if together is None:
+        return
     # The level's own error moves the share in proportion.
     share = np.hypot(np.sqrt(0.01 * 0.99 / DRAWS), 0.01 * together.error / (1.0 - together.level))
     assert abs(inside.mean() - 0.99) < 4.5 * share
@@ -90,6 +94,31 @@ def test_probability_of_a_distance_is_that_of_a_double_integral() -> None:
         for inner in (0, 1):
             held, _ = magnitude.content(np.array([m]), np.array([size]), np.array([inner]))
             assert held[0] == pytest.approx(exact, abs=2e-4)
+
+
+def test_limits_leave_out_their_share_near_a_resonance_too() -> None:
+    """Independent logarithms: of k exactly, of b on a fine grid, draw by draw."""
+    rng, count = np.random.default_rng(5), 40
+    mean = np.array([2.6, -1.6]) + np.array([0.1, 0.5]) * rng.standard_normal((count, 2))
+    sd = np.array([0.22, 1.6]) * np.exp(0.1 * rng.standard_normal((count, 2)))
+    law = mixture_law(mean, sd[:, :, None] ** 2 * np.eye(2), np.arange(count) % 8, "lognormal")
+    omega = np.geomspace(0.1, 100.0, 61)
+    limits = Magnitude(law, DEVICE, PERIOD, omega).limits(0.99)
+    z = np.linspace(-7.0, 7.0, 1501)
+    weight = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+    b = np.exp(mean[:, 1:] + sd[:, 1:] * z)
+    none, of_k, of_b = (
+        perceived_impedance(omega, DEVICE, Environment(*pair), PERIOD)
+        for pair in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+    )
+    for m in range(omega.size):
+        step, rest = of_k[m] - none[m], none[m] + (of_b[m] - none[m]) * b
+        middle, square = -(np.conj(step) * rest).real / abs(step) ** 2, np.abs(rest) ** 2
+        for limit, share in ((limits.lower[m], 0.005), (limits.upper[m], 0.995)):
+            side = np.sqrt(np.maximum(middle**2 - (square - limit**2) / abs(step) ** 2, 0.0))
+            ends = np.log(np.maximum([middle - side, middle + side], 1e-300))
+            below = special.ndtr((ends - mean[:, :1]) / sd[:, :1])
+            assert ((below[1] - below[0]) @ weight).mean() == pytest.approx(share, abs=1e-4)
 
 
 def test_stated_error_is_the_scatter_between_sets_of_draws() -> None:

@@ -11,11 +11,15 @@ import pytest
 from percept import Scene, Study, UsageError, read_sessions
 from percept.boundary.curves import magnitude_membership
 from percept.boundary.records import Boundary
-from percept.haptics import perceived_magnitude
+from percept.haptics import Device, Environment, perceived_impedance, perceived_magnitude
 from percept.inference.regions import ellipse_region
+from percept.scene import InferenceTable
+from percept.sessions import Sessions
 from percept.study.basics import results
-from percept.study.boundaries import zoom_windows
+from percept.study.boundaries import Drawing, Range, zoom_windows
 from percept.study.coupling import study_coupling
+from percept.study.device import Setup
+from percept.study.regions import Sources, classical_ellipses, laws_of
 from tests import DATASETS
 
 SHOWN = {"reference": False, "coupled": True}
@@ -68,6 +72,9 @@ def test_simultaneous_bands_contain_the_pointwise_ones(fitted: Study) -> None:
     for key, band in together.items():
         assert (band.lower <= point[key].lower).all()
         assert (band.upper >= point[key].upper).all()
+        if band.method == "classical":
+            assert band.pointwise_level is band.pointwise_level_error is band.errors is None
+            continue
         assert (band.lower > 0.0).all()
         assert band.pointwise_level is not None
         assert band.pointwise_level_error is not None
@@ -82,6 +89,99 @@ def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Stu
             assert read.pointwise_level == whole.pointwise_level
             at = np.log(10.0), np.log(whole.omega)
             assert np.log(read.upper[0]) == pytest.approx(np.interp(*at, np.log(whole.upper)), abs=2e-3)
+
+
+def test_whole_curves_of_normal_users_lie_in_the_classical_band_at_least_at_its_level() -> None:
+    """A curve is inside at every omega, the resonance among them, or it is out."""
+    rng, omega, count, level = np.random.default_rng(23), np.geomspace(0.1, 100.0, 17), 60, 0.9
+    setup = Setup(Device(1.0, 5.0), 1e-3, "average", {"A": Environment(300.0, 3.0)})
+    asked = InferenceTable(method="classical", level=level, kinds=("mean", "user"))
+    centre, root = np.array([[300.0], [3.0]]), np.array([[45.0, 0.0], [0.35, 0.6]])
+    truth, users = centre[:, 0], centre + root @ rng.standard_normal((2, 400))
+    held: dict[str, list[float]] = {"mean": [], "user": []}
+    for _ in range(count):
+        k, b = centre + root @ rng.standard_normal((2, 8))
+        sources = Sources(("mean", "user"), {"normal": {"A": (k, b)}})
+        regions, laws = list(classical_ellipses(sources, level)), laws_of(sources, None, asked)
+        drawn = Drawing(setup, regions, laws, Range.of(omega)).at(Range.of(omega), ["A"], held)
+        bands = {(one.kind, one.joint, one.shape): one for one in drawn}
+        for region in regions:
+            assert region.ellipse is not None
+            band, point = (bands[region.kind, "joint", s] for s in ("simultaneous", "pointwise"))
+            assert (band.lower <= point.lower).all()
+            assert (band.upper >= point.upper).all()
+            pairs = truth[:, None] if region.kind == "mean" else users
+            curves = perceived_magnitude(omega[:, None], setup.device, *pairs, setup.period)
+            lower, upper = band.lower[:, None] * (1 - 1e-9), band.upper[:, None] * (1 + 1e-9)
+            inside = ((lower <= curves) & (curves <= upper)).all(axis=0)
+            assert inside[region.ellipse.contains(*pairs)].all()
+            held[region.kind].append(float(inside.mean()))
+    for shares in held.values():
+        assert np.mean(shares) > level - 3.0 * np.std(shares) / np.sqrt(count)
+
+
+@pytest.mark.parametrize("hold", ["average", "true"])
+def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    table = table[table["environment"] == "VE2"].assign(m_ref=0.7)
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
+    scene["device"]["hold"] = hold
+    found = Study(Sessions.from_frame(table), Scene.from_tables(scene))
+    assert found.setup is not None
+    omega, setup = np.geomspace(0.5, 300.0, 40), found.setup
+    rng = np.random.default_rng(4)
+
+    def displayed(k: float, b: float) -> np.ndarray:
+        environment = Environment(k, b, 0.7)
+        return perceived_impedance(omega, setup.device, environment, setup.period, hold=hold)[:, None]
+
+    none, of_k, of_b = displayed(0.0, 0.0), displayed(1.0, 0.0), displayed(0.0, 1.0)
+
+    def magnitude(k: np.ndarray | float, b: np.ndarray | float) -> np.ndarray:
+        # Z_h is straight in k and b, also below zero, where no environment is.
+        return np.abs(none + (of_k - none) * k + (of_b - none) * b)
+
+    laws = {(law.kind, law.family): law.pair for law in found.curve_laws}
+    boxes = {(r.kind, r.family, r.joint): r.limits for r in found.regions if r.limits}
+    ellipses = {(r.kind, r.family): r.ellipse for r in found.regions if r.ellipse}
+    for curve in found.boundaries_at(omega, ("VE2",)):
+        own = setup.references["VE2"]
+        np.testing.assert_allclose(
+            curve.reference, magnitude(float(own.stiffness), float(own.damping))[:, 0], rtol=1e-12
+        )
+        if curve.shape == "corner":
+            (k_low, k_high), (b_low, b_high) = boxes[curve.kind, curve.family, curve.joint]
+            np.testing.assert_allclose(curve.lower, magnitude(k_low, b_low)[:, 0], rtol=1e-12)
+            np.testing.assert_allclose(curve.upper, magnitude(k_high, b_high)[:, 0], rtol=1e-12)
+            continue
+        if curve.joint in ("marginal", "bonferroni"):
+            sides = boxes[curve.kind, curve.family, curve.joint]
+            k, b = (np.linspace(*side, 301) for side in sides)
+            of = magnitude(*(part.ravel() for part in np.meshgrid(k, b)))
+        elif curve.joint == "hotelling":
+            ellipse, angle = ellipses[curve.kind, curve.family], np.linspace(0.0, 2.0 * np.pi, 4001)
+            factor = np.linalg.cholesky(ellipse.shape) * ellipse.radius
+            pair = ellipse.centre[:, None] + factor @ (
+                np.array([np.cos(angle), np.sin(angle)]) * rng.uniform(0.0, 1.0, (12, 1, angle.size)) ** 0.5
+            ).transpose(1, 0, 2).reshape(2, -1)
+            edge = ellipse.centre[:, None] + factor @ np.array([np.cos(angle), np.sin(angle)])
+            pair = np.concatenate([pair, edge], axis=1)
+            of = magnitude(*(np.exp(pair) if ellipse.family == "lognormal" else pair))
+        elif curve.shape == "pointwise":
+            k, b, held = laws[curve.kind, curve.family].points
+            of = magnitude(k, b)
+            for limit, share in ((curve.lower, 0.005), (curve.upper, 0.995)):
+                below = ((of <= limit[:, None]) * held[0]).sum(axis=1)
+                assert np.abs(below - share).max() < 2e-3
+            continue
+        else:
+            continue
+        # The least of many points lies above the exact one, and within a grid's step of it.
+        width = curve.upper - curve.lower
+        assert (of.min(axis=1) >= curve.lower * (1 - 1e-9)).all()
+        assert (of.max(axis=1) <= curve.upper * (1 + 1e-9)).all()
+        assert (of.min(axis=1) - curve.lower <= 0.02 * width).all()
+        assert (curve.upper - of.max(axis=1) <= 0.02 * width).all()
 
 
 def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_level(fitted: Study) -> None:
