@@ -128,7 +128,7 @@ class PairLaw:
     def margins(self) -> tuple[Array, Array]:
         """Probability of b, and of k, up to the points that `cumulated` has them at: (outer, 1 + B)."""
         first, second = (
-            integrate.cumulative_trapezoid(table[:, -1], dx=1.0 / (len(table) - 1), axis=0, initial=0.0)
+            integrate.cumulative_trapezoid(table[:, -1], dx=1.0 / (len(table) - 1), axis=0, initial=0)
             for table in self.cumulated
         )
         return first, second
