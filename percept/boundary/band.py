@@ -147,13 +147,7 @@ def band_laws(
 
 
 def band_statements(
-    impedance: Array,
-    replicates: Array,
-    *,
-    method: str,
-    kind: str,
-    family: str,
-    parameter: str | None = None,
+    impedance: Array, replicates: Array, *, method: str, kind: str, family: str, parameter: str | None = None
 ) -> tuple[BandStatement, ...]:
     """Judge two statements on discrimination at low against high impedance."""
     size = size_name(parameter)

@@ -173,21 +173,17 @@ class Magnitude:
         rough = [self._content(inner, at, radius, 1)[2] for inner in (0, 1)]
         return first, np.argmin(rough, axis=0).reshape(first.shape)
 
-    def _known(self, score: float) -> tuple[Array, Array]:
-        if score not in self._solved:
-            self._solved[score] = self._solve(score)
-        return self._solved[score]
-
     def _changes(self, score: float) -> Array:
         """Return by what each batch changes the score of the limits, (2, M, B)."""
         at, inner = np.tile(np.arange(self._gains.shape[1]), 2), self._outlook[1].ravel()
         held, _ = self.content(at, np.exp(self._known(score)[0].ravel()), inner, every=True)
-        changes = (held[:, 1:] - held[:, :1]).reshape(2, self._gains.shape[1], -1) / _density(np.array(score))
-        changes[0] *= -1.0
-        return changes
+        changes = (held[:, 1:] - held[:, :1]).reshape(2, self._gains.shape[1], -1)
+        return changes * (np.array([-1.0, 1.0]) / _density(np.array(score)))[:, None, None]
 
-    def _solve(self, score: float) -> tuple[Array, Array]:
+    def _known(self, score: float) -> tuple[Array, Array]:
         """Return log limits (2, M) at a score, and their slopes in it."""
+        if score in self._solved:
+            return self._solved[score]
         start, inner = self._outlook
         if self._solved:
             known = min(self._solved, key=lambda other: abs(other - score))
@@ -215,7 +211,8 @@ class Magnitude:
         short(x)
         # Where a law all but ends the slope has none of the digits: no limit moves that far.
         slopes = 1.0 / np.maximum(rate, 1.0 / (_STEEPEST * scale))
-        return x.reshape(2, -1), slopes.reshape(2, -1)
+        self._solved[score] = x.reshape(2, -1), slopes.reshape(2, -1)
+        return self._solved[score]
 
     def content(
         self, at: NDArray[np.intp], radius: Array, inner_of: NDArray[np.intp], *, every: bool = False
@@ -266,9 +263,9 @@ class Magnitude:
             index = row * table.shape[1]
             index += column
             # Along the row and the next, a step and its rise.
-            (before, rise), (other, other_rise) = (
-                _step_and_rise(flat, at) for at in (index, index + table.shape[1])
-            )
+            before, other = (flat.take(index + skip, axis=0) for skip in (0, table.shape[1]))
+            rise = flat.take(index + 1, axis=0) - before
+            other_rise = flat.take(index + table.shape[1] + 1, axis=0) - other
             shape = over.shape + (1,) * (before.ndim - 2)
             before += over.reshape(shape) * (other - before)
             rise += over.reshape(shape) * (other_rise - rise)
@@ -280,26 +277,17 @@ class Magnitude:
             slopes += weight * moves * rise.reshape(*u.shape, -1)[..., 0]
         # Far out the rest is what counts: of the margin all digits are known.
         whole = margin[row] + over[..., None] * (margin[row + 1] - margin[row])
-        ends = outer.fraction(np.concatenate([left, right], axis=1))
-        at_end, beyond = steps(ends, len(table))
+        at_end, beyond = steps(outer.fraction(np.concatenate([left, right], axis=1)), len(table))
         summed = self._law.margins[inner][:, :columns]
         # Of lines between the table's points, as the nodes are.
         first, beyond = margin[at_end], beyond[..., None]
-        known = summed[at_end] + beyond * (first + 0.5 * beyond * (margin[at_end + 1] - first)) / (
-            len(table) - 1
-        )
+        rest = beyond * (first + 0.5 * beyond * (margin[at_end + 1] - first))
+        known = summed[at_end] + rest / (len(table) - 1)
         most = held[:, 0] > 0.5
         missed = known[:, 1] - known[:, 0] - np.einsum("qj,qjc->qc", weight, whole)
         held[most] += missed[most]
-        slope = slopes.sum(axis=1)
-        rough = np.abs(slopes @ _LAST).sum(axis=1) / np.maximum(slope, _TINY)
-        return held, slope, rough
-
-
-def _step_and_rise(flat: Array, index: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return values of a table, one row a point, and how they rise to the next row."""
-    first = flat.take(index, axis=0)
-    return first, flat.take(index + 1, axis=0) - first
+        rough = np.abs(slopes @ _LAST).sum(axis=1) / np.maximum(slopes.sum(axis=1), _TINY)
+        return held, slopes.sum(axis=1), rough
 
 
 def _level_of(out: Array, weight: Array, share: float) -> tuple[float, float]:

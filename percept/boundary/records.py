@@ -30,8 +30,7 @@ class Boundary:
         "envelope": exact smallest and largest magnitude over the region. "pointwise": equal-tailed limits of
         the law of (k, b) at each omega. "simultaneous": limits between which whole curves lie with
         probability `level`; they contain the pointwise ones. Bayesian: pointwise limits at a higher level.
-        Classical: the envelope of Hotelling's ellipse, which holds whole curves of normal users at least at
-        the level, joined with the pointwise limits.
+        Classical: those joined with the envelope of Hotelling's ellipse; for normal users at least the level.
     level : float
         Level of the region, or of the curves.
     omega : ndarray, shape (M,)

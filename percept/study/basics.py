@@ -105,11 +105,8 @@ class Stream(enum.IntEnum):
     """What draws are for; two purposes with one number would share their draws."""
 
     LOCATIONS = 101
-    POSTERIOR_CURVES = 102
-    CLASSICAL_CURVES = 103
     REALISM = 104
     NEW_ENVIRONMENT = 105
-    NEW_BOUNDARIES = 106
     CLASSICAL_BANDS = 107
     POSTERIOR_BANDS = 108
     PAIRS = 110

@@ -89,11 +89,7 @@ def displayable(values: Array) -> Array:
 
 
 def regions_of(
-    intervals: pd.DataFrame,
-    sources: Sources,
-    laws: Sequence[Law],
-    fit: Fit | None,
-    asked: InferenceTable,
+    intervals: pd.DataFrame, sources: Sources, laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
 ) -> tuple[Region, ...]:
     """Put together the regions of every method; ellipses of a fit go around its laws."""
     found = [*rectangles(intervals), *classical_ellipses(sources, asked.level)]
