@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
+import re
 import sys
 import threading
 import time
@@ -146,7 +148,7 @@ def _with_mapping(
     if arguments.write_scene:
         text = proposal.text
         if arguments.scene:
-            text = f"{Path(arguments.scene).read_text(encoding='utf-8').rstrip()}\n\n{text}"
+            text = _joined(Path(arguments.scene).read_text(encoding="utf-8"), text)
         try:
             with Path(arguments.write_scene).open("x", encoding="utf-8", newline="\n") as file:
                 file.write(text)
@@ -166,6 +168,23 @@ def _with_mapping(
         hint = f"It is written: look through it, then give --scene {arguments.write_scene}.{lacking}"
     message = f"the columns have other names. This is what percept would make of them:\n\n{proposal.text}"
     raise UsageError(message, file=str(arguments.sessions[0]), hint=hint) from error
+
+
+def _joined(scene: str, proposal: str) -> str:
+    """Add a proposal to a scene; lines of a table that the scene has go there, TOML has each table once."""
+    remarks, *tables = re.split(r"^(?=\[)", proposal, flags=re.MULTILINE)
+    own = tomllib.loads(scene)
+    text = f"{scene.rstrip()}\n\n{remarks}"
+    for table in tables:
+        name, _, body = table.partition("\n")
+        head = re.compile(rf"^\s*{re.escape(name)}.*\n", re.MULTILINE)
+        if head.search(text) is None:
+            text += table
+            continue
+        there = functools.reduce(lambda found, key: found[key], name.strip("[]").split("."), own)
+        lines = [line for line in body.splitlines() if line and line.split(" = ")[0] not in there]
+        text = head.sub(lambda found, new=lines: "\n".join([found[0].rstrip(), *new, ""]), text, count=1)
+    return text
 
 
 def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:

@@ -12,10 +12,11 @@ import re
 import sys
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePath, PurePosixPath
-from typing import BinaryIO, NamedTuple, TextIO
+from typing import IO, BinaryIO, NamedTuple, TextIO
 
 from percept.errors import UsageError
 from percept.sessions.records import NoDataError
@@ -25,6 +26,9 @@ _RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "leave_one_out
 _SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".gz", ".zip", ".parquet", ".xlsx")
 #: An archive that claims or gives more than this is refused: unpacked files of any size can be read.
 LIMIT = 1 << 30
+_BROKEN = (
+    zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, EOFError, RuntimeError, ValueError,
+)  # fmt: skip
 #: Larger files are read in blocks of about this many characters.
 BLOCK = 4 << 20
 #: Files of experiment software show early what they are; the bound keeps the search short.
@@ -183,7 +187,7 @@ def load(name: str) -> Iterator[Input]:
     if large:
         yield Input(label, name)
     elif data.startswith(b"\x1f\x8b"):
-        yield Input(label, name, _flat(_gunzip(data, label), label))
+        yield Input(label, name, _unpacked(partial(gzip.open, io.BytesIO(data)), label, "gz file"))
     elif data.startswith(b"PK\x03\x04") and not is_workbook(data, label):
         yield from _members(data, label)
     else:
@@ -199,7 +203,7 @@ def is_workbook(data: bytes, name: str) -> bool:
 def _open(data: bytes, name: str) -> zipfile.ZipFile:
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
-    except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError) as error:
+    except _BROKEN as error:
         raise UsageError(f"a broken zip archive: {error}.", file=name, hint="Pack it again.") from None
     for member in archive.infolist():
         if member.file_size > LIMIT:
@@ -219,41 +223,30 @@ def _members(data: bytes, name: str) -> Iterator[Input]:
             label = f"{name}!{member.filename}"
             if member.flag_bits & 1:
                 raise UsageError("the archive is encrypted.", file=label, hint="Unpack it first.")
-            broken = (
-                zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, EOFError, RuntimeError,
-            )  # fmt: skip
-            try:
-                with archive.open(member) as stream:
-                    content = stream.read(LIMIT + 1)
-            except broken as error:
-                hint = "Pack it again."
-                raise UsageError(f"a broken zip member: {error}.", file=label, hint=hint) from None
+            content = _unpacked(partial(archive.open, member), label, "zip member")
             # Some archivers write backslashes.
-            yield Input(label, member.filename.replace("\\", "/"), _flat(content, label))
+            yield Input(label, member.filename.replace("\\", "/"), content)
+
+
+def _unpacked(packed: Callable[[], IO[bytes]], name: str, what: str) -> bytes:
+    """Unpack one table, if it is no archive itself, and no more than the limit."""
+    try:
+        with packed() as stream:
+            content = stream.read(LIMIT + 1)
+    except _BROKEN as error:
+        raise UsageError(f"a broken {what}: {error}.", file=name, hint="Pack it again.") from None
+    if len(content) > LIMIT:
+        hint = "Unpack it and read the file itself."
+        raise UsageError(f"unpacks to more than {LIMIT} bytes.", file=name, hint=hint)
+    if content.startswith((b"\x1f\x8b", b"PK\x03\x04")):
+        raise UsageError("an archive inside an archive.", file=name, hint="Unpack the outer one first.")
+    return content
 
 
 def _skip(member: zipfile.ZipInfo, suffixes: tuple[str, ...]) -> bool:
     parts = PurePosixPath(member.filename).parts
     hidden = any(part.startswith((".", "__MACOSX")) and part != ".." for part in parts)
     return member.is_dir() or hidden or not member.filename.lower().endswith(suffixes)
-
-
-def _flat(content: bytes, name: str) -> bytes:
-    if content.startswith((b"\x1f\x8b", b"PK\x03\x04")):
-        raise UsageError("an archive inside an archive.", file=name, hint="Unpack the outer one first.")
-    return content
-
-
-def _gunzip(data: bytes, name: str) -> bytes:
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
-            content = stream.read(LIMIT + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise UsageError(f"a broken gz file: {error}.", file=name, hint="Pack it again.") from None
-    if len(content) > LIMIT:
-        hint = "Unpack it and read the file itself."
-        raise UsageError(f"unpacks to more than {LIMIT} bytes.", file=name, hint=hint)
-    return content
 
 
 def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str]:

@@ -119,7 +119,7 @@ class Layout:
         """
         if self.delimiter == "," or self.width != len(self.names) + 1:
             return False
-        if not all(len(r) == self.width and r[-1] and r[0].isdecimal() for r in cells):
+        if not all(len(r) == self.width and r[-1] and r[0].isdecimal() and len(r[0]) < 10 for r in cells):
             return False
         names = [int(r[0]) for r in cells]
         return all(one < other for one, other in pairwise(names))

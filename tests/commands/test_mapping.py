@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 
 import pytest
 
@@ -66,6 +67,18 @@ def test_a_written_mapping_is_a_scene(tmp_path, capsys):
     assert fit(path, "--scene", str(scene)) == 0
     assert fit(path, "--write-scene", str(scene), "--accept") == 2
     assert "already there" in capsys.readouterr().err
+
+
+def test_a_mapping_joins_the_tables_that_a_scene_has(tmp_path, capsys):
+    path, own, scene = study(tmp_path), tmp_path / "own.toml", tmp_path / "scene.toml"
+    own.write_text('[inference]\nlevel = 0.9\n[columns]\nsubject = "id"\n\n[sessions]\ndelimiter = ","\n')
+    assert fit(path, "--scene", str(own), "--write-scene", str(scene)) == 2
+    capsys.readouterr()
+    written = tomllib.loads(scene.read_text())
+    assert written["inference"] == {"level": 0.9}
+    assert written["columns"].keys() == {"subject", "environment", "k_ref", "k_adj"}
+    assert written["sessions"] == {"delimiter": ",", "trial": "order"}
+    assert fit(path, "--scene", str(scene)) == 0
 
 
 def test_what_is_not_found_is_not_made_up(tmp_path, capsys):
