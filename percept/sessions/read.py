@@ -254,7 +254,9 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
             with reading.problems.collecting():
                 forms.setdefault(table.form, table.name)
                 parameters |= table.parameters
-                frames += [frame.assign(file=len(reading.sources)) for frame in table.frames()]
+                for frame in table.frames():
+                    frame["file"] = len(reading.sources)
+                    frames.append(frame)
     if len(forms) > 1:
         message = "trials and a published summary cannot be read together."
         reading.problems.add(message, file=list(forms.values())[1], hint="Read them one by one.")
@@ -267,13 +269,14 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         reading.problems.raise_if_any()
         merged["n"] = merged["n"].astype(np.int64)
         reading.counts["observations"] = len(merged)
-        columns = list(SUMMARY_COLUMNS)
+        columns, groups = list(SUMMARY_COLUMNS), list[str]()
     else:
         merged = _checked_trials(reading, merged, [p for p in quantities if p in parameters], place)
         known = trial_columns(quantities)
         columns = [*known, *(str(c) for c in merged if c not in (*known, "row", "file"))]
+        groups = [c for c in columns if c not in (*known, MASS)]
     tidy = merged[columns].copy()
-    for column in (c for c in columns if not pd.api.types.is_numeric_dtype(tidy[c])):
+    for column in groups:
         # A file that lacks a group column leaves blanks, never the text "nan".
         tidy[column] = tidy[column].fillna("").astype(str)
     return Sessions(

@@ -86,7 +86,7 @@ def test_delimited(tmp_path_factory, trials, delimiter, mark, encoding, newline,
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(trials=studies())
 def test_tools(tmp_path_factory, name, trials):
     writer = WRITERS[name]
@@ -131,7 +131,7 @@ def test_own_csv_is_never_refused(tmp_path_factory, trials):
     pd.testing.assert_frame_equal(got.table, want.table, check_exact=True)
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
 @given(trials=studies(easy))
 def test_simple_ids_are_accepted_in_every_common_dialect(tmp_path_factory, trials):
     """The property above would hold for a reader that refuses everything; this one would not."""
