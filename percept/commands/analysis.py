@@ -137,6 +137,7 @@ def _with_mapping(
     arguments: argparse.Namespace, scene: Scene, options: ReadOptions, error: UsageError
 ) -> Scene:
     """Propose a mapping for unknown columns; return the scene with it where the user accepts it."""
+    from percept.scene import Scene
     from percept.sessions import propose_columns
 
     # Row 1 is the header: of cells no mapping makes anything else.
@@ -161,6 +162,9 @@ def _with_mapping(
         print(f"notice: columns are read as follows\n{proposal.text}", file=sys.stderr)
         own = scene.model_dump(exclude_none=True)
         tables = tomllib.loads(proposal.text)
+        if "quantities" in tables and scene.quantities == Scene().quantities:
+            # Stiffness and damping are what a scene without quantities means, not a part of this one.
+            del own["quantities"]
         return scene.with_tables(**{name: own.get(name, {}) | table for name, table in tables.items()})
     lacking = f" It lacks {', '.join(proposal.missing)}." if proposal.missing else ""
     hint = f"Add --write-scene scene.toml to write it, or --accept to go on with it.{lacking}"

@@ -60,6 +60,15 @@ def test_an_accepted_mapping_is_followed_and_said(tmp_path, capsys):
     assert json.loads((tmp_path / "out" / "fit.json").read_text())["intervals"] == found
 
 
+def test_an_accepted_quantity_stands_alone(tmp_path):
+    path = tmp_path / "s.csv"
+    rows = [f"{p},{ms},{ms + 10 * p}" for p in range(1, 6) for ms in (400, 800)]
+    path.write_text("\n".join(["Participant ID,standard (ms),response (ms)", *rows]) + "\n")
+    assert fit(path, "--accept") == 0
+    document = json.loads((tmp_path / "out" / "fit.json").read_text())
+    assert list(document["provenance"]["scene"]["quantities"]) == ["duration"]
+
+
 def test_a_written_mapping_is_a_scene(tmp_path, capsys):
     path, scene = study(tmp_path), tmp_path / "scene.toml"
     assert fit(path, "--write-scene", str(scene)) == 2
