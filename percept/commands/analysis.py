@@ -182,12 +182,12 @@ def _joined(scene: str, proposal: str) -> str:
     for table in tables:
         name, _, body = table.partition("\n")
         head = re.compile(rf"^\s*{re.escape(name)}.*\n", re.MULTILINE)
-        if head.search(text) is None:
+        if (at := head.search(text)) is None:
             text += table
             continue
         there = functools.reduce(lambda found, key: found[key], name.strip("[]").split("."), own)
         lines = [line for line in body.splitlines() if line and line.split(" = ")[0] not in there]
-        text = head.sub(lambda found, new=lines: "\n".join([found[0].rstrip(), *new, ""]), text, count=1)
+        text = text[: at.end()] + "".join(f"{line}\n" for line in lines) + text[at.end() :]
     return text
 
 

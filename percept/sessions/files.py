@@ -228,7 +228,7 @@ def _members(data: bytes, name: str) -> Iterator[Input]:
             yield Input(label, member.filename.replace("\\", "/"), content)
 
 
-def _unpacked(packed: Callable[[], IO[bytes]], name: str, what: str) -> bytes:
+def _unpacked(packed: Callable[[], IO[bytes] | gzip.GzipFile], name: str, what: str) -> bytes:
     """Unpack one table, if it is no archive itself, and no more than the limit."""
     try:
         with packed() as stream:

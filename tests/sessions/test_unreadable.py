@@ -78,8 +78,10 @@ def test_sheets_without_data_are_named(tmp_path, rows, said):
 
 
 def test_a_path_is_text():
-    with pytest.raises(UsageError, match=r"a path is text, not DataFrame.*Sessions\.from_frame"):
-        read_sessions(pd.DataFrame({"subject": ["S01"]}))
+    with pytest.raises(UsageError, match=r"a path is text, not int.*Sessions\.from_frame"):
+        read_sessions(7)
+    with pytest.raises(UsageError, match=r"a DataFrame is read alone\..*pandas\.concat"):
+        read_sessions(pd.DataFrame({"subject": ["S01"]}), "further.csv")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a file nobody can read from its start is Linux's")
