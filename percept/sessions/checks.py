@@ -157,12 +157,9 @@ def repeats_over_sessions(table: pd.DataFrame) -> list[Notice]:
     """Notice cells whose trials are from several sessions."""
     counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique().to_numpy()
     several = int((counts > 1).sum())
-    text = (
-        f"in {several} of {counts.size} cells (a subject in an environment) trials are from several sessions;"
-        " all count as repeats, so that changes of a subject between sessions are part of the scatter of "
-        "trials"
-    )
-    return [Notice(text)] if several else []
+    text = f"in {several} of {counts.size} cells (a subject in an environment) trials are from several "
+    text += "sessions; all count as repeats, so that changes of a subject between sessions are part of the "
+    return [Notice(f"{text}scatter of trials")] if several else []
 
 
 def typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:
@@ -382,8 +379,8 @@ def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
     told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
     names = [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]
     if names:
-        who = "subject" if len(names) == 1 else "subjects"
-        text = f"{who} {shown(names)} left {parameter} at the reference in every trial"
+        who = f"{'subject' if len(names) == 1 else 'subjects'} {shown(names)}"
+        text = f"{who} left {parameter} at the reference in every trial"
         yield Notice(f"{text}: was what they set recorded?", column=column)
 
 

@@ -148,7 +148,7 @@ class _Cells:
         parts = frame[list(IDS)].assign(rows=1.0, n=complete.astype(float))
         for p, response in responses.items():
             parts[f"mean_{p}"] = np.where(complete, response, 0.0)
-        parts[[_scatter(*pair) for pair in self._pairs]] = 0.0
+        parts[[_scatter(*pair) for pair in _pairs(self.parameters)]] = 0.0
         block = self._sums(parts, list(IDS), visits.ngroup().to_numpy())
         self.visits = self._sums(pd.concat([self.visits, block]), list(IDS))
 
@@ -163,10 +163,6 @@ class _Cells:
         """Take rows evenly, and the first of every visit, which else would seem not to have been tried."""
         even = part["row"].to_numpy() % self.stride == 0
         return part if self.stride == 1 else part[even | ~part.duplicated(list(IDS)).to_numpy()]
-
-    @property
-    def _pairs(self) -> list[tuple[str, str]]:
-        return _pairs(self.parameters)
 
     def _check_trials(self, frame: pd.DataFrame, visits: Mapping[Any, Any], place: Place) -> None:
         """Find trials that stand twice, in this block or in an earlier one."""
@@ -214,15 +210,14 @@ class _Cells:
         measures = [*(f"mean_{p}" for p in names), *(_scatter(*pair) for pair in _pairs(names))]
         # Zeros of a cell that holds no trial would read as data.
         measured = cells.reindex(columns=measures).where(cells["n"] > 0)
+        found = [cells[["subject", "environment"]], cells["n"].astype(np.int64), measured]
         columns = [f"{p}_ref" for p in names]
         known = [[self.references.get(c, {}).get(e, np.nan) for c in columns] for e in environments]
         references = pd.DataFrame(known, index=environments, columns=columns)
         order = checks.in_order(environments, references, reading.options.environments)
         references = references.loc[list(order)].rename_axis("environment").reset_index()
         return Reduced(
-            cells=pd.concat(
-                [cells[["subject", "environment"]], cells["n"].astype(np.int64), measured], axis=1
-            ),
+            cells=pd.concat(found, axis=1),
             references=references,
             family=self.family,
             sources=tuple(reading.sources),
@@ -236,13 +231,10 @@ class _Cells:
         """Check units and look for what is seldom meant, as the whole table's reader does."""
         reading, table = self.reading, pd.concat(self.sample, ignore_index=True)
         if self.stride > 1:
-            text = f"units and warnings are of {len(table):,} rows, an even sample"
-            reading.notices.append(Notice(text))
+            reading.notices.append(Notice(f"units and warnings are of {len(table):,} rows, an even sample"))
         place = reading.place(table)
-        known = [reading.options.quantities[p] for p in self.parameters]
-        reading.notices += checks.check_plausible(
-            table, known, reading.declared_units, place, reading.problems
-        )
+        known, units = [reading.options.quantities[p] for p in self.parameters], reading.declared_units
+        reading.notices += checks.check_plausible(table, known, units, place, reading.problems)
         reading.problems.raise_if_any()
         return tuple(checks.screen(table, self.parameters, place, reading.pooled(table)))
 
@@ -264,7 +256,7 @@ class _Cells:
             # Once more about that mean: it loses nothing to an offset, and neither do the scatters.
             mean += total(n * (values - mean[code])) / some
             merged[f"mean_{p}"], gaps[p] = mean, values - mean[code]
-        for pair in self._pairs:
+        for pair in _pairs(self.parameters):
             inside = parts[_scatter(*pair)].to_numpy()
             merged[_scatter(*pair)] = total(inside + n * gaps[pair[0]] * gaps[pair[1]])
         return merged

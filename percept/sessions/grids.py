@@ -108,9 +108,8 @@ class Layout:
             if len(cells[wrong]) == named + 1:
                 hint += " Decimal commas need quotes; R's write.table needs col.names = NA."
             raise _MisfitError(named, message, file=self.file, row=rows[wrong], value=value, hint=hint)
-        return Grid(
-            header, [r[: len(header)] for r in cells] if width > len(header) else cells, rows, dropped
-        )
+        trimmed = [r[: len(header)] for r in cells] if width > len(header) else cells
+        return Grid(header, trimmed, rows, dropped)
 
     def _lacks_first_name(self, cells: Sequence[Sequence[str]]) -> bool:
         """Whether the header lacks the name of row names, as R's write.table leaves it.
@@ -256,8 +255,8 @@ def _with_header(layout: Layout, text: str, first_row: int, *, last: bool) -> Gr
         raise _MisfitError(1, "the header has a single cell.", **place)
     grid = layout.grid(cells[start + 1 :], rows[start + 1 :], last=last)
     if not grid.cells:
-        message = "there are no data below the header."
-        raise _EmptyError(len(layout.names), message, hint="Leave the file out.", **place)
+        message, hint = "there are no data below the header.", "Leave the file out."
+        raise _EmptyError(len(layout.names), message, hint=hint, **place)
     return grid
 
 

@@ -114,8 +114,7 @@ class Reading:
         self.problems.raise_if_any()
         self.notices += [Notice(f"left out: {error.message}", error.file) for error in self.left_out]
         if not any(map(len, frames)):
-            left = ", ".join(f"{n} {why}" for why, n in self.counts.items())
-            hint = f"Rows: {left}."
+            hint = f"Rows: {', '.join(f'{n} {why}' for why, n in self.counts.items())}."
             raise UsageError("no row holds an adjustment.", file=self.sources[0].name, hint=hint)
         present = {name for frame in frames if len(frame) for name in frame["environment"].unique()}
         unnamed = (name for name in self.options.environments if name not in present)
@@ -226,12 +225,8 @@ def _typed_grid(header: Sequence[str], columns: Iterable[Iterable[Any]], file: s
     if not kept:
         raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
     blank = Counter({"blank line": len(cells) - len(kept)} if len(kept) < len(cells) else {})
-    return Grid(
-        with_names([name.strip() for name in header]),
-        [cells[at] for at in kept],
-        [at + 2 for at in kept],
-        blank,
-    )
+    names = with_names([name.strip() for name in header])
+    return Grid(names, [cells[at] for at in kept], [at + 2 for at in kept], blank)
 
 
 def _text(value: Any) -> str:

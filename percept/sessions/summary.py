@@ -69,8 +69,8 @@ def _with_limits(
 
     mean, sd, n, level = frame.pop("mean"), frame.pop("sd"), frame["n"], frame["level"]
     for at in np.flatnonzero(sd < 0).tolist():
-        place = {"file": file, "row": rows[at], "column": "sd", "value": float(sd[at])}
-        problems.add("is negative.", hint="Correct it.", **place)
+        where = {"file": file, "row": rows[at], "column": "sd", "value": float(sd[at])}
+        problems.add("is negative.", hint="Correct it.", **where)
     # Impossible n and levels are reported by the study's checks; as NaN they contradict nothing.
     possible = (n >= 2) & (level > 0) & (level < 1)
     df, tail = np.where(possible, n - 1, np.nan), np.where(possible, (1 - level) / 2, np.nan)
@@ -119,11 +119,9 @@ def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, pro
             problems.add(message, column=column, value=value, hint="Correct it.", **place(int(at)))
     _check_units(table, quantities, place, problems)
     for at in np.flatnonzero(table.duplicated(["environment", "parameter"]).to_numpy()):
-        message = "a second row for this environment and parameter."
-        hint = "Remove one of them."
-        problems.add(
-            message, column="environment", value=table["environment"].iloc[at], hint=hint, **place(int(at))
-        )
+        message, hint = "a second row for this environment and parameter.", "Remove one of them."
+        where = {"column": "environment", "value": table["environment"].iloc[at], **place(int(at))}
+        problems.add(message, hint=hint, **where)
 
 
 def _check_units(table: pd.DataFrame, quantities: Quantities, place: Place, problems: Problems) -> None:
