@@ -14,6 +14,7 @@ from percept.calibration.coverage import FILE, STUDIES, _sentences, advice_plans
 from percept.calibration.judge import judge_study
 from percept.cli import main
 from percept.sessions import Sessions
+from percept.sessions.quantities import IMPEDANCE
 from tests.study.checked import study_of, table_of
 
 PLAIN = table_of(("k", "b"), subjects=5, references=[[100.0, 1e3], [1.0, 5.0]], sigma_u=0.0)
@@ -147,8 +148,8 @@ def test_the_truth_a_method_covers_least_decides(table: pd.DataFrame, text: str)
     intervals = pd.DataFrame(rows, columns=["method", "family", "lower", "upper"]).assign(
         environment="VE1", parameter="b", kind="user", joint="marginal"
     )
-    assert list(_sentences(table, intervals)) == [text]
-    assert not list(_sentences(table[table["method"] == "classical"], intervals))
+    assert list(_sentences(table, intervals, IMPEDANCE)) == [text]
+    assert not list(_sentences(table[table["method"] == "classical"], intervals, IMPEDANCE))
 
 
 def test_a_study_that_cannot_be_simulated_has_theory_alone() -> None:

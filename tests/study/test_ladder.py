@@ -193,7 +193,8 @@ def test_pairs_by_hand(fitted: Study) -> None:
 def test_curves_are_compared_in_pairs(fitted: Study) -> None:
     boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3",))
     table = compare_methods(boundaries)
-    assert len(table) == 6 * 2 + 2 + 2
+    # Boxes of three kinds and two joints in two shapes; ellipses, pointwise and simultaneous curves of two.
+    assert len(table) == 6 * 2 + 2 + 2 + 2
     assert (table["area_lower"] <= table["largest_lower"].abs() + 1e-12).all()
 
 
