@@ -323,13 +323,14 @@ def test_the_line_of_a_wrong_quote_is_that_of_the_delimiter_meant(tmp_path):
 @pytest.mark.parametrize(
     ("name", "data", "what"),
     [
-        ("study.rda", gzip.compress(b"RDX3\nX\n"), "an R data file, which only R opens"),
+        ("study.rda", gzip.compress(b"RDX3\nX\n", mtime=0), "an R data file, which only R opens"),
         ("study.RData", bz2.compress(b"RDX3\nX\n"), "an R data file, which only R opens"),
         ("study.rds", lzma.compress(b"X\n\0\0\0"), "an R data file, which only R opens"),
         ("study.csv", b"X\n\0\0\0\3", "an R data file, which only R opens"),
         ("study.mat", b"MATLAB 5.0 MAT-file", "a MATLAB or HDF5 file"),
         ("study.sav", b"$FL2@(#) SPSS DATA FILE", "an SPSS or Stata file"),
     ],
+    ids=["rda", "RData", "rds", "csv", "mat", "sav"],
 )
 def test_files_of_other_programs_are_named_for_what_they_are(tmp_path, name, data, what):
     (tmp_path / name).write_bytes(data)
