@@ -120,7 +120,8 @@ def _contrasts(study: Study, arguments: argparse.Namespace) -> int:
     from percept.study.basics import Skipped, results
     from percept.study.contrast import contrast_rows
 
-    rows = list(contrast_rows(study.sessions, study.parameters, study.scene))
+    how = {"progress": study.progress, "store": study.store}
+    rows = list(contrast_rows(study.sessions, study.parameters, study.scene, **how))
     table, factor = pd.DataFrame(results(rows)), study.sessions.factor
     assert factor is not None
     notes = [f"{row.what}: {row.why}" for row in rows if isinstance(row, Skipped)]

@@ -77,6 +77,7 @@ def contrast(document: Record) -> Section | None:
             if [row["method"]] == best[row["parameter"]]
         ],
         "ratio": rows[0]["family"] == "lognormal",
+        "bayesian": "bayesian" in distinct(rows, "method"),
         "factor": rows[0]["factor"],
         "cell": document["data"]["environments"][0],
     }

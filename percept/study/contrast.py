@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,13 +27,16 @@ CONTRAST = [
 _WHO = {"mean": "The average user's", "user": "The next user's"}
 
 
-def contrast_rows(sessions: Sessions, parameters: tuple[str, ...], scene: Scene) -> Iterator[Row | Skipped]:
-    """Yield the contrasts of every method asked for."""
+def contrast_rows(
+    sessions: Sessions, parameters: tuple[str, ...], scene: Scene, **how: Any
+) -> Iterator[Row | Skipped]:
+    """Yield the contrasts of every method asked for; `how` is the sampler's progress and store."""
     if scene.inference.method != "bayesian":
         yield from classical_contrasts(sessions, parameters, scene)
     if scene.inference.method != "classical":
-        why = "the hierarchical model takes each level as a condition of its own"
-        yield Skipped("Bayesian contrast", why)
+        from percept.study.within import bayesian_contrasts
+
+        yield from bayesian_contrasts(sessions, parameters, scene, **how)
 
 
 def classical_contrasts(

@@ -44,6 +44,8 @@ class StudyViews:
 
     sessions: Sessions
     scene: Scene
+    progress: Any
+    store: Any
     if TYPE_CHECKING:
 
         @property
@@ -89,7 +91,8 @@ class StudyViews:
             return []
         from percept.study.contrast import contrast_rows
 
-        return list(contrast_rows(self.sessions, self.parameters, self.scene))
+        how = {"progress": self.progress, "store": self.store}
+        return list(contrast_rows(self.sessions, self.parameters, self.scene, **how))
 
     @property
     def contrasts(self) -> pd.DataFrame:

@@ -1,0 +1,78 @@
+"""Bayesian contrasts of conditions within subjects: the model a study builds, and what it reports."""
+
+import numpy as np
+import pytest
+
+from percept.report.document import build_document
+from percept.report.page import render_page
+from percept.study.within import bayesian_contrasts, prepare_within
+from tests.study.within import frame, study
+
+
+@pytest.fixture(scope="module")
+def made():
+    table = frame(subjects=30, trials=1)
+    return study(table[(table["subject"] != "S3") | (table["environment"] != "VE2")])
+
+
+@pytest.fixture(scope="module")
+def rows(made):
+    scene = made.scene.with_inference(tolerance=0.05, method="both")
+    return list(bayesian_contrasts(made.sessions, ("k",), scene))
+
+
+def test_the_model_has_a_cell_for_each_reference_and_level(made):
+    model = prepare_within(made.sessions, "k", made.scene, made.sessions.factor, ("left", "right"))
+    assert model.statistics.environments == made.environments
+    assert model.reference.tolist() == [0, 0, 1, 1, 2, 2]
+    np.testing.assert_allclose(model.statistics.x[0], [-1, -1, 0, 0, 1, 1], atol=1e-12)
+    # Missing cells of a subject stay missing.
+    gaps = np.isnan(model.statistics.cell_means[:, 0])
+    assert gaps.sum() == 2
+    assert gaps[3, 2:4].all()
+
+
+def test_many_subjects_leave_little_to_the_priors(made, rows):
+    """Limits of both methods' average user lie within a fifth of the classical half-width."""
+    classical = made.contrasts.query("of == 'bias' and kind == 'mean'").to_dict("records")
+    bayesian = [row for row in rows if row["kind"] == "mean"]
+    assert [row["environment"] for row in bayesian] == ["VE1", "VE2", "VE3", None]
+    assert [row["n"] for row in bayesian] == [30, 29, 30, 30]
+    c, b = classical[0], bayesian[0]
+    half = np.log(c["upper"] / c["lower"]) / 2.0
+    for end in ("lower", "estimate", "upper"):
+        assert abs(np.log(b[end] / c[end])) < 0.2 * half
+    assert "probability under the model and its priors" in b["covers"]
+
+
+def test_spreads_are_quantiles_that_hold_one(rows):
+    spreads = [row for row in rows if row["of"] == "spread"]
+    assert len(spreads) == 4
+    # Both levels have one law.
+    assert all(row["lower"] < 1.0 < row["upper"] for row in spreads)
+    assert all(row["lower"] < row["estimate"] < row["upper"] for row in spreads)
+
+
+def test_the_page_says_what_the_bayesian_contrasts_are(made, rows):
+    document = build_document(made)
+    page = render_page(document | {"contrast": rows}, {}, date="2026-01-01")
+    assert "Bayesian contrasts come from a model of their own" in page
+    assert "Bayesian contrasts come" not in render_page(document, {}, date="2026-01-01")
+
+
+def skipped(table, family="lognormal", **tables):
+    one = study(table, family, **tables)
+    (row,) = bayesian_contrasts(one.sessions, ("k",), one.scene.with_inference(method="both"))
+    assert row.what == "Bayesian contrast of stiffness, right against left"
+    return row.why
+
+
+def test_what_the_model_cannot_carry_is_said():
+    table = frame()
+    assert "two references" in skipped(table[table["environment"] == "VE1"])
+    still = table.assign(k_adj=table["k_ref"])
+    assert "zero scatter has no proper posterior" in skipped(still)
+    none = {"model": {"pooling": "none", "prior": "reference"}}
+    assert "partial" in skipped(table, **none)
+    zero = table.assign(k_adj=np.where(table.index == 0, 0.0, table["k_adj"]))
+    assert "has no logarithm" in skipped(zero)
