@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,18 +24,6 @@ CONTRAST = [
     "level", "share", "confidence", "lower", "upper", "estimate", "p_value", "n", "covers",
 ]  # fmt: skip
 _WHO = {"mean": "The average user's", "user": "The next user's"}
-
-
-def contrast_rows(
-    sessions: Sessions, parameters: tuple[str, ...], scene: Scene, **how: Any
-) -> Iterator[Row | Skipped]:
-    """Yield the contrasts of every method asked for; `how` is the sampler's progress and store."""
-    if scene.inference.method != "bayesian":
-        yield from classical_contrasts(sessions, parameters, scene)
-    if scene.inference.method != "classical":
-        from percept.study.within import bayesian_contrasts
-
-        yield from bayesian_contrasts(sessions, parameters, scene, **how)
 
 
 def classical_contrasts(
