@@ -143,7 +143,8 @@ def departures(
         near, far = see(work.middle)
         halve = halving < _HALVINGS and work.item.size <= _MOST_PIECES * count
         if not halve:
-            gap[np.unique(work.item)] *= 10
+            unsettled = np.unique(work.item)
+            gap[unsettled] = np.minimum(10 * gap[unsettled], _DEEP)
         allowed = np.full(count, ON_LIMIT) if throughout else best + np.maximum(gap, _FRACTION * np.abs(best))
         squares = Squares.of(display if work.shared else display.at(work.owner), work.omega)
         by = np.expm1(2 * np.clip(allowed, _DEEPEST, _DEEP))[work.item]
