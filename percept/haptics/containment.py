@@ -144,6 +144,8 @@ def departures(
         halve = halving < _HALVINGS and work.item.size <= _MOST_PIECES * count
         if not halve:
             unsettled = np.unique(work.item)
+            if gap[unsettled].min() >= _DEEP:
+                break  # no bound can be given
             gap[unsettled] = np.minimum(10 * gap[unsettled], _DEEP)
         allowed = np.full(count, ON_LIMIT) if throughout else best + np.maximum(gap, _FRACTION * np.abs(best))
         squares = Squares.of(display if work.shared else display.at(work.owner), work.omega)
