@@ -12,9 +12,9 @@ UNMIXED = {"tolerance": 0.01, "most_steps": 200}
 
 
 def unmixed_sessions(*environments: str) -> pd.DataFrame:
-    """Published sessions whose damping follows stiffness to 3 %: such a ridge is slow to walk along."""
+    """Published sessions whose damping follows stiffness to half a percent: such a ridge is slow to walk along."""
     table = pd.read_csv(DATASETS / "hbfd_sessions.csv", dtype={"subject": str}).drop(columns="source")
     if environments:
         table = table[table["environment"].isin(environments)]
-    scatter = np.exp(0.03 * np.random.default_rng(1).standard_normal(len(table)))
+    scatter = np.exp(0.005 * np.random.default_rng(1).standard_normal(len(table)))
     return table.assign(b_adj=table["b_ref"] * table["k_adj"] / table["k_ref"] * scatter)

@@ -162,7 +162,9 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Judgement]:
     study, populations = _simulated(plan, rng)
     found = []
     try:
-        if study.fit is not None and not study.fit.run.gate.passed:
+        if study.fit is None and plan.method != "classical":
+            found.append(Judgement("refused", "", "bayesian", plan.family, "", "", 1.0))
+        elif study.fit is not None and not study.fit.run.gate.passed:
             found.append(Judgement("withheld", "", "bayesian", plan.family, "", "", 1.0))
     except RefusalError:
         found.append(Judgement("refused", "", "bayesian", plan.family, "", "", 1.0))

@@ -58,7 +58,7 @@ def test_a_refusal_is_a_row_that_names_the_file_as_the_user_did(tmp_path):
 
 def test_a_gate_that_fails_leaves_the_classical_rows_and_says_why(tmp_path):
     path = tmp_path / "s.csv"
-    unmixed_sessions("VE1", "VE3").to_csv(path, index=False)
+    unmixed_sessions().to_csv(path, index=False)
     outcome = analyse(StudySource(str(path), Scene.from_tables({"inference": UNMIXED}), {}).read())
     found = read(outcome.table).to_pandas()
     assert set(found["status"]) == {"withheld"}

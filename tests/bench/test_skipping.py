@@ -26,7 +26,8 @@ BAYESIAN = {"fit", "posterior", "realism"}
         ("nothing", set()),
         ("coupling", {"coupling", "coupling_design"}),
         ("device", CURVES | {"coupling", "regions"}),
-        ("one parameter", CURVES | {"regions", "band"}),
+        # Its own band law stays: the band against its reference.
+        ("one parameter", CURVES | {"regions"}),
         ("all but one environment", {"band"}),
         ("page and figures", set(STAGES) - {"intervals"}),
     ],
@@ -40,8 +41,8 @@ def test_a_study_works_out_nothing_that_the_scene_leaves_out(scene, left_out):
 @pytest.mark.parametrize(
     ("scene", "method", "imports", "stages", "coordinates"),
     [
-        ("one parameter", "classical", PAGE, {"intervals"}, 0),
-        ("one parameter", "both", SAMPLER | PAGE, {"intervals", "fit", "posterior"}, 10),
+        ("one parameter", "classical", PAGE, {"intervals", "coupling", "band"}, 0),
+        ("one parameter", "both", SAMPLER | PAGE, {"intervals", "fit", "posterior", "coupling", "band"}, 10),
     ],
 )
 def test_a_process_imports_only_what_it_needs(scene, method, imports, stages, coordinates):

@@ -377,7 +377,7 @@ def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
     scene = tmp_path / "hasty.toml"
     scene.write_text("[inference]\ntolerance = 0.01\nmost_steps = 200\n")
     sessions = tmp_path / "unmixed.csv"
-    unmixed_sessions("VE1", "VE3").to_csv(sessions, index=False)
+    unmixed_sessions().to_csv(sessions, index=False)
     words = ["--scene", str(scene), "--out", str(tmp_path / "out"), "--no-cache", "--quiet"]
     assert main(["report", str(sessions), *words]) == 1
     captured = capsys.readouterr()
@@ -418,7 +418,7 @@ def test_a_report_of_withheld_numbers_alone_is_written_and_no_success(tmp_path, 
     device = "[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n[frequency]\npoints = 5\n"
     scene.write_text(f'{device}[inference]\nmethod = "bayesian"\ntolerance = 0.01\nmost_steps = 200\n')
     sessions = tmp_path / "unmixed.csv"
-    unmixed_sessions("VE1", "VE3").to_csv(sessions, index=False)
+    unmixed_sessions().to_csv(sessions, index=False)
     words = ["--scene", str(scene), "--no-cache", "--quiet", "--out", str(tmp_path / "out")]
     for command in ("report", "fit"):
         assert main([command, str(sessions), *words]) == 1

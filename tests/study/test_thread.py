@@ -157,7 +157,7 @@ def test_one_subject_is_refused():
 def test_negative_value_under_lognormal_is_refused_with_its_place():
     table = frame()
     table.loc[7, "b_adj"] = -0.5
-    study = Study(Sessions.from_frame(table), hbfd_scene())
+    study = Study(Sessions.from_frame(table), hbfd_scene(method="bayesian"))
     with pytest.raises(RefusalError, match="has no logarithm") as caught:
         _ = study.fit
     assert (caught.value.row, caught.value.column, caught.value.value) == (9, "b_adj", -0.5)
@@ -167,7 +167,7 @@ def test_negative_value_under_lognormal_is_refused_with_its_place():
 def test_zero_reference_is_refused_without_a_scale():
     table = frame()
     table.loc[table.environment == "VE1", "b_ref"] = 0.0
-    scene = hbfd_scene(family="normal")
+    scene = hbfd_scene(family="normal", method="bayesian")
     with pytest.raises(RefusalError, match="reference damping of VE1 is 0, which has no ratio"):
         _ = Study(Sessions.from_frame(table), scene).fit
 
@@ -178,7 +178,7 @@ def test_no_scatter_is_refused_and_resolution_answers():
     table.loc[table.environment == "VE2", "k_adj"] = 1000.0
     sessions = Sessions.from_frame(table)
     with pytest.raises(RefusalError, match="all subjects adjusted alike in stiffness of VE2") as caught:
-        _ = Study(sessions, hbfd_scene()).fit
+        _ = Study(sessions, hbfd_scene(method="bayesian")).fit
     assert "resolution.k" in str(caught.value)
     steps = {"k": 10.0, "b": 0.1}
     scene = Scene.from_tables({"model": {"resolution": steps}, "inference": {"tolerance": 0.1}})

@@ -37,11 +37,11 @@ class Modes(Normal):
 
 
 class Glitch(Normal):
-    """A normal whose density is wrong, by a factor exp(40), at one point in twenty thousand."""
+    """A normal whose density is wrong, by a factor exp(40), at one point in five thousand."""
 
     def __call__(self, points):
         lottery = np.modf(np.abs(points[:, 0]) * 1e4)[0]
-        return super().__call__(points) + np.where(lottery < 5e-5, 40.0, 0.0)
+        return super().__call__(points) + np.where(lottery < 2e-4, 40.0, 0.0)
 
 
 class Hole(Normal):
