@@ -12,7 +12,7 @@ UNMIXED = {"tolerance": 0.01, "most_steps": 200}
 
 
 def unmixed_sessions(*environments: str) -> pd.DataFrame:
-    """Published sessions whose damping follows stiffness to half a percent: such a ridge is slow to walk along."""
+    """Published sessions whose damping follows stiffness to half a percent: a ridge slow to walk along."""
     table = pd.read_csv(DATASETS / "hbfd_sessions.csv", dtype={"subject": str}).drop(columns="source")
     if environments:
         table = table[table["environment"].isin(environments)]
