@@ -41,7 +41,7 @@ def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--write-scene", metavar="FILE", help="write that mapping as a scene")
     parser.add_argument(
-        "--no-cache", action="store_true", help="sample anew, and keep no posterior (see percept cache)"
+        "--no-cache", action="store_true", help="sample again, and keep no posterior (see percept cache)"
     )
 
 
@@ -71,7 +71,7 @@ def add_check_arguments(parser: argparse.ArgumentParser, *, usual: bool = False)
         help=f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})",
     )
     parser.add_argument(
-        "--refit", action="store_true", help="and sample anew without each influential subject"
+        "--refit", action="store_true", help="and sample again without each influential subject"
     )
     parser.add_argument(
         "--models", action="store_true", help="and compare smaller models; samples four more posteriors"
