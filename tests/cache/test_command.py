@@ -18,16 +18,25 @@ SCENE = {
     "frequency": {"lower": 1.0, "upper": 50.0, "points": 3},
     "inference": {"tolerance": 0.5, "kinds": ["user"], "method": "bayesian"},
 }
-# Whether the sampler was imported is asked of a process that did nothing else.
-FOUND = """
+# Each document is made by a process that did nothing else, as a command is: the last bits of a sum may depend
+# on where its numbers stand in memory.
+MADE = """
 import sys
 from pathlib import Path
 from tests.cache.test_command import document
 from percept.cache import PosteriorCache
-text = document(Path(sys.argv[1]), PosteriorCache(Path(sys.argv[2])))
-assert "emcee" not in sys.modules, "the sampler was imported"
-sys.stdout.buffer.write(text)
+sys.stdout.buffer.write(document(Path(sys.argv[1]), PosteriorCache(Path(sys.argv[2]))))
 """
+FOUND = MADE + 'assert "emcee" not in sys.modules, "the sampler was imported"'
+
+
+def run(code, path, store):
+    """Run code on sessions and a cache, and return what it wrote."""
+    root = Path(__file__).resolve().parents[2]
+    words = [sys.executable, "-c", code, str(path), str(store.folder)]
+    done = subprocess.run(words, cwd=root, capture_output=True, check=False)
+    assert done.stderr == b""
+    return done.stdout
 
 
 def document(path, store):
@@ -42,19 +51,13 @@ def kept(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kept")
     path, store = folder / "study.csv", PosteriorCache(folder / "kept")
     path.write_text(study_text(1, subjects=4))
-    return path, store, document(path, store)
+    return path, store, run(MADE, path, store)
 
 
 def test_report_json_is_the_same_in_every_byte_from_the_cache_which_imports_no_sampler(kept):
     path, store, computed = kept
     assert len(store.entries()) == 1
-    root = Path(__file__).resolve().parents[2]
-    found = subprocess.run(
-        [sys.executable, "-c", FOUND, str(path), str(store.folder)],
-        cwd=root, capture_output=True, check=False,
-    )  # fmt: skip
-    assert found.stderr == b""
-    assert found.stdout == computed
+    assert run(FOUND, path, store) == computed
     assert b'"passed": true' in computed
 
 
