@@ -18,7 +18,7 @@ from percept.errors import UsageError
 _SUFFIX = ".part"
 _ASIDE = ".percept-unfinished-"
 _HINT = "Rename it, or choose another folder."
-# What a file system says that has no locks; those of NFS before version 4 among them.
+# Errors of a file system without locks, such as NFS before version 4.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 
 

@@ -1,4 +1,4 @@
-"""Digits that means, SDs, tolerance factors and the density keep, beside those of direct formulas."""
+"""Digits that means, SDs, tolerance factors and the density keep, and what direct formulas keep."""
 
 from __future__ import annotations
 

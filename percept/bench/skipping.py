@@ -43,7 +43,7 @@ class Saving:
     seconds: Annotated[float, "Processor time of the whole process, imports included: median of the rounds."]
     seconds_low: Annotated[float, "The shortest."]
     seconds_high: Annotated[float, "The longest."]
-    share: Annotated[float, "seconds over those of the first scene, which leaves nothing out."]
+    share: Annotated[float, "seconds divided by the first scene's, which leaves nothing out."]
     imports: Annotated[tuple[str, ...], "Packages imported, of those some scene does without."]
     stages: Annotated[tuple[str, ...], "What the study worked out."]
     coordinates: Annotated[int, "Of the hierarchical model; 0 without one."]

@@ -207,7 +207,7 @@ def rigid(p: Any) -> Number:
 
 
 def flexible(p: Any) -> Number:
-    """Eq. 5 with a mode beside it."""
+    """Eq. 5 with one mode added."""
     return rigid(p) + series(p.m_i * p.s, p.b_i + p.k_i / p.s)
 
 

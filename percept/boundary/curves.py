@@ -90,7 +90,7 @@ def magnitude_membership(omega: Array, lower: Array, upper: Array, curve: Array)
 
 
 def _log(values: Array) -> Array:
-    """Logarithms, those of zero and of infinity as far out as doubles reach."""
+    """Logarithms; zero and infinity go to the ends of what doubles hold."""
     return np.asarray(np.log(np.clip(values, _TINY, _HUGE)))
 
 

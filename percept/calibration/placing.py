@@ -42,7 +42,7 @@ _BY_PARAMETER = ("s", "s_e", "kappa", "kappa_e", "omega", "omega_e", "sigma_u", 
 
 
 def _missing() -> Design:
-    """Eight subjects, two of whom saw only some of four environments, and one of whom repeated one."""
+    """Eight subjects in four environments: two miss some environments, one repeats one."""
     trials = np.ones((8, 4), dtype=np.int64)
     trials[0, 1] = trials[2, 0] = trials[2, 3] = 0
     trials[5, 1:] = 0

@@ -315,7 +315,7 @@ class Working:
             columns = [TextColumn("{task.description}"), TimeElapsedColumn()]
             if console.width >= _WIDE:
                 columns.insert(1, BarColumn(bar_width=16))
-            # What the command prints belongs on standard output, whatever is shown beside it.
+            # Standard output is for the results alone; progress goes to standard error.
             self._bar = Progress(*columns, console=console, redirect_stdout=False)
             self._bar.add_task(**self._task)
             self._bar.start()
