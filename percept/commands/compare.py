@@ -75,7 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
     elif not len(comparison.curves):
         print("\nIntervals of A and B; width ratio B/A:")
         _print(comparison.intervals)
-    _print_curves(comparison.curves, "B/A")
+    if len(comparison.curves):
+        _print_curves(comparison.curves)
     return 0
 
 
@@ -172,8 +173,7 @@ def _methods(study: Study, arguments: argparse.Namespace) -> int:
     assert ladder is not None
     advice = recommend(study, arguments.coverage, _calibrate(arguments))
     if arguments.json:
-        found = {"comparison": table, "ladder": ladder, "advice": advice, "curves": study.curve_comparison}
-        print_json({**_stated(study), **found})
+        print_json({**_stated(study), "comparison": table, "ladder": ladder, "advice": advice})
         return 0
     print(f"Intervals in pairs, {_claim(study)}:")
     _print(table[_CELL + _PAIR])
@@ -183,7 +183,6 @@ def _methods(study: Study, arguments: argparse.Namespace) -> int:
     print(f"\nThe steps of kind {kind}. width: ratio of widths; centre: shift in classical half-widths;")
     print("error: Monte Carlo standard error (log_width_error: of the ratio's logarithm).")
     _print(effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind][_STEPS])
-    _print_curves(study.curve_comparison, "Bayesian/classical")
     return 0
 
 
@@ -205,14 +204,12 @@ def _claim(study: Study) -> str:
     return f"{study.scene.inference.family} family, level {percent(study.scene.inference.level)}"
 
 
-def _print_curves(curves: pd.DataFrame, ratio: str) -> None:
+def _print_curves(curves: pd.DataFrame) -> None:
     """Print the boundaries farthest from each other."""
-    if not len(curves):
-        return
     areas = curves[["area_lower", "area_upper"]].max(axis=1)
     worst = curves.loc[areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]]
     print(f"\nThe {len(worst)} of {len(curves)} boundaries farthest apart. area: mean over log omega of")
-    print(f"abs(log({ratio})) of the lower and the upper curve; largest: log({ratio}) at that omega (rad/s).")
+    print("abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega (rad/s).")
     _print(worst)
 
 

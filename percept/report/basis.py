@@ -17,7 +17,6 @@ from percept.report.select import (
     Record,
     Section,
     distinct,
-    each_by_itself,
     escaped,
     family_of,
     makes_impedance,
@@ -38,9 +37,6 @@ def comparison(document: Record) -> Section | None:
         "sentence": _apart(rows),
         "ladder": document["ladder"],
         "rows": rows,
-        "curves": [
-            row for row in pointed(document["curve_comparison"], "/curve_comparison") if each_by_itself(row)
-        ],
     }
     return Section("comparison", "Classical against Bayesian", values)
 

@@ -43,9 +43,9 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``contrast``, ``boundaries`` with their ``zoom``
         windows, ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``,
-        ``design``, ``sensitivity``, ``comparison``, ``ladder``, ``curve_comparison``, ``diagnostics``,
-        ``checks``, ``skipped``, and what is worked out from them: ``summary``. JSON values only (see
-        `percept.report.plain`), in the units of the tables: those of the quantities, and N/m, N·s/m, rad/s,
+        ``design``, ``sensitivity``, ``comparison``, ``ladder``, ``diagnostics``, ``checks``, ``skipped``, and
+        what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
+        of the tables: those of the quantities, and N/m, N·s/m, rad/s,
         kg, s. No run times, no folders.
     """
     boundaries = plain(study.boundaries) if curves else []
@@ -69,7 +69,6 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         "sensitivity": plain(study.sensitivity) if curves else None,
         "comparison": plain(study.comparison),
         "ladder": plain(study.ladder) if why else None,
-        "curve_comparison": plain(study.curve_comparison) if curves else [],
         "diagnostics": plain(study.diagnostics),
         "checks": _checks(study),
         "skipped": _skipped(study, curves=curves),

@@ -35,7 +35,7 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
     rows = [row for cell in _cells(document) if (row := _row(document, *cell))]
     realism = _realism(document)
     labels = {name: quantity.label for name, quantity in quantities_of(document).items()}
-    sentences = [*_biases(rows, labels), *_feelings(document, realism), *_stability(document)]
+    sentences = [*_biases(rows, labels), *_feelings(realism), *_stability(document)]
     sentences += _next_users(rows, labels)
     # The next user's ranges answer where no device lets percept judge what feels real.
     return {"rows": rows, "realism": realism, "sentences": sentences[: max(3, len(_parameters(rows)) + 2)]}
@@ -101,15 +101,13 @@ def _realism(document: Record) -> list[dict[str, Any]]:
         | {
             rendered: {
                 "verdict": record[f"verdict_{side}"],
-                "inside": record[f"share_inside_{side}"],
                 "departure": max(0.0, record[f"departure_{side}"]),
                 "omega": record[f"departure_omega_{side}"],
                 "plane_departure": record[f"plane_departure_{side}"],
             }
             for rendered, side in (("directly", "uncoupled"), ("coupled", "coupled"))
-            if record.get(f"verdict_{side}") is not None
         }
-        | ({} if record["verdict_coupled"] is None else {"breaks": _breaks(coupling["verdict"], record)})
+        | {"breaks": _breaks(coupling["verdict"], record)}
         for record in chosen
         if record is not None
     ]
@@ -179,32 +177,22 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(text for text in (", ".join(names[:-1]), *names[-1:]) if text)
 
 
-def _feelings(document: Record, realism: Sequence[Record]) -> list[str]:
-    """Say which references stay inside the next user's boundary as they are rendered."""
-    rendered = "coupled" if any("coupled" in record for record in realism) else "directly"
-    records = [record for record in realism if rendered in record]
-    outside = [record for record in records if record[rendered]["verdict"] == "outside"]
+def _feelings(realism: Sequence[Record]) -> list[str]:
+    """Say which references stay inside the next user's boundary through the coupling."""
     groups = {
-        "stay": [record for record in records if record[rendered]["verdict"] == "inside"],
-        "touch": [record for record in records if record[rendered]["verdict"] == "marginal"],
-        "leave": [record for record in outside if record[rendered]["inside"] > 0.0],
-        "never": [record for record in outside if record[rendered]["inside"] <= 0.0],
-    }
-    said = {
-        "stay": ("stays inside {}", "stay inside {}"),
-        "touch": ("touches the limits of {}", "touch the limits of {}"),
-        "leave": ("leaves {} at some frequencies", "leave {} at some frequencies"),
-        "never": ("is outside {} at every frequency", "are outside {} at every frequency"),
+        "inside": ("stays inside {}", "stay inside {}"),
+        "marginal": ("touches the limits of {}", "touch the limits of {}"),
+        "outside": ("leaves {}", "leave {}"),
     }
     parts: list[str] = []
-    for group, found in groups.items():
-        if found:
+    for verdict, said in groups.items():
+        if found := [record for record in realism if record["coupled"]["verdict"] == verdict]:
             boundary = "it" if parts else "the next user’s boundary"
-            parts.append(f"{_names(found, records)} {said[group][len(found) > 1].format(boundary)}")
-    if not parts:
-        return []
-    how = "Through the coupling" if rendered == "coupled" else "Rendered directly"
-    return [f"{how}, {'; '.join(parts)}."]
+            parts.append(f"{_names(found, realism)} {said[len(found) > 1].format(boundary)}")
+            if verdict == "outside":
+                most = max(record["coupled"]["departure"] for record in found)
+                parts[-1] += f" by up to {_size(most)}"
+    return [f"Through the coupling, {'; '.join(parts)}."] if parts else []
 
 
 def _stability(document: Record) -> list[str]:

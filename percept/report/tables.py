@@ -41,12 +41,8 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
         heads |= {**_with_unit((size, "band"), unit), "relative": "relative"}
         name = "band" if parameter is None else f"band_{parameter}"
         tables[name] = _table(heads, matching(band["rows"], parameter=parameter))
-    for name, rows in (
-        ("contrast", document["contrast"]),
-        ("comparison", document["comparison"]),
-        ("comparison_curves", document["curve_comparison"]),
-    ):
-        if rows:
+    for name in ("contrast", "comparison"):
+        if rows := document[name]:
             tables[name] = _table({head: head for head in rows[0]}, rows)
     return {f"{name}.csv": text for name, text in tables.items()}
 

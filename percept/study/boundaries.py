@@ -7,10 +7,9 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
-from percept.boundary.curves import curve_gap, drawing_grid
+from percept.boundary.curves import drawing_grid
 from percept.boundary.limits import Calibration, Limits, Magnitude, relative_error
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
@@ -174,27 +173,3 @@ def _shapes(region: Region) -> tuple[Shape, ...]:
 def _labels(source: Region | Law) -> dict[str, Any]:
     names = ("environment", "kind", "method", "family", "level")
     return {name: getattr(source, name) for name in names}
-
-
-def compare_methods(boundaries: Collection[Boundary]) -> pd.DataFrame:
-    """Compare classical with Bayesian boundaries that are alike in everything else."""
-    classical, bayesian = (
-        [one for one in boundaries if one.method == method] for method in ("classical", "bayesian")
-    )
-    return compare_curves(classical, bayesian, ("environment", "kind", "family", "joint", "shape"))
-
-
-def compare_curves(
-    first: Collection[Boundary], second: Collection[Boundary], labels: tuple[str, ...]
-) -> pd.DataFrame:
-    """Compare the boundaries of two collections that agree in all labels."""
-    known = {tuple(getattr(b, name) for name in labels): b for b in second}
-    rows = []
-    for boundary in first:
-        key = tuple(getattr(boundary, name) for name in labels)
-        if key in known:
-            row: dict[str, object] = dict(zip(labels, key, strict=True))
-            for side, gap in curve_gap(boundary, known[key]).items():
-                row |= {f"area_{side}": gap.area, f"largest_{side}": gap.largest, f"omega_{side}": gap.omega}
-            rows.append(row)
-    return pd.DataFrame(rows)

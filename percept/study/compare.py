@@ -17,7 +17,6 @@ from percept.sessions.levels import filled
 from percept.sessions.quantities import trial_columns
 from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
-from percept.study.boundaries import compare_curves
 from percept.study.intervals import cell_moments, known_moments
 
 if TYPE_CHECKING:
@@ -31,7 +30,9 @@ _SAME = (
     "A and B are the same sessions: the table of their users, whose intervals are those of two samples of "
     "different people, is left out."
 )
-_CURVE_LABELS = ("environment", "kind", "method", "family", "joint", "shape")
+_CURVE_LABELS = ("environment", "kind", "method", "family")
+#: Frequencies that curves are compared at; and the fraction of the upper limit that a lower one counts as.
+_POINTS, _FLOOR = 241, 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,7 +48,8 @@ class PairComparison(NotebookRecord):
         Average users of B against A (ratio under the lognormal family, difference in its unit under the
         normal), and the ratio of the spreads, with limits.
     curves : DataFrame
-        Gaps between the boundaries of the two that are alike.
+        Mean of abs(log(B/A)) of the limits of exact envelopes over log omega, log(B/A) where it is largest
+        in size, and that omega, rad/s.
     notes : tuple of str
         Why there are no differences, and what they take for granted.
     """
@@ -125,8 +127,37 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
     widths = [intervals[f"upper_{side}"] - intervals[f"lower_{side}"] for side in ("a", "b")]
     intervals["width_ratio"] = widths[1] / widths[0]
     differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
-    curves = compare_curves(first.boundaries, second.boundaries, _CURVE_LABELS)
+    curves = pd.DataFrame(_gaps(first, second))
     return PairComparison(intervals, pd.DataFrame(differences), curves, tuple(notes))
+
+
+def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
+    """How far the exact envelopes of B lie from those of A, over the frequencies that both study."""
+    ranges = [study.frequencies.ends for study in (first, second)]
+    lower, upper = max(low for low, _ in ranges), min(high for _, high in ranges)
+    if not lower < upper:
+        return
+    omega = np.geomspace(lower, upper, _POINTS)
+    of_a, of_b = (
+        {
+            tuple(getattr(boundary, name) for name in _CURVE_LABELS): boundary
+            for boundary in study.boundaries_at(omega, joints=("marginal",))
+            if boundary.shape == "envelope"
+        }
+        for study in (first, second)
+    )
+    for key in (key for key in of_a if key in of_b):
+        row: dict[str, object] = dict(zip(_CURVE_LABELS, key, strict=True))
+        for side in ("lower", "upper"):
+            curves = [
+                np.maximum(getattr(boundary, side), _FLOOR * boundary.upper)
+                for boundary in (of_a[key], of_b[key])
+            ]
+            ratio = np.log(curves[1] / curves[0])
+            worst = int(np.abs(ratio).argmax())
+            row[f"area_{side}"] = float(np.abs(ratio).mean())
+            row[f"largest_{side}"], row[f"omega_{side}"] = float(ratio[worst]), float(omega[worst])
+        yield row
 
 
 def _unlike(first: Study, second: Study) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,9 +11,7 @@ import pandas as pd
 from scipy import special
 
 from percept import haptics
-from percept.boundary.curves import depth_membership, magnitude_membership
 from percept.boundary.realism import Populations, Realism, realism
-from percept.boundary.records import Boundary
 from percept.errors import UsageError
 from percept.haptics import Coupling, TabulatedDevice
 from percept.haptics.containment import Boxes, departures, plane_departures
@@ -53,10 +51,9 @@ class CouplingStudy(NotebookRecord):
     omega, bound, admittance : ndarray, shape (M,)
         Frequencies, rad/s; the criterion's bound and the real part of the coupling's admittance there.
     realism : DataFrame
-        Per boundary: share of the range inside, where curves leave, and the margin, as drawn; without and
-        through the coupling. Of rectangles (`judged` is "every omega") also the verdict at every omega
-        ("inside", "marginal" or "outside"), the largest departure (relative, negative inside) with its
-        omega, and that of effective k and b, in widths. Ellipses and draws are judged "as drawn" only.
+        Per rectangle of (k, b) and shape, without and through the coupling: the verdict at every omega of the
+        range ("inside", "marginal" or "outside"), the largest departure (relative, negative inside) with its
+        omega, rad/s, and that of effective k and b, in widths; also effective k and b at `read_at`.
     read_at : float
         Where single values are read, rad/s.
     probability : DataFrame or None
@@ -81,13 +78,13 @@ class CouplingStudy(NotebookRecord):
 
 def study_coupling(
     setup: Setup,
-    boundaries: Sequence[Boundary],
     regions: Sequence[Region],
     realisms: Realisms,
+    within: tuple[float, float],
     *,
     read_at: float,
 ) -> CouplingStudy:
-    """Judge a coupling: Llewellyn's criterion, and membership in the boundaries."""
+    """Judge a coupling: Llewellyn's criterion, and membership in the boundaries over a range, rad/s."""
     device, coupling, period, hold = setup.device, setup.coupling, setup.period, setup.hold
     if coupling is None:
         raise UsageError("there is no coupling to judge.", hint="Give the scene a [coupling].")
@@ -113,68 +110,41 @@ def study_coupling(
         omega=omega,
         bound=haptics.coupling_bound(omega, device, period, hold=hold),
         admittance=haptics.coupling_admittance(omega, coupling, period).real,
-        realism=_memberships(setup, coupling, boundaries, regions, read_at),
+        realism=pd.DataFrame(_verdicts(setup, coupling, regions, within, read_at)),
         read_at=read_at,
         probability=_probability(realisms, verdict.verdict) if realisms else None,
     )
 
 
-def _memberships(
+def _verdicts(
     setup: Setup,
     coupling: Coupling,
-    boundaries: Sequence[Boundary],
     regions: Sequence[Region],
+    within: tuple[float, float],
     read_at: float,
-) -> pd.DataFrame:
-    """Say of every boundary whether the reference stays inside, without and through the coupling."""
-    known = {tuple(getattr(region, name) for name in _LABELS): region for region in regions}
-    rows = []
-    for boundary in boundaries:
-        assert boundary.coupled is not None
-        key = tuple(getattr(boundary, name) for name in _LABELS)
-        row: dict[str, Any] = dict(zip(_LABELS, key, strict=True)) | {"shape": boundary.shape}
-        for name, curve in (("uncoupled", boundary.reference), ("coupled", boundary.coupled)):
-            member = magnitude_membership(boundary.omega, boundary.lower, boundary.upper, curve)
-            row[f"share_inside_{name}"] = member.inside
-            row[f"leaves_{name}"] = member.leaves
-            row[f"margin_{name}"] = member.margin
-        reference = setup.references[boundary.environment]
+) -> Iterator[dict[str, Any]]:
+    """Judge every reference against its rectangles, and their corners, at every omega of a range, rad/s."""
+    for region in regions:
+        if region.limits is None or region.environment not in setup.references:
+            continue
+        k, b = ((np.array([low]), np.array([high])) for low, high in region.limits)
+        reference = setup.references[region.environment]
         read = haptics.effective_impedance(read_at, reference, coupling, setup.period)
-        row["effective_stiffness"], row["effective_damping"] = float(read.stiffness), float(read.damping)
-        if boundary.shape == "envelope":
-            # More strictly: effective stiffness and damping both inside the region.
-            shown = haptics.effective_impedance(boundary.omega, reference, coupling, setup.period)
-            own = (np.full(boundary.omega.shape, v) for v in (reference.stiffness, reference.damping))
-            direct, coupled = (
-                depth_membership(boundary.omega, known[key].depths(*pair))
-                for pair in (own, (shown.stiffness, shown.damping))
-            )
-            row["plane_uncoupled"] = direct.inside
-            row["plane_coupled"], row["plane_leaves_coupled"] = coupled.inside, coupled.leaves
-        region = known.get(key)
-        certified = region is not None and region.limits is not None and boundary.shape in BOXES
-        row["judged"] = "every omega" if certified else "as drawn"
-        if certified:
-            assert region is not None
-            row |= _verdicts(setup, region, boundary)
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-def _verdicts(setup: Setup, region: Region, boundary: Boundary) -> dict[str, Any]:
-    """Judge a reference against a rectangle or its corners at every omega, directly and coupled."""
-    assert region.limits is not None
-    ends = float(boundary.omega[0]), float(boundary.omega[-1])
-    k, b = ((np.array([low]), np.array([high])) for low, high in region.limits)
-    box, found = Boxes(k, b, corners=boundary.shape == "corner"), dict[str, Any]()
-    for name in ("uncoupled", "coupled"):
-        display = setup.display(region.environment, coupled=name == "coupled")
-        departed = departures(display, box, *ends)
-        found[f"verdict_{name}"] = departed.verdict()
-        found[f"departure_{name}"] = float(np.expm1(departed.largest[0]))
-        found[f"departure_omega_{name}"] = float(departed.omega[0])
-        found[f"plane_departure_{name}"] = float(plane_departures(display, region.limits, *ends)[0][0])
-    return found
+        for shape in BOXES:
+            row: dict[str, Any] = {name: getattr(region, name) for name in _LABELS} | {"shape": shape}
+            for side, coupled in (("uncoupled", False), ("coupled", True)):
+                display = setup.display(region.environment, coupled=coupled)
+                departed = departures(display, Boxes(k, b, corners=shape == "corner"), *within)
+                row[f"verdict_{side}"] = departed.verdict()
+                row[f"departure_{side}"] = float(np.expm1(departed.largest[0]))
+                row[f"departure_omega_{side}"] = float(departed.omega[0])
+                row[f"plane_departure_{side}"] = float(
+                    plane_departures(display, region.limits, *within)[0][0]
+                )
+            yield row | {
+                "effective_stiffness": float(read.stiffness),
+                "effective_damping": float(read.damping),
+            }
 
 
 def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:

@@ -47,18 +47,6 @@ class Region:
     limits: tuple[Limits, Limits] | None = None  # Of stiffness and of damping, N/m and N·s/m
     ellipse: EllipseRegion | None = None  # None for a rectangle
 
-    def depths(self, stiffness: Array, damping: Array) -> Array:
-        """Measure how deep inside points lie: from each edge, in widths, or from the curve, in radii."""
-        if self.ellipse is not None:
-            distance = self.ellipse.distance(stiffness, damping) / self.ellipse.radius
-            return np.maximum(1.0 - distance, -1e300)[None]
-        assert self.limits is not None
-        rows = []
-        for value, (low, high) in zip((stiffness, damping), self.limits, strict=True):
-            width = high - low or 1.0
-            rows += [(value - low) / width, (high - value) / width]
-        return np.stack(rows)
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Law:

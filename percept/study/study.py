@@ -22,7 +22,7 @@ from percept.sessions.levels import by_level
 from percept.sessions.quantities import is_impedance
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Array, Skipped, analysed_parameters, referenced, results, select
-from percept.study.boundaries import JOINTS, Drawing, Range, compare_methods, zoom_windows
+from percept.study.boundaries import JOINTS, Drawing, Range, zoom_windows
 from percept.study.coupling import (
     CouplingStudy,
     Realisms,
@@ -331,8 +331,8 @@ class Study(StudyViews):
         setup = next(iter(results(self._setup)), None)
         if setup is None or setup.coupling is None:
             return None
-        read_at = self.scene.frequency.read_at
-        return study_coupling(setup, self.boundaries, self.regions, self.realism, read_at=read_at)
+        read_at, within = self.scene.frequency.read_at, self.frequencies.ends
+        return study_coupling(setup, self.regions, self.realism, within, read_at=read_at)
 
     @property
     def passivity(self) -> pd.DataFrame | None:
@@ -378,11 +378,6 @@ class Study(StudyViews):
 
         whole = self.sessions, self.scene, self.parameters, self.intervals, self._passed
         return climb(*whole, progress=self.progress, store=self.store)
-
-    @property
-    def curve_comparison(self) -> pd.DataFrame:
-        """Both methods' boundaries in equal environment, kind, family, joint treatment and shape."""
-        return compare_methods(self.boundaries)
 
     @cached_property
     def skipped(self) -> tuple[Skipped, ...]:

@@ -140,7 +140,6 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
     words = ["compare", folder / "all.csv", "--scene", folder / "scene.toml", "--tolerance", "0.2"]
     found = json.loads(printed([*words, "--json"], capsys))
     assert len(found["comparison"]) == 2 * 2 * 3
-    assert found["curves"]
     kept = set(tmp_path.iterdir())
     text = printed(words, capsys)
     # The study's own posterior, each environment's, and the one of the normal family: no other was sampled.

@@ -32,7 +32,7 @@ def test_numbers_are_as_frozen(golden):
     [
         ("exact", "interval VE1 k mean normal marginal", EXACT),
         ("exact", "coupling margin", EXACT),
-        ("exact", "realism VE1 mean normal marginal corner leaves_coupled", EXACT),
+        ("exact", "realism VE1 mean normal marginal corner effective", EXACT),
         ("exact", "law mean normal offset c", EXACT),
         ("exact", "sensitivity required_damping", EXACT),
         ("curves", "envelope VE1 user lognormal hotelling", EXACT),

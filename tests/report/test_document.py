@@ -19,7 +19,7 @@ from .conftest import DATASETS, scene_of
 def test_it_has_every_part_and_only_json_values(both):
     assert list(both) == [
         "schema", "provenance", "data", "intervals", "contrast", "boundaries", "zoom", "close", "readings",
-        "passivity", "coupling", "band", "design", "sensitivity", "comparison", "ladder", "curve_comparison",
+        "passivity", "coupling", "band", "design", "sensitivity", "comparison", "ladder",
         "diagnostics", "checks", "skipped", "summary",
     ]  # fmt: skip
     assert both["schema"] == SCHEMA

@@ -31,14 +31,13 @@ def document(rows, *, realism=(), coupling=None):
     }
 
 
-def felt(name, direct, coupled=None, departure=0.1, **other):
-    """Shares of the drawn curve inside, and verdicts at every ω that follow from them unless given."""
+def felt(name, verdict, departure=0.1, **other):
+    """Return what the document says of a reference, with one verdict directly and through the coupling."""
     labels = {"environment": name, "kind": "user", "shape": "envelope", "joint": "marginal"}
     row = labels | {"method": "classical", "family": "lognormal"}
-    for side, share in (("uncoupled", direct), ("coupled", coupled)):
+    for side in ("uncoupled", "coupled"):
         row |= {
-            f"share_inside_{side}": share,
-            f"verdict_{side}": None if share is None else "inside" if share == 1.0 else "outside",
+            f"verdict_{side}": verdict,
             f"departure_{side}": departure,
             f"departure_omega_{side}": 31.6,
             f"plane_departure_{side}": -0.2,
@@ -46,6 +45,7 @@ def felt(name, direct, coupled=None, departure=0.1, **other):
     return row | other
 
 
+STABLE = {"margin": 1.4, "verdict": "stable"}
 SOFT, HARD, NONE = ("A", 12, 15, 18, 5, 40), ("B", 8, 8.7, 9.5, 6, 12), ("C", 9, 10.1, 11, 7, 14)
 
 
@@ -65,17 +65,19 @@ def test_more_than_five_names_are_counted():
     assert overview(document(rows))["sentences"][0] == "Stiffness is set 50 % too high in 6 of 7."
 
 
-def test_what_feels_real_is_said_through_the_coupling_where_there_is_one():
+def test_what_feels_real_is_said_through_the_coupling():
     margin = {"margin": 0.3157, "verdict": "unstable"}
-    realism = [felt("A", 1.0, 1.0), felt("B", 1.0, 0.4), felt("C", 1.0, 0.0)]
+    realism = [felt("A", "inside"), felt("B", "outside"), felt("C", "outside", departure=0.58)]
     said = overview(document([SOFT], realism=realism, coupling=margin))["sentences"]
     assert said[1] == (
-        "Through the coupling, A stays inside the next user’s boundary; B leaves it at some frequencies; "
-        "C is outside it at every frequency."
+        "Through the coupling, A stays inside the next user’s boundary; B and C leave it by up to 58 %."
     )
     assert said[2] == "The coupling is unstable: the device has 32 % of the damping the coupling needs."
-    direct = overview(document([SOFT], realism=[felt("A", 0.0), felt("B", 0.0)]))["sentences"]
-    assert direct[1] == "Rendered directly, A and B are outside the next user’s boundary at every frequency."
+    touching = [felt("B", "outside", departure=14.2), felt("C", "marginal")]
+    assert overview(document([SOFT], realism=touching, coupling=margin))["sentences"][1] == (
+        "Through the coupling, C touches the limits of the next user’s boundary; "
+        "B leaves it by up to 15.2 times."
+    )
     stable = overview(document([SOFT], coupling={"margin": 1.4, "verdict": "stable"}))["sentences"]
     assert "The coupling is stable: the device has 1.4 times the damping the coupling needs." in stable
     reason = "A measured device's poles cannot be checked."
@@ -91,26 +93,13 @@ def test_without_a_device_the_next_user_s_range_is_said():
     )
 
 
-def test_what_the_drawn_curve_shows_does_not_decide():
-    realism = [
-        felt("B", 1.0, 1.0, verdict_coupled="outside"),
-        felt("C", 1.0, 1.0, verdict_coupled="marginal"),
-    ]
-    coupling = {"margin": 1.4, "verdict": "stable"}
-    said = overview(document([SOFT], realism=realism, coupling=coupling))["sentences"]
-    assert said[1] == (
-        "Through the coupling, C touches the limits of the next user’s boundary; "
-        "B leaves it at some frequencies."
-    )
-
-
 def test_a_departure_is_the_fraction_by_which_the_boundary_is_left():
-    found = overview(document([SOFT], realism=[felt("A", 0.5, departure=0.58)]))
+    found = overview(document([SOFT], realism=[felt("A", "outside", departure=0.58)], coupling=STABLE))
     assert found["realism"][0]["directly"] == {
-        "verdict": "outside", "inside": 0.5, "departure": 0.58, "omega": 31.6,
+        "verdict": "outside", "departure": 0.58, "omega": 31.6,
         "plane_departure": -0.2,
     }  # fmt: skip
-    inside = overview(document([SOFT], realism=[felt("A", 1.0, departure=-0.2)]))
+    inside = overview(document([SOFT], realism=[felt("A", "inside", departure=-0.2)], coupling=STABLE))
     assert inside["realism"][0]["directly"]["departure"] == 0.0
 
 
@@ -126,7 +115,7 @@ def test_a_departure_is_the_fraction_by_which_the_boundary_is_left():
 )
 def test_what_the_scene_s_coupling_breaks_is_named(stability, row, breaks):
     coupling = {"margin": 1.4, "verdict": stability}
-    (found,) = overview(document([SOFT], realism=[felt("A", 1.0, 1.0, **row)], coupling=coupling))["realism"]
+    (found,) = overview(document([SOFT], realism=[felt("A", "inside", **row)], coupling=coupling))["realism"]
     assert found["breaks"] == breaks
 
 

@@ -309,15 +309,6 @@ def test_few_subjects_and_limits_below_zero_are_cautioned_of():
     assert "subjects are few" not in said_of(Sessions.from_frame(whole))
 
 
-def test_curves_of_both_methods_are_compared_on_the_page(both, read):
-    rows = both["curve_comparison"]
-    shown = {at.split("/")[2] for at, *_ in read.numbers if at.startswith("/curve_comparison/")}
-    kept = {str(i) for i, row in enumerate(rows) if row["joint"] not in ("bonferroni", "hotelling")}
-    assert shown == kept
-    # Corners and envelopes of three kinds; pointwise and simultaneous curves of two.
-    assert len(kept) == 3 * (3 * 2 + 2 * 2)
-
-
 def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(both, read, tmp_path):
     """The plain report samples nothing for it, and names the command."""
     assert both["ladder"] is None

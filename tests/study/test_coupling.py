@@ -13,6 +13,8 @@ from percept.haptics import magnitude_envelope
 from percept.study.coupling import populations, study_coupling
 from percept.study.device import Setup
 
+RANGE = (0.1, 100.0)  # rad/s
+
 
 def test_a_coupling_at_the_very_limit_counts_as_unstable(fitted: Study, monkeypatch) -> None:
     assert fitted.setup is not None
@@ -22,7 +24,7 @@ def test_a_coupling_at_the_very_limit_counts_as_unstable(fitted: Study, monkeypa
         return dataclasses.replace(real(*args, **kwargs), verdict="marginal")
 
     monkeypatch.setattr(haptics, "absolute_stability", at_the_limit)
-    table = study_coupling(fitted.setup, (), (), fitted.realism, read_at=10.0).probability
+    table = study_coupling(fitted.setup, (), fitted.realism, RANGE, read_at=10.0).probability
     assert table is not None
     through = table[table["coupled"].astype(bool)]
     assert through["magnitude"].max() > 0.5
@@ -85,13 +87,13 @@ def measured(last: float, damping: float) -> Setup:
 
 def test_a_measured_device_is_stable_with_a_word_on_its_poles() -> None:
     # 15.84 N·s/m are needed; a rigid device's poles are known, a table's are not.
-    found = study_coupling(measured(0.9999, 16.0), [], [], {}, read_at=10.0)
+    found = study_coupling(measured(0.9999, 16.0), [], {}, RANGE, read_at=10.0)
     assert found.verdict == "stable"
     assert found.reason.startswith(
         "The device is measured, so its poles cannot be checked. The smallest margin is 1.01"
     )
     for setup, verdict in ((measured(0.9999, 5.0), "unstable"), (measured(0.5, 16.0), "undecided")):
-        without = study_coupling(setup, [], [], {}, read_at=10.0)
+        without = study_coupling(setup, [], {}, RANGE, read_at=10.0)
         assert without.verdict == verdict
         assert "poles" not in without.reason
 

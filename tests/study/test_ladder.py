@@ -8,7 +8,6 @@ import pytest
 
 from percept import Study
 from percept.sessions.quantities import IMPEDANCE
-from percept.study.boundaries import compare_methods
 from percept.study.intervals import compare_intervals
 from percept.study.ladder import Ladder, sentence
 from tests.study.checked import study_of, table_of
@@ -190,17 +189,9 @@ def test_pairs_by_hand(fitted: Study) -> None:
     assert row["shift"] == pytest.approx(row["estimate_bayesian"] / row["estimate_classical"] - 1.0)
 
 
-def test_curves_are_compared_in_pairs(fitted: Study) -> None:
-    boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 15), ("VE3",))
-    table = compare_methods(boundaries)
-    # Boxes of three kinds and two joints in two shapes; ellipses, pointwise and simultaneous curves of two.
-    assert len(table) == 6 * 2 + 2 + 2 + 2
-    assert (table["area_lower"] <= table["largest_lower"].abs() + 1e-12).all()
-
-
 def test_tables_are_the_caller_s_own(fitted: Study) -> None:
     """What is changed in a table asked for changes nothing of the study."""
-    for name in ("intervals", "comparison", "curve_comparison"):
+    for name in ("intervals", "comparison"):
         before = getattr(fitted, name)
         changed = getattr(fitted, name)
         changed.iloc[:, 0] = "changed"
