@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import hashlib
+import json
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from percept.calibration.judge import EACH, CoveragePlan, Judgement, judge_study
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
+from percept.files import write_whole
 from percept.inference.hierarchy.models import Pooled
 from percept.sessions.quantities import Quantities
 from percept.study import Study
@@ -27,7 +30,7 @@ from percept.workers import Mapper
 _Group = tuple[str, str, str, str, str, str]
 #: Studies needed of the Bayesian and of the classical method, under either truth, before any is recommended.
 STUDIES = 300, 10_000
-FILE = "advice.csv"
+FILE, TRUTH = "advice.csv", "truth.json"
 #: Coverage under the stated level by more than so many standard errors counts as below it.
 _ERRORS = 2.0
 _USERS = "users of the fitted model", "normal users"
@@ -79,6 +82,22 @@ def fitted_values(study: Study) -> dict[str, Any]:
         # With one trial a cell the scatter between trials is part of what a user's value is.
         "sigma_e": means.get("sigma_e", np.zeros_like(beta.T)).T.tolist(),
     }
+
+
+def kept_values(study: Study, folder: Path) -> dict[str, Any]:
+    """Take the fitted values that an interrupted run left in a folder, or fit them and leave them there.
+
+    Studies are kept by their truth: another fit's Monte Carlo error would make it another plan.
+    """
+    table = study.sessions.table.to_csv() + json.dumps(study.scene.to_dict(), sort_keys=True, default=str)
+    digest, path = hashlib.sha256(table.encode()).hexdigest(), folder / TRUTH
+    kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if kept.get("study") == digest:
+        return dict(kept["values"])
+    values = fitted_values(study)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(path, json.dumps({"study": digest, "values": values}, indent=1).encode())
+    return values
 
 
 def own_values(study: Study, fitted: dict[str, Any]) -> dict[str, Any]:
@@ -149,9 +168,10 @@ def coverage(
     *,
     mapper: Mapper | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
+    seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Coverage]:
-    """Simulate and judge studies, and average."""
+    """Simulate and judge studies, and average; after `seconds` no more are begun."""
     if studies < 2:
         raise UsageError("a standard error needs at least two studies.", key="studies", value=studies)
     kept: Checkpoint[list[Judgement]] = Checkpoint(
@@ -162,7 +182,8 @@ def coverage(
         unpack=lambda line: [Judgement(**one) for one in line["judged"]],
     )
     judge = functools.partial(judge_study, plan)
-    return averaged(plan, kept.complete(judge, studies, mapper=mapper, progress=progress))
+    judged = kept.complete(judge, studies, mapper=mapper, seconds=seconds, progress=progress)
+    return averaged(plan, judged)
 
 
 def averaged(plan: CoveragePlan, judged: list[list[Judgement]]) -> list[Coverage]:

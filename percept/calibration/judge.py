@@ -55,7 +55,7 @@ class CoveragePlan:
     trials: tuple[tuple[int, ...], ...] | None = None  # Of each subject in each environment; one where None
     truth: Family = "lognormal"  # Distribution of the simulated users
     family: Family = "lognormal"  # Of the hierarchical model
-    method: Literal["both", "classical"] = "both"  # Which methods are judged
+    method: Literal["both", "classical", "bayesian"] = "both"  # Which methods are judged
     level: float = 0.99  # As `InferenceTable`
     share: float | None = None  # As `InferenceTable`
     confidence: float = 0.95  # As `InferenceTable`
@@ -63,7 +63,7 @@ class CoveragePlan:
     values: dict[str, Any] | None = None  # What the studies are drawn from, as `fitted_values` gives it
     device: tuple[float, float] = (1.0, 5.0)  # kg and N·s/m
     period: float = 0.001  # Sampling period, s
-    frequencies: tuple[float, float, int] = (0.1, 100.0, 31)  # From, to, rad/s, and how many
+    frequencies: tuple[float, float, int] = (0.1, 100.0, 11)  # From, to, rad/s, and how many
     seed: int = 1  # Of the whole
     model: dict[str, Any] = dataclasses.field(default_factory=dict)  # [model] of the analysis
     each: bool = False  # Judge the next user's intervals only, in each environment and parameter by itself
@@ -160,14 +160,16 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Judgement]:
     """Simulate study number `index` of a plan, analyse it, and judge every claim."""
     rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(index,)))
     study, populations = _simulated(plan, rng)
-    found = []
+    found, refused = [], Judgement("refused", "", "bayesian", plan.family, "", "", 1.0)
     try:
         if study.fit is None and plan.method != "classical":
-            found.append(Judgement("refused", "", "bayesian", plan.family, "", "", 1.0))
+            found.append(refused)
         elif study.fit is not None and not study.fit.run.gate.passed:
             found.append(Judgement("withheld", "", "bayesian", plan.family, "", "", 1.0))
     except RefusalError:
-        found.append(Judgement("refused", "", "bayesian", plan.family, "", "", 1.0))
+        if plan.method == "bayesian":
+            return [refused]
+        found.append(refused)
         study = Study(study.sessions, study.scene.with_inference(method="classical"))
     users = dict(zip(study.environments, populations, strict=False))
     held: dict[tuple[str, _Labels], list[float]] = {}

@@ -22,19 +22,21 @@ if TYPE_CHECKING:
 EXAMPLE = "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage"
 
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
-_METHODS = {
-    "both": "both methods (the posterior to a tolerance of {:g} %)", "classical": "the classical method",
-}  # fmt: skip
+_METHODS = {"both": ("classical", "bayesian")}
+_REFITTED = {"classical": "the classical method", "bayesian": "the Bayesian one to a tolerance of {:g} %"}
 _HEAD = """# Coverage
 
 All studies behind this table are simulated: with the references of {paths}, {trials},
 and {source}, refitted by {methods}. Curves are those of a device of {mass:g} kg and
-{damping:g} N·s/m at a period of {period:g} s. Of the scene's other settings level, share, confidence,
-family, method and seed are kept; `[model]`, modes and hold are not. `real` is the
-share of them in which the claim held, over environments and parameters together,
-in per cent with its standard error; `stated` is what the interval or boundary claims. Normal intervals
-of lognormal users, and the other way round, show what the wrong family costs; a study of normal users
-in which somebody's value is not positive has no lognormal row, so `studies` can be few.
+{damping:g} N·s/m at a period of {period:g} s, at {points} frequencies from {low:g} to {high:g} rad/s.
+Of the scene's other settings level, share, confidence, family, method and seed are kept; `[model]`,
+modes and hold are not.
+
+`stated` is what the interval or boundary claims. `real` is the fraction of the claims that were true, over
+environments and parameters together. ± is its standard error over the studies, which is the binomial one
+where a study has one claim. Normal intervals of lognormal users, and the other way round, show what
+the wrong family costs. A study of normal users in which a value is not positive has no lognormal row, so
+`studies` can be few.
 
 """
 
@@ -43,6 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_analysis_arguments(parser)
     parser.add_argument("--studies", type=int, default=100, metavar="N", help="studies per design (100)")
+    parser.add_argument(
+        "--classical",
+        type=int,
+        metavar="N",
+        help="of the classical method alone (--studies)",
+    )
+    parser.add_argument("--seconds", type=float, metavar="S", help="begin no more studies after so long")
     parser.add_argument("--subjects", type=int, nargs="+", metavar="N", help="subjects (the study's own)")
     parser.add_argument(
         "--from", dest="source", choices=("fit", "prior"), default="fit", help="simulate from (fit)"
@@ -66,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write DIR/coverage.md and DIR/coverage.csv; an interrupted run goes on from DIR/judged.jsonl."""
     import dataclasses
+    import time
 
     import pandas as pd
 
@@ -73,27 +83,37 @@ def run(arguments: argparse.Namespace) -> int:
     from percept.workers import open_mapper
 
     out = Path(arguments.out)
-    plans = _plans(arguments)
-
-    told = Counting("studies", shown=not arguments.quiet)
+    plans = _plans(arguments, out)
+    shared: dict[str, Any] = {"progress": Counting("studies", shown=not arguments.quiet)}
     with open_mapper(arguments.workers, arguments.scheduler) as mapper:
-        asked: dict[str, Any] = {"mapper": mapper, "progress": told}
+        shared["mapper"] = mapper
         if arguments.advice:
-            table = gather(tuple(plans), out / "judged.jsonl", **asked)
+            table = gather(tuple(plans), out / "judged.jsonl", **shared)
             table.to_csv(out / FILE, index=False)
             print(out / FILE)
             return 0
-        kept = out / "judged.jsonl"
-        rows = [row for plan in plans for row in coverage(plan, arguments.studies, checkpoint=kept, **asked)]
+        rows = []
+        stop = None if arguments.seconds is None else time.monotonic() + arguments.seconds
+        for done, plan in enumerate(plans):
+            # Every plan has an equal share of the time that is left.
+            left = None if stop is None else (stop - time.monotonic()) / (len(plans) - done)
+            classical = arguments.classical if plan.method == "classical" else None
+            studies = arguments.studies if classical is None else classical
+            rows += coverage(plan, studies, checkpoint=out / "judged.jsonl", seconds=left, **shared)
+    rows.sort(key=lambda row: (row.truth, row.subjects))
+    methods = dict.fromkeys(plan.method for plan in plans)
     out.mkdir(parents=True, exist_ok=True)
     head = _HEAD.format(
         paths=" ".join(Path(path).name for path in arguments.sessions),
         trials="one trial each" if arguments.subjects else "its subjects and trials",
         source=_SOURCES[arguments.source],
-        methods=_METHODS[plans[0].method].format(100 * plans[0].tolerance),
+        methods=" and ".join(_REFITTED[name] for name in methods).format(100 * plans[0].tolerance),
         mass=plans[0].device[0],
         damping=plans[0].device[1],
         period=plans[0].period,
+        low=plans[0].frequencies[0],
+        high=plans[0].frequencies[1],
+        points=plans[0].frequencies[2],
     )
     (out / "coverage.md").write_text(head + coverage_markdown(rows), encoding="utf-8")
     pd.DataFrame([dataclasses.asdict(row) for row in rows]).to_csv(out / "coverage.csv", index=False)
@@ -101,18 +121,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
-    from percept.calibration.coverage import advice_plans, fitted_values, plan_like, refuse_unfit
+def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
+    """Plan studies of each number of subjects and distribution of users, for each method by itself."""
+    from percept.calibration.coverage import advice_plans, kept_values, plan_like, refuse_unfit
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         refuse_unfit(study)
         if arguments.advice:
             return list(advice_plans(study))
-        values = fitted_values(study) if arguments.source == "fit" else None
-    method = "classical" if study.scene.inference.method == "classical" else "both"
+        values = kept_values(study, out) if arguments.source == "fit" else None
     return [
         plan_like(study, subjects, truth=truth, values=values, method=method)
+        for method in _METHODS.get(study.scene.inference.method, (study.scene.inference.method,))
         for subjects in arguments.subjects or [None]
         for truth in arguments.truth
     ]

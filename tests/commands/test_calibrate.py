@@ -30,7 +30,10 @@ def test_the_page_says_what_was_simulated(tmp_path, capsys):
         "of hbfd_sessions.csv, its subjects and trials, and the prior, refitted by the classical method."
         in said
     )
-    assert "a device of 0.5 kg and 2 N·s/m at a period of 0.002 s." in said
+    assert (
+        "a device of 0.5 kg and 2 N·s/m at a period of 0.002 s, at 11 frequencies from 0.1 to 100 rad/s."
+        in said
+    )
     assert "`[model]`, modes and hold are not." in said
     with (tmp_path / "out" / "coverage.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -43,6 +46,23 @@ def test_the_page_says_what_was_simulated(tmp_path, capsys):
     wide.mkdir()
     assert calibrate(wide, scene="[inference]\nlevel = 0.9\nshare = 0.99\n") == 0
     assert (wide / "out" / "judged.jsonl").read_text() != (tmp_path / "out" / "judged.jsonl").read_text()
+
+
+def test_each_method_has_its_own_number_of_studies_and_a_resumed_run_its_truth(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text("[inference]\ntolerance = 0.3\n")
+    out = tmp_path / "out"
+    truth = str(DATASETS / "hbfd_sessions.csv")
+    words = ["calibrate", truth, "--scene", str(scene), "--out", str(out), "--workers", "1", "--quiet"]
+    assert main([*words, "--studies", "2", "--classical", "3"]) == 0
+    with (out / "coverage.csv").open() as file:
+        counts = {(row["method"], row["studies"]) for row in csv.DictReader(file)}
+    assert counts == {("classical", "3"), ("bayesian", "2")}
+    judged, values = ((out / name).read_bytes() for name in ("judged.jsonl", "truth.json"))
+    assert main([*words, "--studies", "2", "--classical", "3", "--seed", "2", "--seconds", "0"]) == 0
+    # Another seed is another fit of the truth; no time is left for studies.
+    assert (out / "judged.jsonl").read_bytes() == judged
+    assert (out / "truth.json").read_bytes() != values
 
 
 @pytest.mark.parametrize(
