@@ -241,6 +241,11 @@ def test_a_wrong_value_of_an_option_is_told_in_plain_words(words, said, capsys):
     assert capsys.readouterr().err.startswith(f"percept fit: {said}")
 
 
+def heed_interrupts():
+    """A job started in the background ignores interrupts, and its children inherit that."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [("batch", "keeps what is finished and goes on"), ("validate", "starts again from the data")],
@@ -252,7 +257,7 @@ def test_an_interrupted_command_says_how_to_go_on(command, said, tmp_path):
     listed = ["--from", str(pipe)] if command == "batch" else [str(pipe)]
     words = [sys.executable, "-m", "percept", command, *listed]
     with (
-        subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process,
+        subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts) as process,
         pipe.open("w"),  # opens once the command reads
     ):
         process.send_signal(signal.SIGINT)
