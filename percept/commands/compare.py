@@ -119,7 +119,7 @@ def _contrasts(study: Study, arguments: argparse.Namespace) -> int:
     import pandas as pd
 
     from percept.study.basics import Skipped, results
-    from percept.study.views import contrast_rows
+    from percept.study.contrasts import contrast_rows
 
     how = {"progress": study.progress, "store": study.store}
     rows = list(contrast_rows(study.sessions, study.parameters, study.scene, **how))

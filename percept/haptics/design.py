@@ -389,7 +389,8 @@ def _extreme(gaps: Callable[[FloatArray], Gaps], lines: FloatArray, side: int) -
     if not np.isfinite(costs[best]):
         return None
     low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
-    candidates = np.stack([section_minimum(cost, low, high), lines[[best]]])
+    # Of equals the line counts: at the end of the range a section stops a hair's breadth short of it.
+    candidates = np.stack([lines[[best]], section_minimum(cost, low, high)])
     damping = candidates[int(cost(candidates).argmin())]
     low_k, high_k = gaps(damping).lines()[0][-1 if side == 0 else 0]
     half = (high_k - low_k) / 2

@@ -78,10 +78,14 @@ def with_band(
     reference: References,
     parameters: Sequence[str],
     environments: Sequence[str],
-    asked: InferenceTable,
     omega: float,
+    *,
+    no_share: bool,
 ) -> Iterator[Banded | Skipped]:
-    """Yield what bands can be set against: the impedance at `omega`, or the reference of each parameter."""
+    """Yield what bands can be set against: the impedance at `omega`, or the reference of each parameter.
+
+    `no_share` says that a posterior would have to give a law of kind share, and cannot.
+    """
     banded = [Banded(p, {e: reference[p, e] for e in environments}) for p in parameters]
     if is_impedance(parameters):
         size = {e: float(np.hypot(reference["b", e], reference["k", e] / omega)) for e in environments}
@@ -102,7 +106,7 @@ def with_band(
             yield Skipped(f"band law{of}", f"it needs {FEWEST} environments whose {name} is not zero")
         elif not determines_laws(list(kept.values())):
             yield Skipped(f"band law{of}", f"without one environment the others share one {name}")
-        elif asked.method != "classical" and "share" in asked.kinds:
+        elif no_share:
             why = "no posterior draw has a band of its own that holds a share"
             yield Skipped(f"Bayesian band law{of}, kind share", why)
 

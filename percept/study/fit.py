@@ -127,7 +127,7 @@ class Fit(Prepared):
     @property
     def diagnostics(self) -> dict[str, Any]:
         """How the fit was sampled, the verdict of the gate, and the priors in force."""
-        run, priors = self.run, self.model.priors.items()
+        run = self.run
         ensembles, _, walkers, dimension = run.points.shape
         return {
             "gate": run.gate,
@@ -136,8 +136,13 @@ class Fit(Prepared):
             "walkers": walkers,
             "dimension": dimension,
             "tolerance": run.settings.tolerance,
-            "priors": [{"prior": name, "value": value, "meaning": MEANINGS[name]} for name, value in priors],
+            "priors": prior_rows(self.model.priors),
         }
+
+
+def prior_rows(priors: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Priors with their meaning."""
+    return [{"prior": name, "value": value, "meaning": MEANINGS[name]} for name, value in priors.items()]
 
 
 class RunStore(Protocol):

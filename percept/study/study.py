@@ -199,7 +199,14 @@ class Study(StudyViews):
     @property
     def diagnostics(self) -> dict[str, Any] | None:
         """Verdict of the gate, what it rests on, and the priors in force; None without a fit."""
-        return None if self.fit is None else self.fit.diagnostics
+        if self.fit is None:
+            return None
+        found = self.fit.diagnostics
+        if self.sessions.factor is not None:
+            from percept.study.contrasts import contrast_priors
+
+            found["priors"] += contrast_priors(self.scene)
+        return found
 
     @cached_property
     def device(self) -> haptics.AnyDevice | None:
@@ -314,8 +321,9 @@ class Study(StudyViews):
     def _banded(self) -> list[Banded | Skipped]:
         """What bands are set against: the impedance of environments, or references of other quantities."""
         names = self.with_reference if is_impedance(self.parameters) else self.environments
-        asked, read_at = self.scene.inference, self.scene.frequency.read_at
-        return list(with_band(self.reference, self.parameters, names, asked, read_at))
+        read_at, share = self.scene.frequency.read_at, "share" in self.scene.inference.kinds
+        no_share = share and self._passed is not None
+        return list(with_band(self.reference, self.parameters, names, read_at, no_share=no_share))
 
     @cached_property
     def band(self) -> BandStudy | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import importlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -89,6 +89,8 @@ class StudyViews:
         """Contrasts of the levels of a factor within subjects, and those there are none of."""
         if self.sessions.factor is None:
             return []
+        from percept.study.contrasts import contrast_rows
+
         how = {"progress": self.progress, "store": self.store}
         return list(contrast_rows(self.sessions, self.parameters, self.scene, **how))
 
@@ -254,20 +256,6 @@ class StudyViews:
     def _repr_html_(self) -> str:
         """Return a card; nothing is computed for it."""
         return card(self.sessions, self.scene, [name for kept, name in _KEPT.items() if kept in vars(self)])
-
-
-def contrast_rows(
-    sessions: Sessions, parameters: tuple[str, ...], scene: Scene, **how: Any
-) -> Iterator[Row | Skipped]:
-    """Yield the contrasts of every method asked for; `how` is the sampler's progress and store."""
-    if scene.inference.method != "bayesian":
-        from percept.study.contrast import classical_contrasts
-
-        yield from classical_contrasts(sessions, parameters, scene)
-    if scene.inference.method != "classical":
-        from percept.study.within import bayesian_contrasts
-
-        yield from bayesian_contrasts(sessions, parameters, scene, **how)
 
 
 def wide(intervals: pd.DataFrame, kinds: Collection[str], family: str) -> pd.DataFrame:

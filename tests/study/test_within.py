@@ -5,7 +5,7 @@ import pytest
 
 from percept.report.document import build_document
 from percept.report.page import render_page
-from percept.study.within import bayesian_contrasts, prepare_within
+from percept.study.contrasts import contrast_rows, within_model
 from tests.study.within import frame, study
 
 
@@ -17,12 +17,12 @@ def made():
 
 @pytest.fixture(scope="module")
 def rows(made):
-    scene = made.scene.with_inference(tolerance=0.05, method="both")
-    return list(bayesian_contrasts(made.sessions, ("k",), scene))
+    scene = made.scene.with_inference(tolerance=0.05, method="bayesian")
+    return list(contrast_rows(made.sessions, ("k",), scene))
 
 
 def test_the_model_has_a_cell_for_each_reference_and_level(made):
-    model = prepare_within(made.sessions, "k", made.scene, made.sessions.factor, ("left", "right"))
+    model = within_model(made.sessions, "k", made.scene, ("left", "right"))
     assert model.statistics.environments == made.environments
     assert model.reference.tolist() == [0, 0, 1, 1, 2, 2]
     np.testing.assert_allclose(model.statistics.x[0], [-1, -1, 0, 0, 1, 1], atol=1e-12)
@@ -62,7 +62,7 @@ def test_the_page_says_what_the_bayesian_contrasts_are(made, rows):
 
 def skipped(table, family="lognormal", **tables):
     one = study(table, family, **tables)
-    (row,) = bayesian_contrasts(one.sessions, ("k",), one.scene.with_inference(method="both"))
+    (row,) = contrast_rows(one.sessions, ("k",), one.scene.with_inference(method="bayesian"))
     assert row.what == "Bayesian contrast of stiffness, right against left"
     return row.why
 

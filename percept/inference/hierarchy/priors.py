@@ -31,6 +31,8 @@ MEANINGS = {
     "log_s_e_sd": "SD of log s_e",
     "kappa_e_sd": "SD of kappa_e, the trend of the log between-trial SD per decade of the reference",
     "omega_e_scale": "half-normal scale of omega_e, the SD of the log between-trial SD about its trend",
+    "lambda_sd": "SD of lambda, the contrast of two conditions within subjects (response scale)",
+    "psi_sd": "SD of psi, the contrast of log sigma between two conditions within subjects",
 }
 
 
@@ -55,6 +57,8 @@ class Priors:
     log_s_e_sd: float = 1.0
     kappa_e_sd: float = 0.5
     omega_e_scale: float = 1.0
+    lambda_sd: float = 1.0
+    psi_sd: float = 0.5
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

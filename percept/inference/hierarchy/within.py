@@ -21,8 +21,6 @@ from percept.inference.hierarchy.priors import LIMIT, Priors, draws_first, half_
 from percept.inference.hierarchy.statistics import Statistics
 
 Array = NDArray[np.float64]
-#: Prior SDs of the contrast lambda, and of psi, that of log sigma.
-_LAMBDA_SD, _PSI_SD = 1.0, 0.5
 _PASS = 1024  # Draws worked on at a time
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
@@ -99,13 +97,13 @@ class WithinSubjects:
         weight = np.where(statistics.sd[0] > 0, statistics.df[0], 0.0)
         logs = np.log(np.where(weight > 0, 0.7 * statistics.sd[0], 1.0))
         self.spreads = {
-            "sigma": Spread(p.log_s_mean, loads * [p.log_s_sd, p.kappa_sd, _PSI_SD], logs, weight)
+            "sigma": Spread(p.log_s_mean, loads * [p.log_s_sd, p.kappa_sd, p.psi_sd], logs, weight)
         }
         if statistics.repeats:
             df, scatter = statistics.trial_df, statistics.trial_rows[0, 0] ** 2
             known = (df > 0) & (scatter > 0)
             logs = 0.5 * np.log(np.where(known, scatter, 1.0) / np.maximum(df, 1.0))
-            loads_e = loads * [p.log_s_e_sd, p.kappa_e_sd, _PSI_SD]
+            loads_e = loads * [p.log_s_e_sd, p.kappa_e_sd, p.psi_sd]
             self.spreads["sigma_e"] = Spread(p.log_s_e_mean, loads_e, logs, np.where(known, 2.0 * df, 0.0))
         self._omegas = [f"omega{name.removeprefix('sigma')}" for name in self.spreads]
         trials = sum(part.subjects * part.trials.sum() for part in statistics.patterns)
@@ -161,7 +159,7 @@ class WithinSubjects:
         """Law of the cell means given scales."""
         p, c, x = self._priors, self._c, self._x
         width = len(named["tau"])
-        fixed = np.stack([p.alpha_sd * np.ones_like(x), p.gamma_sd * x, _LAMBDA_SD * c], axis=1)
+        fixed = np.stack([p.alpha_sd * np.ones_like(x), p.gamma_sd * x, p.lambda_sd * c], axis=1)
         own, apart = (
             named[name][:, None, None] * at
             for name, at in (("tau", self._at), ("tau_c", c[:, None] * self._at))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import from_trials
 from percept.inference.hierarchy.within import WithinSubjects
 
@@ -38,13 +39,15 @@ def model(response, subject, cell, **options):
     return WithinSubjects(made, AT, LEVEL, names=REFERENCES, **options)
 
 
-@pytest.mark.parametrize("varied", [True, False])
-def test_the_density_is_that_of_the_trials(varied):
+@pytest.mark.parametrize(
+    ("varied", "lambda_sd"), [(True, 1.0), (False, 1.0), (True, 0.1)], ids=["varied", "alike", "own prior"]
+)
+def test_the_density_is_that_of_the_trials(varied, lambda_sd):
     response, subject, cell = data(trials=2)
     # Missing cells and unequal counts: patterns of their own.
     kept = ~((subject == 2) & (cell == 3)) & ~((subject == 4) & (np.arange(len(cell)) % 2 == 0) & (cell < 2))
     response, subject, cell = response[kept], subject[kept], cell[kept]
-    made = model(response, subject, cell, varied=varied)
+    made = model(response, subject, cell, varied=varied, priors=Priors(lambda_sd=lambda_sd))
     points = np.random.default_rng(2).normal(0.0, 0.7, (4, len(made.names)))
     named, log_prior = made.named(points)
     laws = made.laws(points)
@@ -52,7 +55,7 @@ def test_the_density_is_that_of_the_trials(varied):
     same = AT[:, None] == AT
     for s in range(len(points)):
         own = {name: value[s] for name, value in named.items()}
-        prior = 1.0 + 0.25**2 * np.outer(x, x) + np.outer(c, c)
+        prior = 1.0 + 0.25**2 * np.outer(x, x) + lambda_sd**2 * np.outer(c, c)
         prior = prior + same * (own["tau"] ** 2 + own["tau_c"] ** 2 * np.outer(c, c))
         user = own["sigma_u"] ** 2 + own["sigma_v"] ** 2 * np.outer(c, c) + np.diag(own["sigma"] ** 2)
         together = subject[:, None] == subject
@@ -72,9 +75,10 @@ def test_the_density_is_that_of_the_trials(varied):
         np.testing.assert_allclose(made.spread_ratios(points)[s], ratio, rtol=1e-10)
 
 
-def test_coordinates_have_the_prior_of_the_spreads():
+@pytest.mark.parametrize("psi_sd", [0.5, 0.05])
+def test_coordinates_have_the_prior_of_the_spreads(psi_sd):
     """Their density is that of standard normals times the Jacobian of the map, by finite differences."""
-    spread = model(*data()).spreads["sigma"]
+    spread = model(*data(), priors=Priors(psi_sd=psi_sd)).spreads["sigma"]
     rng, omega, step = np.random.default_rng(3), np.array([0.6]), 1e-6
     u = rng.normal(0.0, 0.5, (1, spread.count))
     (z,), found = spread.multiples(u, omega)
@@ -84,7 +88,7 @@ def test_coordinates_have_the_prior_of_the_spreads():
     expected = stats.norm.logpdf(z).sum() + np.linalg.slogdet(jacobian)[1]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
     x, c = np.array([-1.0, -1.0, 0.0, 0.0, 1.0, 1.0]), np.where(LEVEL, 0.5, -0.5)
-    logs = np.log(0.2) + z[0] + 0.5 * z[1] * x + 0.5 * z[2] * c + 0.6 * z[3:]
+    logs = np.log(0.2) + z[0] + 0.5 * z[1] * x + psi_sd * z[2] * c + 0.6 * z[3:]
     np.testing.assert_allclose(spread(u, omega)[0][0], logs, rtol=1e-12)
     # Without any scatter about their trend they follow it.
     assert np.isfinite(spread(u, np.array([1e-70]))[1]).all()

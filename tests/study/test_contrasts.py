@@ -61,7 +61,7 @@ def test_contrasts_are_those_of_subjects_means(family):
 def test_contrasts_say_what_they_cover():
     found = study(frame()).contrasts
     assert row_of(found, "VE1")["covers"] == (
-        "The typical user’s ratio of stiffness (right over left) lies between the limits, with 95 % "
+        "The typical user's ratio of stiffness (right over left) lies between the limits, with 95 % "
         "confidence (from 8 users with both levels)."
     )
     assert row_of(found, None, kind="share")["covers"].startswith(
@@ -70,6 +70,21 @@ def test_contrasts_say_what_they_cover():
     assert row_of(study(frame(), "normal").contrasts, "VE1", kind="user")["covers"].startswith(
         "The next user's difference of stiffness (right less left, in references) lies"
     )
+
+
+def test_two_quantities_say_that_each_stands_by_itself():
+    table = frame().assign(b_ref=2.0)
+    table["b_adj"] = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5
+    found = study(table).contrasts
+    assert set(found["parameter"]) == {"k", "b"}
+    assert found["covers"].str.endswith("Each quantity is compared by itself, without correlations.").all()
+
+
+def test_priors_of_the_contrast_are_the_scene_s():
+    made = study(frame(trials=1), model={"priors": {"lambda_sd": 0.3}})
+    scene = made.scene.with_inference(method="bayesian", tolerance=0.3)
+    told = {row["prior"]: row["value"] for row in Study(made.sessions, scene).diagnostics["priors"]}
+    assert (told["lambda_sd"], told["psi_sd"]) == (0.3, 0.5)
 
 
 def test_overall_contrasts_average_over_what_all_subjects_share():

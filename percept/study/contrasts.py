@@ -1,0 +1,274 @@
+"""Contrasts of conditions within subjects: of bias and of spread, per reference and overall."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from percept.errors import RefusalError, counted
+from percept.inference.classical.contrasts import paired_contrast, spread_ratio
+from percept.inference.classical.trials import subject_means
+from percept.inference.record import percent
+from percept.scene import InferenceTable, Scene
+from percept.sessions import Sessions
+from percept.sessions.quantities import Quantity
+from percept.sessions.records import Factor
+from percept.study.basics import Array, Skipped, claim_of
+from percept.study.intervals import Row
+from percept.study.responses import lacking_scatter, trials
+
+# The classical contrasts do without the model.
+if TYPE_CHECKING:
+    from percept.inference.hierarchy.within import WithinSubjects
+
+
+@dataclasses.dataclass(frozen=True)
+class _Pair:
+    """Two levels of a factor that one quantity is compared at: the second against the first."""
+
+    factor: Factor
+    levels: tuple[str, str]
+    quantity: Quantity
+    asked: InferenceTable
+    alone: bool  # Whether it is the only quantity analysed
+
+    def __str__(self) -> str:
+        return f"{self.quantity.label}, {self.levels[1]} against {self.levels[0]}"
+
+    def row(
+        self,
+        references: Sequence[str],
+        ends: Sequence[float],
+        n: int,
+        *,
+        method: str,
+        kind: str | None = None,
+        overall: bool = False,
+        p_value: float | None = None,
+    ) -> Row:
+        """Make a row of lower, upper and estimate on the response scale; of spread where there is no kind.
+
+        `environment` is None for subjects' averages over the references.
+        """
+        asked, log = self.asked, self.asked.family == "lognormal"
+        if kind and log:
+            with np.errstate(over="ignore"):
+                ends = np.exp(ends).tolist()
+        lower, upper, estimate = map(float, ends)
+        return {
+            "factor": self.factor.name,
+            "first": self.levels[0],
+            "second": self.levels[1],
+            "environment": None if overall else references[0],
+            "references": list(references),
+            "parameter": self.quantity.name,
+            "of": "bias" if kind else "spread",
+            "kind": kind,
+            "method": method,
+            "family": asked.family,
+            "level": asked.level,
+            "share": asked.held_share if kind == "share" else None,
+            "confidence": asked.confidence if kind == "share" else None,
+            "lower": lower,
+            "upper": upper,
+            "estimate": estimate,
+            "p_value": p_value,
+            "n": n,
+            "covers": self._covers(kind, method, n, log=log),
+        }
+
+    def _covers(self, kind: str | None, method: str, n: int, *, log: bool) -> str:
+        """Say in a sentence what a contrast's limits hold."""
+        first, second = self.levels
+        how = f"{second} over {first}" if log or not kind else f"{second} less {first}, in references"
+        sure = percent(self.asked.confidence if kind == "share" else self.asked.level)
+        sure += " confidence" if method == "classical" else " probability under the model and its priors"
+        what = f"{'ratio' if log else 'difference'} of {self.quantity.label} ({how})"
+        if not kind:
+            start = f"The ratio of SDs between users of {self.quantity.label} ({how})"
+        elif kind == "share":
+            start = f"For at least {percent(self.asked.held_share)} of all users the {what}"
+        else:
+            who = "next" if kind == "user" else "typical" if log else "average"
+            start = f"The {who} user's {what}"
+        said = f"{start} lies between the limits, with {sure} (from {counted(n, 'user')} with both levels)."
+        return said if self.alone else f"{said} Each quantity is compared by itself, without correlations."
+
+
+def contrast_rows(
+    sessions: Sessions, parameters: tuple[str, ...], scene: Scene, **how: Any
+) -> Iterator[Row | Skipped]:
+    """Yield the contrasts of every method asked for; `how` is the sampler's progress and store."""
+    factor, asked = sessions.factor, scene.inference
+    assert factor is not None
+    pairs = {
+        p: [_Pair(factor, pair, sessions.quantities[p], asked, len(parameters) == 1) for pair in factor.pairs]
+        for p in parameters
+    }
+    for of_quantity in pairs.values() if asked.method != "bayesian" else ():
+        values = _responses(sessions, of_quantity[0].quantity, scene)
+        if isinstance(values, Skipped):
+            yield values
+            continue
+        for pair in of_quantity:
+            yield from _classical(values, pair)
+    if asked.method != "classical":
+        for pair in (pair for of_quantity in pairs.values() for pair in of_quantity):
+            try:
+                yield from _bayesian(sessions, scene, pair, **how)
+            except RefusalError as refused:
+                yield Skipped(f"Bayesian contrast of {pair}", str(refused))
+
+
+def _responses(sessions: Sessions, quantity: Quantity, scene: Scene) -> pd.DataFrame | Skipped:
+    """Subjects' means on the model's scale, a column per cell; or why there are none."""
+    p, what = quantity.name, f"contrasts of {quantity.label}"
+    lognormal = scene.inference.family == "lognormal"
+    known = sessions.table[sessions.table[f"{p}_adj"].notna()]
+    adjusted, reference = (known[f"{p}_{name}"].to_numpy(dtype=float) for name in ("adj", "ref"))
+    if lognormal and (adjusted <= 0.0).any():
+        return Skipped(what, 'a value is zero or negative; family = "normal" takes it')
+    if lognormal:
+        response = np.log(adjusted / np.where(reference > 0.0, reference, 1.0))
+    else:
+        unit = reference if (reference > 0.0).all() else scene.model.scale.get(p)
+        if unit is None:
+            return Skipped(what, f"a reference is missing or not positive; [model] scale.{p} gives a unit")
+        response = (adjusted - np.nan_to_num(reference)) / unit
+    assert sessions.factor is not None
+    means = {}
+    for cell in sessions.factor.cells:
+        own = (known["environment"] == cell).to_numpy()
+        who = known["subject"].to_numpy()[own]
+        values = subject_means(response[own], who).values if own.any() else np.empty(0)
+        means[cell] = pd.Series(values, index=list(dict.fromkeys(who)), dtype=float)
+    return pd.DataFrame(means)
+
+
+def _classical(values: pd.DataFrame, pair: _Pair) -> Iterator[Row | Skipped]:
+    """Yield paired t intervals and ratios of SDs, of each reference and of subjects' averages."""
+    names = pair.factor.environments
+    first, second = (
+        values.reindex(columns=[pair.factor.cell(e, level) for e in names]).set_axis(names, axis=1)
+        for level in pair.levels
+    )
+    both = first.notna() & second.notna()
+    paired = both.any(axis=1)
+    if unpaired := int((~paired).sum()):
+        who = counted(unpaired, "subject")
+        yield Skipped(f"{who} in contrasts of {pair}", "no reference has both levels")
+    for name in names:
+        ends = [level.loc[both[name], name].to_numpy(dtype=float) for level in (first, second)]
+        yield from _of_subjects(ends, pair, [name], f"{pair}, in {name}")
+    if len(names) == 1:
+        return
+    shared = [str(e) for e in both.columns[both[paired].all(axis=0)]] if paired.any() else []
+    if not shared:
+        yield Skipped(f"overall contrast of {pair}", "no reference has both levels for every subject")
+        return
+    if left := [e for e in names if e not in shared]:
+        why = "some subjects lack a level there"
+        yield Skipped(f"{', '.join(left)} in the overall contrast of {pair}", why)
+    ends = [level.loc[paired, shared].mean(axis=1).to_numpy(dtype=float) for level in (first, second)]
+    yield from _of_subjects(ends, pair, shared, f"{pair}, overall", overall=True)
+
+
+def _of_subjects(
+    ends: Sequence[Array], pair: _Pair, references: Sequence[str], what: str, *, overall: bool = False
+) -> Iterator[Row | Skipped]:
+    """Yield the rows of subjects' values at both levels."""
+    first, second = ends
+    n, asked = len(first), pair.asked
+    if n < 2:
+        yield Skipped(f"contrast of {what}", "fewer than two subjects have both levels")
+        return
+    of_subjects: dict[str, Any] = {"method": "classical", "overall": overall}
+    try:
+        for kind in asked.kinds:
+            found, p_value = paired_contrast(second - first, kind, **claim_of(asked))
+            limits = [float(end) for end in (found.lower, found.upper, found.estimate)]
+            p = p_value if kind == "mean" else None
+            yield pair.row(references, limits, n, kind=kind, p_value=p, **of_subjects)
+        ratio = spread_ratio(first, second, level=asked.level)
+    except RefusalError as refused:
+        yield Skipped(f"contrast of {what}", str(refused))
+        return
+    limits = [ratio.lower, ratio.upper, ratio.estimate]
+    yield pair.row(references, limits, ratio.n, p_value=ratio.p_value, **of_subjects)
+
+
+def within_model(sessions: Sessions, parameter: str, scene: Scene, levels: tuple[str, str]) -> WithinSubjects:
+    """Build the model of one quantity at two levels, of the references that have both."""
+    from percept.inference.hierarchy.priors import Priors
+    from percept.inference.hierarchy.statistics import from_trials
+    from percept.inference.hierarchy.within import WithinSubjects
+
+    if scene.model.pooling == "none":
+        raise RefusalError('it needs [model] pooling = "partial".')
+    factor = sessions.factor
+    assert factor is not None
+    known = sessions.table[sessions.table[f"{parameter}_adj"].notna()]
+    present = set(known["environment"])
+    names = [e for e in factor.environments if all(factor.cell(e, level) in present for level in levels)]
+    if len(names) < 2:
+        raise RefusalError("it needs two references that have both levels.")
+    cells = [factor.cell(e, level) for e in names for level in levels]
+    data = trials(
+        dataclasses.replace(sessions, table=known[known["environment"].isin(cells)]), scene, (parameter,)
+    )
+    statistics = from_trials(
+        data.response, data.subject, data.environment, data.x,
+        parameters=(parameter,), environments=data.environments, subjects=data.subjects,
+    )  # fmt: skip
+    lacking_scatter(statistics, (), sessions.quantities)
+    at = [factor.cells[cell] for cell in data.environments]
+    return WithinSubjects(
+        statistics,
+        np.array([names.index(environment) for environment, _ in at]),
+        np.array([level == levels[1] for _, level in at]),
+        names=tuple(names),
+        priors=Priors(**scene.model.priors),
+    )
+
+
+def contrast_priors(scene: Scene) -> list[dict[str, Any]]:
+    """Priors that the model of two levels has besides those of the study's own, with their meaning."""
+    from percept.inference.hierarchy.priors import Priors
+    from percept.study.fit import prior_rows
+
+    priors = Priors(**scene.model.priors)
+    return prior_rows({"lambda_sd": priors.lambda_sd, "psi_sd": priors.psi_sd})
+
+
+def _bayesian(sessions: Sessions, scene: Scene, pair: _Pair, **how: Any) -> Iterator[Row | Skipped]:
+    """Yield the rows of a model of its own, whose SDs of subjects hold at both levels."""
+    from percept.inference.hierarchy.density import ConditionalMoments
+    from percept.inference.hierarchy.models import IntervalEstimands
+    from percept.study.fit import sampled
+
+    asked = pair.asked
+    model = within_model(sessions, pair.quantity.name, scene, pair.levels)
+    run = sampled(model, IntervalEstimands(model, kinds=asked.kinds, **claim_of(asked)), asked, **how)
+    if not run.gate.passed:
+        yield Skipped(f"Bayesian contrast of {pair}", " ".join(run.gate.reasons))
+        return
+    laws = ConditionalMoments.unpack(run.components.reshape(-1, run.components.shape[-1]))
+    limits = run.estimates.value.reshape(len(asked.kinds), 2, -1)
+    kept = run.independent()
+    tails = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level), 0.5]
+    spreads = np.quantile(model.spread_ratios(kept.reshape(-1, kept.shape[-1])), tails, axis=0)
+    there = np.isfinite(model.statistics.cell_means[:, 0])
+    names = [name for _, name in model.cells[:-1]]
+    paired = [there[:, model.reference == j].all(axis=1) for j in range(len(names))]
+    for c, own in enumerate([*paired, np.any(paired, axis=0)]):
+        overall = c == len(names)
+        references, n = names if overall else [names[c]], int(own.sum())
+        of_model: dict[str, Any] = {"method": "bayesian", "overall": overall}
+        for kind, (lower, upper) in zip(asked.kinds, limits[..., c], strict=True):
+            ends = [lower, upper, laws.mean[:, c].mean()]
+            yield pair.row(references, ends, n, kind=kind, **of_model)
+        yield pair.row(references, spreads[:, c].tolist(), n, **of_model)
