@@ -21,7 +21,7 @@ from percept.sessions import Sessions
 from percept.sessions.levels import by_level
 from percept.sessions.quantities import is_impedance
 from percept.study.band import Banded, band_study, with_band
-from percept.study.basics import FAMILIES, Array, Skipped, analysed_parameters, referenced, results, select
+from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
 from percept.study.boundaries import JOINTS, Drawing, Range, zoom_windows
 from percept.study.coupling import (
     CouplingStudy,
@@ -51,9 +51,6 @@ if TYPE_CHECKING:
     from percept.study.fit import Fit, RunStore
     from percept.study.ladder import Ladder
     from percept.study.model_choice import ModelChoice
-
-#: Frequencies of an even grid where the scene leaves their number open.
-DEFAULT_POINTS = 241
 
 
 class Study(StudyViews):
@@ -214,16 +211,11 @@ class Study(StudyViews):
         return device_of(self.scene)
 
     @cached_property
-    def omega(self) -> Array:
-        """Even grid of the scene's frequencies, rad/s: as many as it says, or `DEFAULT_POINTS`."""
-        table = self.scene.frequency
-        return np.geomspace(table.lower, table.upper, table.points or DEFAULT_POINTS)
-
-    @cached_property
     def frequencies(self) -> Range:
-        """Where boundaries are drawn: on the scene's own grid, or on one grid an environment."""
+        """Where boundaries are drawn: on as many points as the scene says, or on one grid an environment."""
         table = self.scene.frequency
-        return Range(table.lower, table.upper, self.omega if table.points else None)
+        even = np.geomspace(table.lower, table.upper, table.points) if table.points else None
+        return Range(table.lower, table.upper, even)
 
     @cached_property
     def _with_reference(self) -> list[str | Skipped]:
