@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 
 from percept.errors import UsageError
@@ -47,19 +47,6 @@ class Resolution:
         """Canonical names that were found."""
         return frozenset(self.rules)
 
-    def without(self, canonical: str) -> Resolution:
-        """Return a copy that does not read a column, or a trial's number from the names of columns."""
-        slots = [
-            replace(
-                slot,
-                columns={c: at for c, at in slot.columns.items() if c != canonical},
-                trial=None if canonical == "trial" else slot.trial,
-            )
-            for slot in self.slots
-        ]
-        rules = {c: rule for c, rule in self.rules.items() if c != canonical}
-        return replace(self, slots=tuple(slots), rules=rules)
-
 
 def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolution:
     """Find the canonical columns in a header."""
@@ -71,6 +58,8 @@ def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolu
     names = set(header)
     summary = _is_summary(names, declared)
     wanted = SUMMARY if summary else canonical_columns(options.quantities)
+    if options.trial == "order":
+        wanted = tuple(column for column in wanted if column != "trial")
     for column, rule in declared.items():
         if column not in wanted:
             continue

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any, Literal, TextIO
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
@@ -31,7 +30,7 @@ _CELLS = 20_000
 _HEAD = 1 << 18
 #: The pandas parser rounds correctly by default since 3.1; before, it had to be asked.
 _EXACT: Any = None if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else "round_trip"
-#: A cell of more characters may be a number too small for a double without an exponent.
+#: A longer line may hold a number too small for a double without an exponent.
 _LONG = 300
 # Cells hold recordings of mouse tracks, beyond the module's 128 kB; a block bounds them.
 csv.field_size_limit(max(csv.field_size_limit(), 8 * files.BLOCK))
@@ -47,9 +46,14 @@ class Grid:
     """A rectangular stretch of a table of text."""
 
     header: list[str]  # Column names, without surrounding space
-    cells: list[list[str]]  # Data records, each as long as `header`
-    rows: list[int]  # Physical line of each data record
+    cells: pd.DataFrame  # Texts of the data records; columns by position, the index is the physical line
     dropped: Counter[str]  # Records left out as no data, by reason
+
+    @classmethod
+    def of(cls, header: list[str], records: list[list[str]], rows: list[int], dropped: Counter[str]) -> Grid:
+        """Lay out records, each as long as the header."""
+        columns = range(len(header))
+        return cls(header, pd.DataFrame(records, index=rows, columns=columns, dtype=object), dropped)
 
 
 class _MisfitError(UsageError):
@@ -70,7 +74,7 @@ class Layout:
 
     file: str
     delimiter: str
-    quoting: Quoting
+    quoting: Quoting = "doubled"
     names: list[str] = field(default_factory=list)  # The header's cells as they stand
     width: int = 0  # Cells of a record as they stand, once there is one
 
@@ -85,11 +89,12 @@ class Layout:
         dropped = Counter[str]()
         kept: list[int] = []
         for at, record in enumerate(cells):
+            text = "".join(record).strip()
             if record == self.names:
                 dropped["repeated header"] += 1
-            elif not any(record) or not any(cell.strip() for cell in record):
+            elif not text:
                 dropped["blank line"] += 1
-            elif last and at == len(cells) - 1 and "".join(record).strip() == "END OF FILE":
+            elif last and at == len(cells) - 1 and text == "END OF FILE":
                 dropped["end-of-file mark"] += 1
             else:
                 kept.append(at)
@@ -108,8 +113,7 @@ class Layout:
             if len(cells[wrong]) == named + 1:
                 hint += " Decimal commas need quotes; R's write.table needs col.names = NA."
             raise _MisfitError(named, message, file=self.file, row=rows[wrong], value=value, hint=hint)
-        trimmed = [r[: len(header)] for r in cells] if width > len(header) else cells
-        return Grid(header, trimmed, rows, dropped)
+        return Grid.of(header, [record[: len(header)] for record in cells], rows, dropped)
 
     def _lacks_first_name(self, cells: Sequence[Sequence[str]]) -> bool:
         """Whether the header lacks the name of row names, as R's write.table leaves it.
@@ -126,21 +130,66 @@ class Layout:
 
 @dataclass
 class Block:
-    """A stretch of a table: its text where it has one, and its cells."""
+    """A stretch of a table: split into cells, or a text to be split."""
 
-    layout: Layout | None = None
+    split: Grid | None = None
+    layout: Layout = field(default_factory=lambda: Layout("", ","))
     text: str = ""
     first_row: int = 1
     last: bool = True
-    cells: Grid | None = None
 
     def grid(self) -> Grid:
         """Split the text."""
-        if self.cells is None:
-            assert self.layout is not None  # a block has cells or a text
+        if self.split is None:
             records = _records(self.text, self.layout, self.first_row)
-            self.cells = self.layout.grid(*records, last=self.last)
-        return self.cells
+            self.split = self.layout.grid(*records, last=self.last)
+        return self.split
+
+    def plain(self, texts: Sequence[int], numbers: Sequence[int], mark: str) -> pd.DataFrame | None:
+        """Read columns of a text without quotes by pandas' parser; None where cells need a closer look.
+
+        The parser takes what percept refuses: lines of any width, infinity, "True" for 1, numbers too small
+        for a double. It refuses words, and so every header and mark between the data.
+        """
+        delimiter, width = self.layout.delimiter, self.layout.width
+        text = self.text.replace("\r\n", "\n") if "\r" in self.text else self.text
+        if self.split or not delimiter.isascii() or any(sign in text for sign in ('"', "\r", _MARK)):
+            return None
+        body = text.encode() + (b"" if text.endswith("\n") else b"\n")
+        characters = np.frombuffer(body, dtype=np.uint8)
+        ends_line = characters == ord("\n")
+        ends = ends_line[ends_line | (characters == ord(delimiter))]
+        if len(ends) % width or not ends[width - 1 :: width].all() or ends.sum() * width != len(ends):
+            return None
+        kinds: Any = dict.fromkeys(texts, "str") | dict.fromkeys(numbers, np.float64)
+        blank: Any = {at: [""] for at in numbers}
+        try:
+            parsed = pd.read_csv(
+                io.BytesIO(body),
+                sep=delimiter,
+                header=None,
+                usecols=[*texts, *numbers],
+                dtype=kinds,
+                decimal=mark,
+                keep_default_na=False,
+                na_values=blank,
+                quoting=csv.QUOTE_NONE,
+                skip_blank_lines=False,
+                float_precision=_EXACT,
+                engine="c",
+            )
+        except (ValueError, OverflowError):
+            return None
+        found = parsed[[*numbers]].to_numpy()
+        empty, zero = np.isnan(found), found == 0
+        if np.isinf(found).any() or empty.all(axis=1).any():
+            return None
+        if (empty | zero | (found == 1)).all(axis=0).any() and re.search(b"true|false", body.lower()):
+            return None
+        if zero.any() and (b"e-" in body.lower() or max(map(len, body.splitlines())) > _LONG):
+            return None
+        parsed.index = pd.RangeIndex(self.first_row, self.first_row + len(parsed))
+        return parsed
 
 
 def text_blocks(
@@ -158,11 +207,11 @@ def text_blocks(
         layout, grid = _find_layout(
             _without_marks(text, line), file, delimiter, first_row, resolves, last=not following
         )
-        yield Block(layout, cells=grid)
+        yield Block(grid)
         while following:
             first_row += files.line_ends(text)
             text, following = following, _stretch(stream, file, files.BLOCK)
-            yield Block(layout, _without_marks(text, line), first_row, not following)
+            yield Block(None, layout, _without_marks(text, line), first_row, not following)
 
 
 def _stretch(stream: TextIO, file: str, size: int) -> str:
@@ -254,7 +303,7 @@ def _with_header(layout: Layout, text: str, first_row: int, *, last: bool) -> Gr
     if len(layout.names) < 2:
         raise _MisfitError(1, "the header has a single cell.", **place)
     grid = layout.grid(cells[start + 1 :], rows[start + 1 :], last=last)
-    if not grid.cells:
+    if grid.cells.empty:
         message, hint = "there are no data below the header.", "Leave the file out."
         raise _EmptyError(len(layout.names), message, hint=hint, **place)
     return grid
@@ -334,65 +383,3 @@ def _join(pieces: list[str], delimiter: str) -> list[str]:
             cells.append(delimiter.join(pieces[at : last + 1])[1:-1])
             at = last + 1
     return cells
-
-
-def plain_columns(
-    block: Block, texts: Sequence[int], numbers: Sequence[int], mark: str
-) -> dict[int, npt.NDArray[Any]] | None:
-    """Read columns of a stretch without quotes by pandas' C parser; None where cells need a closer look.
-
-    The parser takes what percept refuses: short lines, "True" for 1, words for NaN and infinity. So the lines
-    must be of one width, and cells of numbers must hold nothing but digits, signs and the mark.
-    """
-    layout, text = block.layout, block.text
-    if "\r" in text:  # one character is found much faster than two
-        text = text.replace("\r\n", "\n")
-    if layout is None or any(sign in text for sign in ('"', "\r", _MARK)) or not layout.delimiter.isascii():
-        return None
-    body = text.encode() + (b"" if text.endswith("\n") else b"\n")
-    # Of each character: 0 for what ends a cell, 1 for what numbers are made of, 2 for others.
-    kinds = bytearray(b"\2" * 256)
-    for kind, group in ((1, f"0123456789+-eE{mark}"), (0, f"{layout.delimiter}\n")):
-        for character in group.encode():
-            kinds[character] = kind
-    # With a line end before it every cell lies between two ends.
-    raw = b"\n" + body
-    characters, found = (np.frombuffer(data, dtype=np.uint8) for data in (raw, raw.translate(kinds)))
-    ends = np.flatnonzero(found == 0)
-    lines, beside = divmod(len(ends) - 1, layout.width)
-    ends_line = (characters[ends[1:]] == ord("\n"))[: lines * layout.width].reshape(lines, layout.width)
-    if beside or not ends_line[:, -1].all() or ends_line[:, :-1].any():
-        return None
-    cells_of_others = np.searchsorted(ends, np.flatnonzero(found == 2)) - 1
-    length = np.diff(ends[:: layout.width])
-    # A last line with a single cell may say that the file ends.
-    filled = np.count_nonzero(np.diff(ends[-layout.width - 1 :]) > 1)
-    if np.isin(cells_of_others % layout.width, numbers).any() or length.min() == layout.width or filled < 2:
-        return None
-    kinds_of_columns: dict[Any, Any] = dict.fromkeys(texts, object) | dict.fromkeys(numbers, np.float64)
-    blank: Any = {at: [""] for at in numbers}
-    try:
-        parsed = pd.read_csv(
-            io.BytesIO(body),
-            sep=layout.delimiter,
-            header=None,
-            usecols=[*texts, *numbers],
-            dtype=kinds_of_columns,
-            decimal=mark,
-            keep_default_na=False,
-            na_values=blank,
-            quoting=csv.QUOTE_NONE,
-            skip_blank_lines=False,
-            float_precision=_EXACT,
-            engine="c",
-        )
-    except (ValueError, OverflowError):
-        return None
-    columns = {at: parsed[at].to_numpy() for at in (*texts, *numbers)}
-    for at in numbers:
-        # Only an exponent, or a very long cell, makes a number too small for a double.
-        if np.isinf(columns[at]).any() or (
-            (columns[at] == 0).any() and (b"e-" in raw or b"E-" in raw or np.diff(ends).max() > _LONG)
-        ):
-            return None
-    return columns

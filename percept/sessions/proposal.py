@@ -132,9 +132,7 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
 
 
 def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
-    columns = [
-        _Column(name, [record[at] for record in grid.cells[:_ROWS]]) for at, name in enumerate(grid.header)
-    ]
+    columns = [_Column(name, grid.cells[at].tolist()[:_ROWS]) for at, name in enumerate(grid.header)]
     by_name = {column.name: column for column in columns}
     remarks = [f"What percept makes of {printable(Path(file).name)}: look through it before you go on."]
     try:

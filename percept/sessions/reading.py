@@ -84,7 +84,7 @@ class Reading:
     def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
         """Take a DataFrame as a file."""
         name = "<frame>"
-        blocks = iter([Block(cells=frame_grid(frame, file=name))])
+        blocks = iter([Block(frame_grid(frame, file=name))])
         table = FileTable(name, blocks, self.options, {}, self.problems)
         yield table
         self._add(table, "")
@@ -151,10 +151,10 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
     """Give the cells of one input, whatever its format, in blocks."""
     file, data = entry.name, entry.data or b""
     if data.startswith(b"PAR1"):
-        yield Block(cells=parquet_grid(data, file=file))
+        yield Block(parquet_grid(data, file=file))
         return
     if data.startswith(b"PK\x03\x04") and is_workbook(data, file):
-        yield Block(cells=excel_grid(data, file=file, sheet=options.sheet))
+        yield Block(excel_grid(data, file=file, sheet=options.sheet))
         return
     text, encoding = open_text(entry, options.encoding)
     if encoding == "cp1252" and options.encoding is None:
@@ -226,7 +226,7 @@ def _typed_grid(header: Sequence[str], columns: Iterable[Iterable[Any]], file: s
         raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
     blank = Counter({"blank line": len(cells) - len(kept)} if len(kept) < len(cells) else {})
     names = with_names([name.strip() for name in header])
-    return Grid(names, [cells[at] for at in kept], [at + 2 for at in kept], blank)
+    return Grid.of(names, [cells[at] for at in kept], [at + 2 for at in kept], blank)
 
 
 def _text(value: Any) -> str:

@@ -41,24 +41,25 @@ def read_summary(
         hint = "Convert the table."
         units = " and ".join(quantity.unit for quantity in options.quantities.values())
         raise UsageError(f"units of a summary are {units}.", file=file, key="columns", hint=hint)
-    text = {c: [record[at] for record in grid.cells] for c, at in columns.items()}
+    text = {c: grid.cells[at].tolist() for c, at in columns.items()}
+    rows = grid.cells.index.tolist()
     numbers = ["reference", *(_LIMITS if limits else ()), *(_MOMENTS if moments else ()), "n"]
     numbers += ["level"] if "level" in text else []
     mark = DecimalMark(options.decimal) if options.decimal else None
-    mark = mark or decimal_mark([(c, text[c]) for c in numbers], grid.rows, file=file, problems=problems)
+    mark = mark or decimal_mark([(c, text[c]) for c in numbers], rows, file=file, problems=problems)
     frame: dict[str, Any] = {c: np.array(text[c], dtype=object) for c in ("environment", "parameter")}
     for c in numbers:
-        frame[c] = parse_numbers(text[c], grid.rows, mark, problems, file=file, column=c)
+        frame[c] = parse_numbers(text[c], rows, mark, problems, file=file, column=c)
         for at, cell in enumerate(text[c]):
             if is_missing(cell) and not (limits and c in _MOMENTS):
                 message = "a summary leaves no cell empty."
-                problems.add(message, file=file, row=grid.rows[at], column=c, hint="Fill it in.")
+                problems.add(message, file=file, row=rows[at], column=c, hint="Fill it in.")
     if "level" not in frame:
-        frame["level"] = np.full(len(grid.rows), _LEVEL)
+        frame["level"] = np.full(len(rows), _LEVEL)
         notices.append(Notice(f"means and SDs without a level are kept as their limits at {_LEVEL}", file))
     if moments:
-        frame = _with_limits(frame, text, grid.rows, file, problems)
-    return pd.DataFrame(frame | {"row": np.array(grid.rows, dtype=np.int64)})
+        frame = _with_limits(frame, text, rows, file, problems)
+    return pd.DataFrame(frame | {"row": np.array(rows, dtype=np.int64)})
 
 
 def _with_limits(

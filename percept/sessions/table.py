@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
@@ -13,22 +13,25 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import values
-from percept.sessions.columns import Resolution, Slot, check_columns, resolve, unused_columns
-from percept.sessions.grids import Block, Grid, plain_columns
+from percept.sessions.columns import check_columns, resolve, unused_columns
+from percept.sessions.grids import Block, Grid
 from percept.sessions.options import KEPT_COLUMNS, ExcludeRule, ReadOptions, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, Notice, Problems, shown
 from percept.sessions.summary import read_summary
 
-#: Columns of a block by name: texts as read, numbers as doubles, and `row`, the physical row of each.
-_Columns = dict[str, npt.NDArray[Any]]
 _MEND = "Correct the cell, or leave it empty if there was no adjustment."
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
+_Mask = npt.NDArray[np.bool_]
 
 
 class FileTable:
-    """One file: where its columns stand, its observations, and what became of its rows."""
+    """One file: where its columns stand, its observations, and what became of its rows.
+
+    In frames of a block the index is the physical line. Columns are canonical ones, "own:NAME" for texts and
+    "limit:NAME" for numbers of the file's other columns.
+    """
 
     def __init__(
         self,
@@ -45,24 +48,21 @@ class FileTable:
         self.header = header = first.grid().header
         self.counts: Counter[str] = Counter()  # Rows by what became of them
         self.exclusions: list[Exclusion] = []
-        self.found: Resolution = resolve(header, options, file=name)
-        if options.trial == "order":
-            self.found = self.found.without("trial")
-        self.form = self.found.form
-        rules = self.found.rules
+        self.found = resolve(header, options, file=name)
+        self.form, self._rules = self.found.form, self.found.rules
         self.notices = [Notice(text, name) for text in self.found.announced]
         self.notices += [
-            Notice(f"{c} is taken from the file's name; column {rules[c].name!r} is not used", name)
-            for c in sorted(named.keys() & rules.keys())
+            Notice(f"{c} is taken from the file's name; column {self._rules[c].name!r} is not used", name)
+            for c in sorted(named.keys() & self._rules.keys())
         ]
         if unused := unused_columns(header, self.found, options):
             self.notices.append(Notice(f"columns not used: {shown(unused)}", name))
-        self.numbered = "trial" in rules or any(slot.trial for slot in self.found.slots)
-        self.declared_units = {c for c, rule in rules.items() if rule.unit is not None}
+        self.numbered = "trial" in self._rules or any(slot.trial for slot in self.found.slots)
+        self.declared_units = {c for c, rule in self._rules.items() if rule.unit is not None}
         self.parameters: set[str] = set()
         if self.form == "trials":
             check_columns(header, self.found, options, named, file=name)
-            self.parameters = {p for p in options.quantities if f"{p}_adj" in rules}
+            self.parameters = {p for p in options.quantities if f"{p}_adj" in self._rules}
             self._prepare()
 
     def _prepare(self) -> None:
@@ -71,13 +71,13 @@ class FileTable:
         self._groups = list(dict.fromkeys([*(c for c in KEPT_COLUMNS if c in self.header), *options.groups]))
         rules = [rule for rule in options.exclude if rule.column not in self._canonical]
         own = [*self._groups, *options.only, *(rule.column for rule in rules if rule.equals)]
-        own += [name for rule in self.found.rules.values() for name in rule.also]
+        own += [name for rule in self._rules.values() for name in rule.also]
         self._own = {f"own:{name}": self._position(name) for name in own}
-        self._limited = {f"limit:{r.column}": self._position(r.column) for r in rules if not r.equals}
+        self._own |= {f"limit:{r.column}": self._position(r.column) for r in rules if not r.equals}
         # What JSON cells lack: the keys found instead, and whether any cell had the path.
         self._lacking: dict[str, dict[str, None]] = {}
         self._picked: set[str] = set()
-        self._joins: dict[str, list[str]] = {}  # From a joined id to its parts
+        self._joins: dict[str, tuple[str, ...]] = {}  # From a joined id to its parts
 
     def _position(self, name: str) -> int:
         if self.header.count(name) != 1:
@@ -88,25 +88,26 @@ class FileTable:
 
     def _place(self, column: str, row: int | None = None) -> dict[str, Any]:
         """Where a canonical or an own column stands, for messages."""
-        rule = self.found.rules.get(column)
+        rule = self._rules.get(column)
         name = column.removeprefix("limit:") if rule is None else rule.name
         return {"file": self.name, "column": name} | ({} if row is None else {"row": int(row)})
 
     def frames(self) -> Iterator[pd.DataFrame]:
         """Give the observations of each block: canonical columns, groups, and the physical `row` of each."""
-        events: list[_Columns] = []
+        events: list[pd.DataFrame] = []
         for block in self._blocks:
             if self.form == "summary":
-                yield self._summary(block.grid())
+                grid = self._counted(block.grid())
+                yield read_summary(grid, self.found, self.name, self.options, self.problems, self.notices)
                 continue
-            data = self._observations(self._fast(block) or self._cells(block.grid()))
+            data = self._observations(self._cells(block))
             if self.options.keep is None:
                 yield self._frame(self._within_limits(data))
             else:
                 events.append(self._last_events(data))
         if events:
-            data = self._last_events({c: np.concatenate([e[c] for e in events]) for c in events[0]})
-            earlier, kept = self.counts["earlier event of a trial"], len(data["row"])
+            data = self._last_events(pd.concat(events))
+            earlier, kept = self.counts["earlier event of a trial"], len(data)
             text = f'keep = "last" leaves out {earlier:,} of {earlier + kept:,} rows '
             text += f"({earlier / max(earlier + kept, 1):.1%}) as earlier events of a trial"
             if not self.numbered:
@@ -116,143 +117,120 @@ class FileTable:
         if self.form == "trials":
             self._check_paths()
 
-    def _summary(self, grid: Grid) -> pd.DataFrame:
-        self._count(grid)
-        return read_summary(grid, self.found, self.name, self.options, self.problems, self.notices)
-
-    def _count(self, grid: Grid) -> None:
+    def _counted(self, grid: Grid) -> Grid:
         self.counts["rows read"] += len(grid.cells)
         self.counts.update(grid.dropped)
+        return grid
 
-    def _cells(self, grid: Grid) -> _Columns:
+    def _cells(self, block: Block) -> pd.DataFrame:
         """Take columns out of records; of a wide table each record gives a row for each of its slots."""
-        self._count(grid)
-        slots = [self._slot(slot, grid) for slot in self.found.slots]
-        columns = {
-            c: np.array([slot[c] for slot in slots], dtype=object).reshape(len(slots), -1).T.ravel()
-            for c in slots[0]
-        }
-        return columns | {"row": np.repeat(np.array(grid.rows, dtype=np.int64), len(slots))}
-
-    def _slot(self, slot: Slot, grid: Grid) -> dict[str, list[str]]:
-        count = len(grid.cells)
+        cells = self._plain(block)
+        if cells is None:
+            cells = self._counted(block.grid()).cells
+        parts = []
+        for slot in self.found.slots:
+            columns = {**self._own, **slot.columns}
+            part = cells[list(columns.values())].set_axis(list(columns), axis=1)
+            fixed = {"environment": slot.environment, "trial": slot.trial, **self.named}
+            parts.append(part.assign(**{c: text for c, text in fixed.items() if text is not None}))
         # Columns of other slots are blank in this one.
-        out = {c: [""] * count for c in self._canonical if any(c in s.columns for s in self.found.slots)}
-        columns = {**slot.columns, **self._own, **self._limited}
-        out |= {c: [record[at] for record in grid.cells] for c, at in columns.items()}
-        fixed = {"environment": slot.environment, "trial": slot.trial, **self.named}
-        return out | {c: [value] * count for c, value in fixed.items() if value is not None}
+        return parts[0] if len(parts) == 1 else pd.concat(parts).fillna("").sort_index(kind="stable")
 
-    def _fast(self, block: Block) -> _Columns | None:
-        """Take columns of a plain block at the speed of pandas' parser; None where it may not be used."""
-        layout, slot = block.layout, self.found.slots[0]
-        numbers = {c: at for c, at in slot.columns.items() if c in (*self._numbers, "trial")} | self._limited
-        texts = {c: at for c, at in {**slot.columns, **self._own}.items() if c not in numbers}
-        by_text = {rule.column for rule in self.options.exclude if rule.equals}
+    def _plain(self, block: Block) -> pd.DataFrame | None:
+        """Split a plain block at the speed of pandas' parser; None where it may not be used."""
+        slot = self.found.slots[0]
+        columns = {**slot.columns, **self._own}
+        numeric = [c for c in columns if c in (*self._numbers, "trial") or c.startswith("limit:")]
+        numbers, texts = {columns[c] for c in numeric}, {columns[c] for c in columns if c not in numeric}
         if (
-            block.cells is not None
-            or layout is None
-            or len(self.found.slots) > 1
+            len(self.found.slots) > 1
             or slot.environment is not None
-            or any(rule.path is not None for rule in self.found.rules.values())
-            or by_text & numbers.keys()
-            or set(texts.values()) & set(numbers.values())
-            or (self._mark is None and layout.delimiter != "," and "," in block.text)
+            or any(rule.path is not None for rule in self._rules.values())
+            or any(rule.equals and rule.column in numeric for rule in self.options.exclude)
+            or texts & numbers
+            or (self._mark is None and block.layout.delimiter != "," and "," in block.text)
         ):
             return None
         sign = "." if self._mark is None else self._mark.sign
-        columns = plain_columns(block, sorted(set(texts.values())), sorted(set(numbers.values())), sign)
-        if columns is None:
-            return None
-        data = {c: columns[at] for c, at in (texts | numbers).items()}
-        trial = data.get("trial", np.ones(1))
-        if not ((np.abs(trial) < _WHOLE) & (trial == np.round(trial))).all():
-            return None
-        count = len(next(iter(data.values())))
-        self.counts["rows read"] += count
-        data |= {c: np.full(count, value, dtype=object) for c, value in self.named.items()}
-        return data | {"row": np.arange(block.first_row, block.first_row + count)}
+        cells = block.plain(sorted(texts), sorted(numbers), sign)
+        if cells is not None:
+            self.counts["rows read"] += len(cells)
+        return cells
 
-    def _observations(self, data: _Columns) -> _Columns:
+    def _observations(self, data: pd.DataFrame) -> pd.DataFrame:
         """Select and check the observations of a block, and convert their numbers."""
-        data |= {c: self._joined(data, c, rule.also) for c, rule in self.found.rules.items() if rule.also}
+        for canonical, rule in self._rules.items():
+            if rule.also:
+                data = data.assign(**{canonical: self._joined(data, canonical, rule.also)})
         for name, texts in self.options.only.items():
-            data = self._keep(data, _among(data[f"own:{name}"], texts), f"{name} is not {' or '.join(texts)}")
+            kept = data[f"own:{name}"].isin(texts).to_numpy()
+            data = self._keep(data, kept, f"{name} is not {' or '.join(texts)}")
         for rule in (rule for rule in self.options.exclude if rule.equals):
             key = rule.column if rule.column in self._canonical else f"own:{rule.column}"
             if key not in data:
                 self._position(rule.column)
-            data = self._exclude(data, _among(data[key], rule.equals), rule.why)
-        for canonical, found in self.found.rules.items():
-            if found.path is not None:
-                data[canonical] = self._pick(data, canonical, found.path)
-        blank = np.logical_and.reduce(
-            [_blank(data[c]) for c in self._numbers if c.endswith("_adj") and c in data]
-        )
+            data = self._exclude(data, data[key].isin(rule.equals).to_numpy(), rule.why)
+        for canonical, rule in self._rules.items():
+            if rule.path is not None:
+                data = data.assign(**{canonical: self._picks(data[canonical], canonical, rule.path)})
+        adjusted = [c for c in self._numbers if c.endswith("_adj") and c in data]
+        blank = np.logical_and.reduce([_missing(data[c]) for c in adjusted])
         data = self._exclude(data, blank, "no adjustment", of_trials=True)
-        for c in (*IDS, "trial"):
-            for at in self._without(data, c):
+        for c in (c for c in (*IDS, "trial") if c in data):
+            for row in data.index[_missing(data[c]) if c == "trial" else _empty(data[c])]:
                 hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
-                self.problems.add(f"an adjustment without {c}.", hint=hint, **self._place(c, data["row"][at]))
-        self._convert(data)
-        return data
+                self.problems.add(f"an adjustment without {c}.", hint=hint, **self._place(c, row))
+        return self._converted(data)
 
-    @staticmethod
-    def _without(data: _Columns, c: str) -> Sequence[int]:
-        """Rows whose id is blank; ids are few, so that they are looked at once each."""
-        cells = data.get(c)
-        if cells is None or cells.dtype != object or all(name.strip() for name in pd.unique(cells)):
-            return ()
-        return [at for at, cell in enumerate(cells) if not cell.strip()]
-
-    def _keep(self, data: _Columns, mask: npt.NDArray[np.bool_], reason: str) -> _Columns:
+    def _keep(self, data: pd.DataFrame, mask: _Mask, reason: str) -> pd.DataFrame:
         if mask.all():
             return data
         self.counts[reason] += int((~mask).sum())
-        return {c: column[mask] for c, column in data.items()}
+        return data[mask]
 
-    def _exclude(
-        self, data: _Columns, out: npt.NDArray[np.bool_], why: str, *, of_trials: bool = False
-    ) -> _Columns:
+    def _exclude(self, data: pd.DataFrame, out: _Mask, why: str, *, of_trials: bool = False) -> pd.DataFrame:
         """Leave rows out and log them, or `of_trials` those alone that have a subject and an environment."""
-        for at in np.flatnonzero(out).tolist():
-            ids = {c: str(data[c][at]) if c in data else "" for c in (*IDS, "trial")}
-            who = ids.pop("subject")
-            if not of_trials or (who.strip() and ids["environment"].strip()):
-                what = ", ".join(f"{c} {name}" for c, name in ids.items() if name)
-                self.exclusions.append(Exclusion(who, what, why, self.name, int(data["row"][at])))
+        ids = data[out].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
+        for row, who, *others in ids.itertuples():
+            if not of_trials or (who.strip() and others[1].strip()):
+                what = (
+                    f"{c} {name.removesuffix('.0')}"
+                    for c, name in zip(ids.columns[1:], others, strict=True)
+                    if name
+                )
+                self.exclusions.append(Exclusion(who, ", ".join(what), why, self.name, int(row)))
         return self._keep(data, ~out, f"excluded: {why}")
 
-    def _joined(self, data: _Columns, canonical: str, also: Sequence[str]) -> npt.NDArray[np.object_]:
+    def _joined(self, data: pd.DataFrame, canonical: str, also: tuple[str, ...]) -> list[str]:
         """Ids made of several columns; one that lacks a part is blank, and so is told as missing."""
-        parts = pd.DataFrame({canonical: data[canonical], **{name: data[f"own:{name}"] for name in also}})
-        combinations = parts.drop_duplicates().to_numpy().tolist()
-        ids = ["-".join(texts) if all(text.strip() for text in texts) else "" for texts in combinations]
-        for texts, name in zip(combinations, ids, strict=True):
+        records = list(zip(*(data[c] for c in (canonical, *(f"own:{name}" for name in also))), strict=True))
+        ids = {texts: "-".join(texts) if all(map(str.strip, texts)) else "" for texts in records}
+        for texts, name in ids.items():
             if name and self._joins.setdefault(name, texts) != texts:
                 message = f"{shown(texts)} and {shown(self._joins[name])} both join to {name!r}."
                 hint = "Take the hyphens out of one of these columns."
                 raise UsageError(message, hint=hint, **self._place(canonical))
-        return np.array(ids, dtype=object)[parts.groupby(list(parts), sort=False).ngroup().to_numpy()]
+        return [ids[texts] for texts in records]
 
-    def _pick(self, data: _Columns, canonical: str, path: str) -> npt.NDArray[np.object_]:
+    def _picks(self, cells: pd.Series[str], canonical: str, path: str) -> list[str]:
         """Values inside the JSON cells of a column."""
-        picked = np.full(len(data["row"]), "", dtype=object)
-        for at, cell in enumerate(data[canonical]):
+        picked = []
+        for row, cell in cells.items():
             try:
-                picked[at] = values.pick(cell, path)
+                value = values.pick(cell, path)
                 if not values.is_missing(cell):
                     self._picked.add(canonical)
             except values.CellError as error:
+                value = ""
                 if error.keys is not None:
                     # Records of other kinds of trial lack the key; a path that no record has is a wrong one.
                     self._lacking.setdefault(canonical, {}).update(dict.fromkeys(error.keys))
-                    continue
-                self._picked.add(canonical)
-                # Whether such a row holds no adjustment is the scene's to say, hence a problem, not a blank.
-                message = f"{error}."
-                hint = f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
-                self.problems.add(message, value=cell, hint=hint, **self._place(canonical, data["row"][at]))
+                else:
+                    self._picked.add(canonical)
+                    # Whether such a row holds no adjustment is the scene's to say, hence a problem, no blank.
+                    hint = f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
+                    self.problems.add(f"{error}.", value=cell, hint=hint, **self._place(canonical, row))
+            picked.append(value)
         return picked
 
     def _check_paths(self) -> None:
@@ -261,89 +239,79 @@ class FileTable:
             self.problems.add(
                 f"no row has this path; the keys there are {keys or 'none'}.",
                 key=f"columns.{canonical}.path",
-                value=self.found.rules[canonical].path,
+                value=self._rules[canonical].path,
                 hint="A path begins inside the cell; correct it, or pick rows with [sessions] only.",
                 **self._place(canonical),
             )
 
-    def _convert(self, data: _Columns) -> None:
+    def _converted(self, data: pd.DataFrame) -> pd.DataFrame:
         """Convert columns of numbers to doubles in percept's units, by the file's one decimal mark."""
-        names = [c for c in (*self._numbers, "trial", *self._limited) if c in data]
-        texts = {c: data[c] for c in names if data[c].dtype == object}
+        names = [c for c in data if c in (*self._numbers, "trial") or c.startswith("limit:")]
+        texts = {c: data[c].tolist() for c in names if data[c].dtype != np.float64}
+        rows = data.index.tolist()
         if self._mark is None and texts:
-            columns = [(self._place(c)["column"], cells.tolist()) for c, cells in texts.items()]
-            self._mark = values.decimal_mark(
-                columns, data["row"].tolist(), file=self.name, problems=self.problems
-            )
+            columns = [(self._place(c)["column"], cells) for c, cells in texts.items()]
+            self._mark = values.decimal_mark(columns, rows, file=self.name, problems=self.problems)
+        numbers: dict[str, npt.NDArray[Any]] = {c: data[c].to_numpy() for c in names if c not in texts}
         for c, cells in texts.items():
-            data[c] = values.parse_numbers(
-                cells.tolist(), data["row"].tolist(), self._mark, self.problems, _MEND, **self._place(c)
-            )
-        for c, rule in ((c, self.found.rules[c]) for c in self._numbers if c in data):
+            numbers[c] = values.parse_numbers(cells, rows, self._mark, self.problems, _MEND, **self._place(c))
+        quantities = with_mass(self.options.quantities)
+        for c, rule in ((c, self._rules[c]) for c in self._numbers if c in numbers):
             if rule.unit is not None or rule.offset:
-                quantity = with_mass(self.options.quantities)[quantity_of(c)]
-                data[c] = convert(data[c] + rule.offset, rule.unit, quantity)
-        if "trial" in data:
-            trial = data["trial"]
+                numbers[c] = convert(numbers[c] + rule.offset, rule.unit, quantities[quantity_of(c)])
+        if (trial := numbers.get("trial")) is not None:
             whole = (np.abs(trial) < _WHOLE) & (trial == np.round(trial))
-            for at in np.flatnonzero(~whole & ~np.isnan(trial)):
+            for at in np.flatnonzero(~whole & ~np.isnan(trial)).tolist():
+                place = self._place("trial", rows[at]) | {"value": float(trial[at])}
                 self.problems.add(
-                    "a trial's number must be whole.",
-                    value=texts["trial"][at] if "trial" in texts else float(trial[at]),
-                    hint="Number the trials 1, 2, 3 …",
-                    **self._place("trial", data["row"][at]),
+                    "a trial's number must be whole.", hint="Number the trials 1, 2, 3 …", **place
                 )
-            data["trial"] = np.where(whole, trial, 0).astype(np.int64)
+            numbers["trial"] = np.where(whole, trial, 0).astype(np.int64)
+        return data.assign(**numbers)
 
-    def _last_events(self, data: _Columns) -> _Columns:
+    def _last_events(self, data: pd.DataFrame) -> pd.DataFrame:
         """Reduce each trial to its last event, with the last value of each number."""
         ids = [c for c in (*IDS, "trial") if c in data]
-        numbers = [c for c in (*self._numbers, *self._limited) if c in data]
-        events = pd.DataFrame({c: data[c] for c in (*ids, *numbers)})
-        events[numbers] = events.groupby(ids, sort=False, dropna=False)[numbers].ffill()
-        data = data | {c: events[c].to_numpy(dtype=float) for c in numbers}
-        last = ~events.duplicated(ids, keep="last").to_numpy()
-        return self._keep(data, last, "earlier event of a trial")
+        numbers = [c for c in data if c in self._numbers or c.startswith("limit:")]
+        last = data.groupby(ids, sort=False, dropna=False)[numbers].ffill()
+        data = data.assign(**{c: last[c].to_numpy() for c in numbers})
+        return self._keep(data, ~data.duplicated(ids, keep="last").to_numpy(), "earlier event of a trial")
 
-    def _within_limits(self, data: _Columns) -> _Columns:
+    def _within_limits(self, data: pd.DataFrame) -> pd.DataFrame:
         """Leave out what lies beyond a rule's limits; earlier events of a trial are gone by now."""
         for rule in (rule for rule in self.options.exclude if not rule.equals):
             column = self._limited_by(data, rule)
-            out = np.zeros(len(column), dtype=bool)
-            if rule.below is not None:
-                out |= column < rule.below
-            if rule.above is not None:
-                out |= column > rule.above
-            data = self._exclude(data, out, rule.why)
+            below = False if rule.below is None else column < rule.below
+            above = False if rule.above is None else column > rule.above
+            data = self._exclude(data, below | above, rule.why)
         return data
 
-    def _limited_by(self, data: _Columns, rule: ExcludeRule) -> npt.NDArray[Any]:
+    def _limited_by(self, data: pd.DataFrame, rule: ExcludeRule) -> npt.NDArray[Any]:
         for key in (rule.column, f"limit:{rule.column}"):
-            if key in data and data[key].dtype != object:
-                return data[key]
+            if key in data and pd.api.types.is_numeric_dtype(data[key]):
+                return data[key].to_numpy()
         raise UsageError("limits need a column of numbers.", key=f"sessions.exclude {rule.column}")
 
-    def _frame(self, data: _Columns) -> pd.DataFrame:
+    def _frame(self, data: pd.DataFrame) -> pd.DataFrame:
         """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
-        count = len(data["row"])
-        one, nan = np.full(count, "1", dtype=object), np.full(count, np.nan)
-        columns: dict[str, Any] = {c: data.get(c, one) for c in IDS}
         names = list(self.options.quantities)
-        columns |= {f"{p}_ref": data.get(f"{p}_ref", nan) for p in names}
-        columns["trial"] = data.get("trial", np.ones(count, dtype=np.int64))
-        columns |= {f"{p}_adj": data.get(f"{p}_adj", nan) for p in names}
+        columns = dict.fromkeys(IDS, "1") | {f"{p}_ref": np.nan for p in names} | {"trial": 1}
+        columns |= {f"{p}_adj": np.nan for p in names}
         if MASS in data or any(MASS in references for references in self.options.environments.values()):
-            columns[MASS] = data.get(MASS, nan)
-        columns |= {g: data[f"own:{g}"] for g in self._groups}
-        return pd.DataFrame(columns | {"row": data["row"]})
+            columns[MASS] = np.nan
+        frame = data.assign(**{c: value for c, value in columns.items() if c not in data})
+        frame = frame[[*columns, *(f"own:{name}" for name in self._groups)]]
+        frame = frame.astype(dict.fromkeys(IDS, "str"))
+        return frame.set_axis([*columns, *self._groups], axis=1).rename_axis("row").reset_index()
 
 
-def _among(cells: npt.NDArray[Any], texts: Sequence[str]) -> npt.NDArray[np.bool_]:
-    wanted = set(texts)
-    return np.array([cell in wanted for cell in cells], dtype=bool)
-
-
-def _blank(cells: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    if cells.dtype != object:
-        return np.isnan(cells)
+def _missing(cells: pd.Series[Any]) -> _Mask:
+    """Which cells say that there is no value."""
+    if cells.dtype == np.float64:
+        return cells.isna().to_numpy()
     return np.array([values.is_missing(cell) for cell in cells], dtype=bool)
+
+
+def _empty(cells: pd.Series[str]) -> _Mask:
+    """Which ids are blank; ids are few, so that each is looked at once."""
+    return cells.isin([name for name in cells.unique() if not name.strip()]).to_numpy()
