@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError, counted
-from percept.sessions.quantities import Quantity
+from percept.sessions.quantities import Quantities, Quantity
 from percept.sessions.records import IDS, MASS, Exclusion, Notice, Place, Problems, shown
 
 #: What tells a trial from others.
@@ -45,43 +45,40 @@ def settle_references(
 
     `known` holds the references of earlier blocks, by column and environment; those of this one are added.
     """
-    codes, names = pd.factorize(table["environment"])
-    for column in (*(f"{p}_ref" for p in parameters), *((MASS,) if MASS in table else ())):
+    columns = [*(f"{p}_ref" for p in parameters), *((MASS,) if MASS in table else ())]
+    groups = table.groupby("environment", sort=False)
+    codes, firsts = groups.ngroup().to_numpy(), groups[columns].first()
+    for column in columns:
+        given = {e: own[column] for e, own in declared.items() if column in own}
         earlier = known.setdefault(column, {})
-        given = np.array([declared.get(str(name), {}).get(column, np.nan) for name in names])
+        here = {str(e): float(v) for e, v in firsts[column].items() if v == v}
+        earlier.update(here | earlier | given)
         values = table[column].to_numpy(dtype=float)
-        first = np.full(len(names), np.nan)
-        at = np.flatnonzero(~np.isnan(values))[::-1]
-        first[codes[at]] = values[at]
-        before = np.array([earlier.get(str(name), np.nan) for name in names])
-        first = np.where(np.isnan(before), first, before)
-        settled = np.where(np.isnan(given), first, given)
-        earlier.update((str(n), v) for n, v in zip(names, settled.tolist(), strict=True) if v == v)
-        expected = settled[codes]
+        expected = np.array([earlier.get(str(e), np.nan) for e in firsts.index])[codes]
         wrong = np.flatnonzero(~np.isnan(values) & (values != expected))
-        for row in wrong[~pd.Series(codes[wrong]).duplicated()]:
-            source = "an earlier row" if np.isnan(given[codes[row]]) else "the scene"
+        for row in wrong[np.unique(codes[wrong], return_index=True)[1]].tolist():
+            name = table["environment"].iloc[row]
+            source = "the scene" if name in given else "an earlier row"
             others = int((codes[wrong] == codes[row]).sum())
             rows = f"; {others} rows have another, here the first" if others > 1 else ""
             problems.add(
-                f"environment {shown([names[codes[row]]])} has the reference {expected[row]!s} in "
-                f"{source}{rows}.",
+                f"environment {shown([name])} has the reference {expected[row]!s} in {source}{rows}.",
                 column=column,
                 value=float(values[row]),
                 hint="An environment has one reference; correct it, or name the environments apart, as "
                 'environment = ["…", "…"] in [columns] does.',
-                **place(int(row)),
+                **place(row),
             )
         if column == MASS:
             table[MASS] = np.nan_to_num(expected)
             continue
-        lacking = np.isnan(expected) & ~table[column.replace("_ref", "_adj")].isna().to_numpy()
-        for code in np.unique(codes[lacking]):
-            message = f"environment {shown([names[code]])} has no reference."
+        lacking = np.flatnonzero(
+            np.isnan(expected) & table[column.replace("_ref", "_adj")].notna().to_numpy()
+        )
+        for row in lacking[np.unique(codes[lacking], return_index=True)[1]].tolist():
+            message = f"environment {shown([table['environment'].iloc[row]])} has no reference."
             hint = f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …'
-            problems.add(
-                message, column=column, hint=hint, **place(int(np.flatnonzero(lacking & (codes == code))[0]))
-            )
+            problems.add(message, column=column, hint=hint, **place(row))
         table[column] = expected
 
 
@@ -139,65 +136,29 @@ def tell_duplicates(
 
 def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
     """Notice ids that differ only in leading zeros, case or surrounding space, and padded ids."""
+    bare = {name: name.strip("\ufeff \t\r\n\xa0") for name in ids}
     same: dict[str, list[str]] = {}
-    padded = []
-    for name in ids:
-        bare = name.strip("\ufeff \t\r\n\xa0")
-        same.setdefault(bare.casefold().lstrip("0"), []).append(name)
-        if bare != name:
-            padded.append(name)
+    for name, text in bare.items():
+        same.setdefault(text.casefold().lstrip("0"), []).append(name)
     alike = [names for names in same.values() if len(names) > 1]
     notices = [Notice(f"{what}s {shown(names)} look alike and are kept apart") for names in alike]
-    if padded:
+    if padded := [name for name, text in bare.items() if text != name]:
         notices.append(Notice(f"{what}s {shown(padded)} begin or end with space, which is kept"))
     return notices
 
 
 def repeats_over_sessions(table: pd.DataFrame) -> list[Notice]:
     """Notice cells whose trials are from several sessions."""
-    counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique().to_numpy()
+    counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()
     several = int((counts > 1).sum())
     text = f"in {several} of {counts.size} cells (a subject in an environment) trials are from several "
     text += "sessions; all count as repeats, so that changes of a subject between sessions are part of the "
     return [Notice(f"{text}scatter of trials")] if several else []
 
 
-def typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:
-    """Median ratio of positive values to their references."""
-    return float(np.exp(np.median(np.log(values) - np.log(reference))))
-
-
-def units_differ(ratio: float) -> bool:
-    """Whether a typical ratio of values to their references speaks for two units."""
-    return not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT
-
-
-def check_units(
-    quantity: Quantity,
-    ratio: float,
-    declared: Set[str],
-    place: Mapping[str, object],
-    problems: Problems,
-    *,
-    value: float | None = None,
-) -> list[Notice]:
-    """Refuse adjustments that are typically `ratio` times their references, with the units `declared`."""
-    if not units_differ(ratio):
-        return []
-    adjusted, reference = f"{quantity.name}_adj", f"{quantity.name}_ref"
-    text = f"{adjusted} is {ratio:.3g} times {reference} at the median: their units seem to differ."
-    settled = {adjusted, reference} & declared
-    if len(settled) == 2:
-        return [Notice(text, column=adjusted)]
-    # One declared unit is as likely to be the slip as the other column: it settles nothing.
-    hint = f"Correct the unit in [columns], or declare the units of both {adjusted} and {reference}."
-    if not settled:
-        # A slip makes numbers too small where the larger unit was meant.
-        column = adjusted if ratio < 1 else reference
-        unit = quantity.unit.replace("/m", "/mm") or "…"
-        hint = f'Declare the unit: [columns] {column} = {{ name = "…", unit = "{unit}" }}.'
-    problems.add(text, column=adjusted, value=value, hint=hint, **place)
-    return []
+def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.float64]) -> float:
+    """Median ratio of positive values to their references; 1 without any."""
+    return float(np.exp(np.median(np.log(values) - np.log(reference)))) if len(values) else 1.0
 
 
 def check_plausible(
@@ -206,49 +167,89 @@ def check_plausible(
     """Refuse adjustments whose median ratio to their references is at least 100, or at most 1/100.
 
     A file whose own ratio is about a thousand times the others' is refused too: one machine wrote N/mm.
+    Where the units of both columns are `declared` a notice says so instead.
     """
     notices: list[Notice] = []
     for quantity in quantities:
-        adjusted, reference = (
-            table[f"{quantity.name}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref")
-        )
+        names = {f"{quantity.name}_adj", f"{quantity.name}_ref"}
+        adj, ref = sorted(names)
+        adjusted, reference = (table[name].to_numpy(dtype=float) for name in (adj, ref))
         known = np.flatnonzero((adjusted > 0) & (reference > 0))
-        if len(known):
-            at, value = int(known[0]), float(adjusted[known[0]])
-            ratio = typical_ratio(adjusted[known], reference[known])
-            notices += check_units(quantity, ratio, declared, place(at), problems, value=value)
-            p, files = quantity.name, table["file"].to_numpy()[known]
-            if files[0] == files[-1]:
-                continue
-            by_file = pd.Series(np.log(adjusted[known] / reference[known])).groupby(files).median()
-            for file, log in by_file.items():
-                own = float(np.exp(log))
-                if not _THOUSAND / 3 < max(own / ratio, ratio / own) < _THOUSAND * 3:
-                    continue
-                text = f"{p}_adj is {own:.3g} times {p}_ref at the median of this file, and {ratio:.3g} times"
-                text += " over all files: the units of the file seem to differ by a thousand."
-                at = int(known[np.argmax(files == file)])
-                if {f"{p}_adj", f"{p}_ref"} <= declared:
-                    notices.append(Notice(text, column=f"{p}_adj"))
-                    continue
-                hint = f"Convert the file; where it is right, declare the units of {p}_adj and {p}_ref."
-                where = {"column": f"{p}_adj", "value": float(adjusted[at]), "hint": hint}
-                problems.add(text, **where, **place(at))
+        ratio = _typical_ratio(adjusted[known], reference[known])
+        found: list[tuple[int, str, str]] = []  # Row, what is wrong, what to do
+        if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+            # One declared unit is as likely to be the slip as the other column: it settles nothing.
+            hint = f"Correct the unit in [columns], or declare the units of both {adj} and {ref}."
+            if not names & declared:
+                # A slip makes numbers too small where the larger unit was meant.
+                slip, unit = adj if ratio < 1 else ref, quantity.unit.replace("/m", "/mm") or "…"
+                hint = f'Declare the unit: [columns] {slip} = {{ name = "…", unit = "{unit}" }}.'
+            text = f"{adj} is {ratio:.3g} times {ref} at the median: their units seem to differ."
+            found.append((int(known[0]), text, hint))
+        files = table["file"].to_numpy()[known]
+        for file in np.unique(files) if len(files) and files[0] != files[-1] else ():
+            rows = known[files == file]
+            own = _typical_ratio(adjusted[rows], reference[rows])
+            if _THOUSAND / 3 < max(own / ratio, ratio / own) < _THOUSAND * 3:
+                text = (
+                    f"{adj} is {own:.3g} times {ref} at the median of this file, and {ratio:.3g} times over "
+                )
+                text += "all files: the units of the file seem to differ by a thousand."
+                hint = f"Convert the file; where it is right, declare the units of {adj} and {ref}."
+                found.append((int(rows[0]), text, hint))
+        for row, text, hint in found:
+            if names <= declared:
+                notices.append(Notice(text, column=adj))
+            else:
+                problems.add(text, column=adj, value=float(adjusted[row]), hint=hint, **place(row))
     return notices
+
+
+def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, problems: Problems) -> None:
+    """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
+    n, level = table["n"], table["level"]
+    names = " or ".join(f'"{name}"' for name in quantities)
+    rules = {
+        ("parameter", f"must be {names}."): ~table["parameter"].isin(list(quantities)),
+        ("environment", "is empty."): table["environment"].str.strip() == "",
+        ("upper", "is below the lower limit."): table["upper"] < table["lower"],
+        ("n", "must be a whole number of at least 2, and below 2^53."): ~(
+            (n >= 2) & (n < 2.0**53) & (n == np.round(n))
+        ),
+        ("level", "must lie between 0 and 1, as in 0.99."): (level <= 0) | (level >= 1),
+        ("environment", "a second row for this environment and parameter."): table.duplicated(
+            ["environment", "parameter"]
+        ),
+    }
+    for (column, message), wrong in rules.items():
+        for at in np.flatnonzero(wrong.to_numpy()).tolist():
+            value = table[column].tolist()[at]
+            problems.add(message, column=column, value=value, hint="Correct or remove it.", **place(at))
+    # Of what the limits hold, the nearest to the reference: wide limits are no sign of another unit.
+    near = table["reference"].clip(table["lower"], table["upper"])
+    for p, quantity in quantities.items():
+        own = np.flatnonzero((table["parameter"] == p) & (near > 0) & (table["reference"] > 0))
+        reference = table["reference"].to_numpy()[own]
+        ratio = _typical_ratio(near.to_numpy()[own], reference)
+        if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+            problems.add(
+                f"limits of {p} are typically {ratio:.3g} times the reference: their units seem to differ.",
+                column="reference",
+                value=float(reference[0]),
+                hint=f"Write references and limits in {quantity.unit or 'one unit'}.",
+                **place(int(own[0])),
+            )
 
 
 def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]:
     """Leave out subjects who lack an environment that others have."""
-    environments = list(table["environment"].unique())
-    seen = table.groupby("subject", sort=False)["environment"].unique()
-    lacking = {str(s): [e for e in environments if e not in set(have)] for s, have in seen.items()}
-    exclusions = [
-        Exclusion(subject, f"all rows (no {shown(missing)})", "unfinished")
-        for subject, missing in lacking.items()
-        if missing
-    ]
+    environments = table["environment"].unique()
+    exclusions = []
+    for subject, have in table.groupby("subject", sort=False)["environment"].unique().items():
+        if missing := [name for name in environments if name not in set(have)]:
+            exclusions.append(Exclusion(str(subject), f"all rows (no {shown(missing)})", "unfinished"))
     kept = table[~table["subject"].isin([e.who for e in exclusions])]
-    if not len(kept):
+    if kept.empty:
         message = "every subject lacks an environment that others have."
         raise UsageError(message, key="sessions.unfinished", hint='Leave out unfinished = "exclude".')
     return kept, exclusions
@@ -256,17 +257,15 @@ def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]
 
 def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> Counter[str]:
     """Count observations, and the holes of the subject × environment × trial grid."""
-    s, subjects = pd.factorize(table["subject"])
-    e, environments = pd.factorize(table["environment"])
-    cells = len(subjects) * len(environments)
-    filled = np.bincount(s * len(environments) + e, weights=rows, minlength=cells)
+    filled = rows.groupby([table["subject"], table["environment"]], sort=False).sum().to_numpy()
+    subjects, environments = table["subject"].nunique(), table["environment"].nunique()
     return Counter(
         {
             "observations": int(filled.sum()),
-            "subjects": len(subjects),
-            "environments": len(environments),
-            "empty cells (subject × environment)": int((filled == 0).sum()),
-            "missing repeats": int((filled.max() - filled[filled > 0]).sum()),
+            "subjects": subjects,
+            "environments": environments,
+            "empty cells (subject × environment)": subjects * environments - len(filled),
+            "missing repeats": int((filled.max() - filled).sum()),
         }
     )
 
@@ -280,7 +279,12 @@ def screen(
         yield from _without_logarithm(table, p, place)
         yield from _at_the_end(table, p, place)
         yield from _never_moved(table, p)
-    yield from _not_tried(table)
+    pairs = table[["subject", "environment"]].drop_duplicates()
+    tried = set(zip(pairs["subject"], pairs["environment"], strict=True))
+    subjects, environments = (table[c].unique() for c in ("subject", "environment"))
+    if lacking := [f"{s} at {e}" for s in subjects for e in environments if (s, e) not in tried]:
+        has = "has" if len(lacking) == 1 else "have"
+        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
     for column in pooled:
         yield from _pooled(table, column)
 
@@ -289,18 +293,17 @@ def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator
     column = f"{parameter}_adj"
     positive = table[table[column] > 0]
     by_environment = positive.groupby("environment", sort=False)
-    typical = by_environment[column].transform("median").to_numpy()
-    enough = by_environment["subject"].transform("nunique").to_numpy() >= _FEWEST
-    values = positive[column].to_numpy(dtype=float)
-    found = np.flatnonzero(enough & ((values > _GROSS * typical) | (values < typical / _GROSS))).tolist()
-    for at in found[:_NAMED]:
-        row = positive.iloc[at]
+    typical = by_environment[column].transform("median")
+    enough = by_environment["subject"].transform("nunique") >= _FEWEST
+    far = (positive[column] > _GROSS * typical) | (positive[column] < typical / _GROSS)
+    found = positive.assign(typical=typical)[enough & far]
+    for index, row in zip(found.index.tolist(), found[:_NAMED].to_dict("records"), strict=False):
         yield Notice(
-            f"subject {shown([row['subject']])} set {parameter} to {values[at]:.6g} in "
-            f"{shown([row['environment']])}, {values[at] / typical[at]:.2g} times the median of "
-            f"{typical[at]:.6g} there: a slip?",
+            f"subject {shown([row['subject']])} set {parameter} to {row[column]:.6g} in "
+            f"{shown([row['environment']])}, {row[column] / row['typical']:.2g} times the median of "
+            f"{row['typical']:.6g} there: a slip?",
             column=column,
-            **place(positive.index[at]),
+            **place(index),
         )
     if len(found) > _NAMED:
         rest = counted(len(found) - _NAMED, "more value")
@@ -338,22 +341,33 @@ def _counted_share(count: int, total: int, parameter: str) -> str:
 def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
     """Warn where more values equal the largest or least of all than the one next to it, by far."""
     column = f"{parameter}_adj"
-    found = table[column].value_counts().sort_index()
-    values, counts = found.index.to_numpy(dtype=float), found.to_numpy()
+    counts = table[column].value_counts().sort_index()
+    values, total = counts.index, int(counts.sum())
     for at, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
-        # Zeros are told already, whatever they come from.
-        if len(values) < 3 or counts[at] < max(_ENOUGH, _FEW * counts.sum(), 3 * counts[beside]):
+        if len(counts) < 3 or counts.iloc[at] < max(_ENOUGH, _FEW * total, 3 * counts.iloc[beside]):
             continue
+        # Zeros are told already, whatever they come from.
         if values[at] > 0:
-            first = table.index[table[column] == values[at]][0]
             yield Notice(
-                f"{_counted_share(int(counts[at]), int(counts.sum()), parameter)} equal the {which} of all, "
+                f"{_counted_share(int(counts.iloc[at]), total, parameter)} equal the {which} of all, "
                 f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment lies {way} "
                 f'it, and the spread is too small. [sessions] exclude = [{{ column = "{column}", {way} '
                 f'= {float(values[beside])!r}, why = "end of the knob" }}] leaves them out and logs them.',
                 column=column,
-                **place(first),
+                **place(table.index[table[column] == values[at]][0]),
             )
+
+
+def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
+    column = f"{parameter}_adj"
+    known = table[table[column].notna()]
+    same = known[column] == known[f"{parameter}_ref"]
+    told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
+    if names := [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]:
+        text = (
+            f"subject{'s' * (len(names) > 1)} {shown(names)} left {parameter} at the reference in every trial"
+        )
+        yield Notice(f"{text}: was what they set recorded?", column=column)
 
 
 def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
@@ -370,24 +384,3 @@ def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
         text += "every interval is of one population that holds them all. "
         text += f'"percept compare FILE --by {column}" compares them.'
     yield Notice(text, column=column)
-
-
-def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
-    column = f"{parameter}_adj"
-    known = table[table[column].notna()]
-    same = known[column] == known[f"{parameter}_ref"]
-    told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
-    names = [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]
-    if names:
-        who = f"{'subject' if len(names) == 1 else 'subjects'} {shown(names)}"
-        text = f"{who} left {parameter} at the reference in every trial"
-        yield Notice(f"{text}: was what they set recorded?", column=column)
-
-
-def _not_tried(table: pd.DataFrame) -> Iterator[Notice]:
-    tried = set(map(tuple, table[["subject", "environment"]].drop_duplicates().to_numpy().tolist()))
-    subjects, environments = (table[c].unique() for c in ("subject", "environment"))
-    lacking = [f"{s} at {e}" for s in subjects for e in environments if (s, e) not in tried]
-    if lacking:
-        has = "has" if len(lacking) == 1 else "have"
-        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")

@@ -12,17 +12,20 @@ import re
 import sys
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path, PurePath, PurePosixPath
+from pathlib import Path, PurePath
 from typing import IO, BinaryIO, NamedTuple, TextIO
 
-from percept.errors import UsageError
-from percept.sessions.records import NoDataError
+from percept.errors import UsageError, counted
+from percept.sessions.records import NoDataError, Notice
 
 #: What tells a folder of results from one of sessions.
 _RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "leave_one_out.sha256", "batch.parquet")
+#: Suffixes of files of other kinds that are named.
+_KINDS = 6
 _SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".gz", ".zip", ".parquet", ".xlsx")
 #: An archive that claims or gives more than this is refused: unpacked files of any size can be read.
 LIMIT = 1 << 30
@@ -91,39 +94,35 @@ class Expanded(NamedTuple):
     """What paths stand for."""
 
     files: list[str]  # In the order given
-    ignored: list[str]  # Files of folders whose suffix is not that of a table
-    results: list[str]  # Folders below the given ones that percept has filled, whose tables are left out
-    repeated: int = 0  # Times a file was named again
-    inside: frozenset[str] = frozenset()  # Files that a folder held, and nobody named
+    inside: frozenset[str]  # Files that a folder held, and nobody named
+    notices: list[Notice]  # What is left out
 
 
-def expand(paths: Sequence[str | Path]) -> Expanded:
-    """Expand folders and globs to files."""
+def expand(paths: Sequence[str | Path], wants: Callable[[str], bool] = lambda _: True) -> Expanded:
+    """Expand folders and globs to files; of a folder's tables those that are wanted."""
     if not paths:
         raise UsageError("no file was given.", hint="Name at least one session file or folder.")
-    files: dict[str, str] = {}
-    unnamed: set[str] = set()
-    ignored: list[str] = []
+    files: dict[str, str] = {}  # From where a path leads to its name
+    inside: set[str] = set()
     results: list[str] = []
-    repeated = 0
+    kinds: Counter[str] = Counter()
+    left = repeated = 0
     for given in paths:
         if not isinstance(given, str | os.PathLike):
             hint = "A DataFrame goes to Sessions.from_frame."
             raise UsageError(f"a path is text, not {type(given).__name__}.", hint=hint)
         text = str(given)
-        path = Path(text)
-        if text == "-":
-            found = [text]
-        elif path.is_dir():
-            inside = _inside(path)
-            found = inside.files
-            unnamed.update(found)
-            ignored += inside.ignored
-            results += inside.results
-            if not found:
-                kinds = ", ".join(_SUFFIXES)
-                raise UsageError(f"the folder holds no table ({kinds}).", file=text, hint="Check the path.")
-        elif path.exists():
+        if Path(text).is_dir():
+            tables, others, filled = _inside(Path(text))
+            if not tables:
+                message = f"the folder holds no table ({', '.join(_SUFFIXES)})."
+                raise UsageError(message, file=text, hint="Check the path.")
+            found = [name for name in tables if wants(name)]
+            inside.update(found)
+            left += len(tables) - len(found)
+            kinds.update(Path(name).suffix or Path(name).name for name in others)
+            results += filled
+        elif text == "-" or Path(text).exists():
             found = [text]
         elif is_pattern(text):
             found = [name for name in fitting(text) if not Path(name).is_dir()]
@@ -136,7 +135,18 @@ def expand(paths: Sequence[str | Path]) -> Expanded:
             own = name if name == "-" else str(Path(name).resolve())
             repeated += own in files
             files.setdefault(own, name)
-    return Expanded(list(files.values()), ignored, results, repeated, frozenset(unnamed))
+    if not files:
+        message, hint = "no file in the folders fits include and exclude.", "Correct the patterns."
+        raise UsageError(message, key="sessions.files", hint=hint)
+    notices = [Notice("a folder of results is not read", file=folder) for folder in results]
+    if kinds:
+        text = f"{counted(kinds.total(), 'file')} of other kinds in the folders not read"
+        notices.append(Notice(f"{text} ({', '.join(sorted(kinds)[:_KINDS])})"))
+    if left:
+        notices.append(Notice(f"{counted(left, 'file')} in the folders left out by [sessions.files]"))
+    if repeated:
+        notices.append(Notice("a file that is named more than once is read once"))
+    return Expanded(list(files.values()), frozenset(inside), notices)
 
 
 def is_pattern(text: str) -> bool:
@@ -153,20 +163,23 @@ def may_be_study(path: str) -> bool:
     """Whether what a pattern fits is a table, or a folder of tables that percept has not filled itself."""
     found = Path(path)
     if found.is_dir():
-        return not any((found / name).exists() for name in _RESULTS) and bool(_inside(found).files)
+        return not any((found / name).exists() for name in _RESULTS) and bool(_inside(found)[0])
     return found.suffix.lower() in _SUFFIXES
 
 
-def _inside(folder: Path) -> Expanded:
-    """Look for tables in a folder and those below it."""
+def _inside(folder: Path) -> tuple[list[str], list[str], list[str]]:
+    """Look for tables, other files and folders of results in a folder and those below it."""
     filled = {p.parent for name in _RESULTS for p in folder.rglob(name)} - {folder}
     tables: list[str] = []
     others: list[str] = []
     for path in sorted(folder.rglob("*")):
-        hidden = any(part.startswith((".", "~$", "__MACOSX")) for part in path.relative_to(folder).parts)
-        if path.is_file() and not hidden and filled.isdisjoint(path.parents):
+        if path.is_file() and not _hidden(path.relative_to(folder)) and filled.isdisjoint(path.parents):
             (tables if path.suffix.lower() in _SUFFIXES else others).append(str(path))
-    return Expanded(tables, others, sorted(map(str, filled)))
+    return tables, others, sorted(map(str, filled))
+
+
+def _hidden(path: PurePath) -> bool:
+    return any(part.startswith((".", "~$", "__MACOSX")) and part != ".." for part in path.parts)
 
 
 def load(name: str) -> Iterator[Input]:
@@ -216,7 +229,11 @@ def _open(data: bytes, name: str) -> zipfile.ZipFile:
 def _members(data: bytes, name: str) -> Iterator[Input]:
     packed = _SUFFIXES[:4]
     with _open(data, name) as archive:
-        members = sorted((m for m in archive.infolist() if not _skip(m, packed)), key=lambda m: m.filename)
+        members = [
+            m
+            for m in sorted(archive.infolist(), key=lambda m: m.filename)
+            if not m.is_dir() and m.filename.lower().endswith(packed) and not _hidden(PurePath(m.filename))
+        ]
         if not members:
             raise UsageError(f"the archive holds no table ({', '.join(packed)}).", file=name)
         for member in members:
@@ -241,12 +258,6 @@ def _unpacked(packed: Callable[[], IO[bytes] | gzip.GzipFile], name: str, what: 
     if content.startswith((b"\x1f\x8b", b"PK\x03\x04")):
         raise UsageError("an archive inside an archive.", file=name, hint="Unpack the outer one first.")
     return content
-
-
-def _skip(member: zipfile.ZipInfo, suffixes: tuple[str, ...]) -> bool:
-    parts = PurePosixPath(member.filename).parts
-    hidden = any(part.startswith((".", "__MACOSX")) and part != ".." for part in parts)
-    return member.is_dir() or hidden or not member.filename.lower().endswith(suffixes)
 
 
 def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str]:

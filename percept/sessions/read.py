@@ -29,7 +29,6 @@ from percept.sessions.records import (
     Place,
     Source,
 )
-from percept.sessions.summary import check_summary
 from percept.sessions.table import FileTable
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -265,7 +264,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
     place = reading.place(merged)
     quantities = reading.options.quantities
     if "summary" in forms:
-        check_summary(merged, reading.options.quantities, place, reading.problems)
+        checks.check_summary(merged, reading.options.quantities, place, reading.problems)
         reading.problems.raise_if_any()
         merged["n"] = merged["n"].astype(np.int64)
         reading.counts["observations"] = len(merged)

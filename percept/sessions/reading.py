@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from percept.errors import UsageError, counted
+from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.columns import resolve
 from percept.sessions.files import Input, expand, ids_from_name, is_workbook, load, open_text
@@ -21,8 +21,6 @@ from percept.sessions.records import IDS, Exclusion, NoDataError, Notice, Place,
 from percept.sessions.table import FileTable
 
 _EXTRA = "Install what reads it: pip install 'percept[tables]'."
-#: Suffixes of files of other kinds that are named.
-_KINDS = 6
 
 
 class Reading:
@@ -41,45 +39,34 @@ class Reading:
 
     def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
         """Open the files; an error of one becomes a problem, so that the next is read too."""
-        found = expand(paths)
-        self.notices += [Notice("a folder of results is not read", file=folder) for folder in found.results]
-        if found.ignored:
-            kinds = ", ".join(
-                sorted({Path(name).suffix or Path(name).name for name in found.ignored})[:_KINDS]
-            )
-            text = f"{counted(len(found.ignored), 'file')} of other kinds in the folders not read ({kinds})"
-            self.notices.append(Notice(text))
         wants = self.options.files.wants
-        files = [name for name in found.files if name not in found.inside or wants(name)]
-        if len(files) < len(found.files):
-            left = counted(len(found.files) - len(files), "file")
-            self.notices.append(Notice(f"{left} in the folders left out by [sessions.files]"))
-        if not files:
-            message, hint = "no file in the folders fits include and exclude.", "Correct the patterns."
-            raise UsageError(message, key="sessions.files", hint=hint)
-        if found.repeated:
-            self.notices.append(Notice("a file that is named more than once is read once"))
+        files, inside, notices = expand(paths, wants)
+        self.notices += notices
         for file in files:
             with self.problems.collecting():
                 for entry in load(file):
-                    if entry.path != file and not wants(entry.path):
-                        continue
-                    with (
-                        self.problems.collecting(),
-                        closing(open_blocks(entry, self.options, self.notices)) as blocks,
-                    ):
-                        try:
-                            named = ids_from_name(entry.path, self.options.filename, file=entry.name)
-                            table = FileTable(entry.name, blocks, self.options, named, self.problems)
-                        except NoDataError as error:
-                            # A file that was named is asked for; what a folder holds may be a companion.
-                            if error.column and file not in found.inside and entry.path == file:
-                                raise
-                            self.left_out.append(error)
-                            continue
-                        sha256 = self._new(entry)
-                        yield table
-                        self._add(table, sha256)
+                    if entry.path == file or wants(entry.path):
+                        with self.problems.collecting():
+                            yield from self._table(entry, asked=file not in inside and entry.path == file)
+
+    def _table(self, entry: Input, *, asked: bool) -> Generator[FileTable]:
+        with closing(open_blocks(entry, self.options, self.notices)) as blocks:
+            try:
+                named = ids_from_name(entry.path, self.options.filename, file=entry.name)
+                table = FileTable(entry.name, blocks, self.options, named, self.problems)
+            except NoDataError as error:
+                # A file that was named is asked for; what a folder holds may be a companion.
+                if error.column and asked:
+                    raise
+                self.left_out.append(error)
+                return
+            sha256 = entry.sha256()
+            twin = next((source.name for source in self.sources if source.sha256 == sha256), None)
+            if twin is not None:
+                hint = "Leave one of them out."
+                raise UsageError(f"byte for byte the same file as {twin}.", file=entry.name, hint=hint)
+            yield table
+            self._add(table, sha256)
 
     def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
         """Take a DataFrame as a file."""
@@ -88,14 +75,6 @@ class Reading:
         table = FileTable(name, blocks, self.options, {}, self.problems)
         yield table
         self._add(table, "")
-
-    def _new(self, entry: Input) -> str:
-        """Refuse a file that was read already, under whatever name."""
-        sha256 = entry.sha256()
-        if (twin := next((s.name for s in self.sources if s.sha256 == sha256), None)) is not None:
-            hint = "Leave one of them out."
-            raise UsageError(f"byte for byte the same file as {twin}.", file=entry.name, hint=hint)
-        return sha256
 
     def _add(self, table: FileTable, sha256: str) -> None:
         """Take up what is known of a file once all of it is read."""

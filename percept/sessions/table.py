@@ -18,12 +18,15 @@ from percept.sessions.grids import Block, Grid
 from percept.sessions.options import KEPT_COLUMNS, ExcludeRule, ReadOptions, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, Notice, Problems, shown
-from percept.sessions.summary import read_summary
 
+_LIMITS, _MOMENTS = ("lower", "upper"), ("mean", "sd")
+#: Limits at any level give back the mean and SD they were made of.
+_LEVEL = 0.95
 _MEND = "Correct the cell, or leave it empty if there was no adjustment."
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
 _Mask = npt.NDArray[np.bool_]
+_Floats = npt.NDArray[np.float64]
 
 
 class FileTable:
@@ -97,8 +100,7 @@ class FileTable:
         events: list[pd.DataFrame] = []
         for block in self._blocks:
             if self.form == "summary":
-                grid = self._counted(block.grid())
-                yield read_summary(grid, self.found, self.name, self.options, self.problems, self.notices)
+                yield self._summary(self._counted(block.grid()))
                 continue
             data = self._observations(self._cells(block))
             if self.options.keep is None:
@@ -116,6 +118,58 @@ class FileTable:
             yield self._frame(self._within_limits(data))
         if self.form == "trials":
             self._check_paths()
+
+    def _summary(self, grid: Grid) -> pd.DataFrame:
+        """Read a published table of limits, or of means and standard deviations."""
+        columns = self.found.slots[0].columns
+        limits = all(c in columns for c in _LIMITS)
+        numbers = ["reference", *(_LIMITS if limits else _MOMENTS), "n"]
+        numbers += ["level"] if limits or "level" in columns else []
+        for c in ("environment", *numbers):
+            if c not in columns:
+                message = f"a summary needs the column {c}; the columns are {shown(grid.header)}."
+                hint = "Add it, or name it in the scene's [columns]."
+                raise UsageError(message, file=self.name, row=1, column=c, hint=hint)
+        if self.declared_units:
+            hint = "Convert the table."
+            units = " and ".join(quantity.unit for quantity in self.options.quantities.values())
+            raise UsageError(f"units of a summary are {units}.", file=self.name, key="columns", hint=hint)
+        text, rows = {c: grid.cells[at].tolist() for c, at in columns.items()}, grid.cells.index.to_numpy()
+        decimal, file, problems = self.options.decimal, self.name, self.problems
+        mark = values.DecimalMark(decimal) if decimal else None
+        mark = mark or values.decimal_mark(
+            [(c, text[c]) for c in numbers], rows, file=file, problems=problems
+        )
+        frame: dict[str, Any] = {c: text[c] for c in ("environment", "parameter")}
+        for c in numbers:
+            frame[c] = values.parse_numbers(text[c], rows, mark, problems, file=file, column=c)
+            for row in rows[[values.is_missing(cell) for cell in text[c]]].tolist():
+                place = {"file": file, "row": row, "column": c}
+                problems.add("a summary leaves no cell empty.", hint="Fill it in.", **place)
+        if "level" not in frame:
+            frame["level"] = np.full(len(rows), _LEVEL)
+            text_of = f"means and SDs without a level are kept as their limits at {_LEVEL}"
+            self.notices.append(Notice(text_of, file))
+        if limits and any(c in columns for c in _MOMENTS):
+            self.notices.append(Notice("mean and sd are not used: lower and upper are there", file))
+        elif not limits:
+            frame |= self._limits(rows, frame.pop("mean"), frame.pop("sd"), frame["n"], frame["level"])
+        return pd.DataFrame(frame | {"row": rows})
+
+    def _limits(
+        self, rows: npt.NDArray[np.int64], mean: _Floats, sd: _Floats, n: _Floats, level: _Floats
+    ) -> dict[str, _Floats]:
+        """Work out the limits of means that published SDs and numbers of subjects stand for."""
+        from scipy.special import stdtrit
+
+        for at in np.flatnonzero(sd < 0).tolist():
+            where = {"file": self.name, "row": int(rows[at]), "column": "sd", "value": float(sd[at])}
+            self.problems.add("is negative.", hint="Correct it.", **where)
+        # Impossible n and levels are told by the study's checks.
+        possible = (n >= 2) & (level > 0) & (level < 1)
+        df, tail = np.where(possible, n - 1, np.nan), np.where(possible, (1 - level) / 2, np.nan)
+        half = -stdtrit(df, tail) / np.sqrt(df + 1) * sd
+        return {"lower": mean - half, "upper": mean + half}
 
     def _counted(self, grid: Grid) -> Grid:
         self.counts["rows read"] += len(grid.cells)
@@ -165,11 +219,11 @@ class FileTable:
         for name, texts in self.options.only.items():
             kept = data[f"own:{name}"].isin(texts).to_numpy()
             data = self._keep(data, kept, f"{name} is not {' or '.join(texts)}")
-        for rule in (rule for rule in self.options.exclude if rule.equals):
-            key = rule.column if rule.column in self._canonical else f"own:{rule.column}"
+        for left in (rule for rule in self.options.exclude if rule.equals):
+            key = left.column if left.column in self._canonical else f"own:{left.column}"
             if key not in data:
-                self._position(rule.column)
-            data = self._exclude(data, data[key].isin(rule.equals).to_numpy(), rule.why)
+                self._position(left.column)
+            data = self._exclude(data, data[key].isin(left.equals).to_numpy(), left.why)
         for canonical, rule in self._rules.items():
             if rule.path is not None:
                 data = data.assign(**{canonical: self._picks(data[canonical], canonical, rule.path)})
@@ -190,6 +244,8 @@ class FileTable:
 
     def _exclude(self, data: pd.DataFrame, out: _Mask, why: str, *, of_trials: bool = False) -> pd.DataFrame:
         """Leave rows out and log them, or `of_trials` those alone that have a subject and an environment."""
+        if not out.any():
+            return data
         ids = data[out].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
         for row, who, *others in ids.itertuples():
             if not of_trials or (who.strip() and others[1].strip()):
@@ -215,7 +271,7 @@ class FileTable:
     def _picks(self, cells: pd.Series[str], canonical: str, path: str) -> list[str]:
         """Values inside the JSON cells of a column."""
         picked = []
-        for row, cell in cells.items():
+        for row, cell in zip(cells.index.tolist(), cells, strict=True):
             try:
                 value = values.pick(cell, path)
                 if not values.is_missing(cell):
@@ -246,9 +302,9 @@ class FileTable:
 
     def _converted(self, data: pd.DataFrame) -> pd.DataFrame:
         """Convert columns of numbers to doubles in percept's units, by the file's one decimal mark."""
-        names = [c for c in data if c in (*self._numbers, "trial") or c.startswith("limit:")]
+        names = [c for c in map(str, data) if c in (*self._numbers, "trial") or c.startswith("limit:")]
         texts = {c: data[c].tolist() for c in names if data[c].dtype != np.float64}
-        rows = data.index.tolist()
+        rows = data.index.to_numpy()
         if self._mark is None and texts:
             columns = [(self._place(c)["column"], cells) for c, cells in texts.items()]
             self._mark = values.decimal_mark(columns, rows, file=self.name, problems=self.problems)
@@ -272,7 +328,7 @@ class FileTable:
     def _last_events(self, data: pd.DataFrame) -> pd.DataFrame:
         """Reduce each trial to its last event, with the last value of each number."""
         ids = [c for c in (*IDS, "trial") if c in data]
-        numbers = [c for c in data if c in self._numbers or c.startswith("limit:")]
+        numbers = [c for c in map(str, data) if c in self._numbers or c.startswith("limit:")]
         last = data.groupby(ids, sort=False, dropna=False)[numbers].ffill()
         data = data.assign(**{c: last[c].to_numpy() for c in numbers})
         return self._keep(data, ~data.duplicated(ids, keep="last").to_numpy(), "earlier event of a trial")
@@ -281,9 +337,11 @@ class FileTable:
         """Leave out what lies beyond a rule's limits; earlier events of a trial are gone by now."""
         for rule in (rule for rule in self.options.exclude if not rule.equals):
             column = self._limited_by(data, rule)
-            below = False if rule.below is None else column < rule.below
-            above = False if rule.above is None else column > rule.above
-            data = self._exclude(data, below | above, rule.why)
+            low, high = (
+                (-np.inf if rule.below is None else rule.below),
+                (np.inf if rule.above is None else rule.above),
+            )
+            data = self._exclude(data, (column < low) | (column > high), rule.why)
         return data
 
     def _limited_by(self, data: pd.DataFrame, rule: ExcludeRule) -> npt.NDArray[Any]:
@@ -294,15 +352,15 @@ class FileTable:
 
     def _frame(self, data: pd.DataFrame) -> pd.DataFrame:
         """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
-        names = list(self.options.quantities)
-        columns = dict.fromkeys(IDS, "1") | {f"{p}_ref": np.nan for p in names} | {"trial": 1}
-        columns |= {f"{p}_adj": np.nan for p in names}
+        lacking: dict[str, Any] = dict.fromkeys(IDS, "1")
+        lacking |= {f"{p}_ref": np.nan for p in self.options.quantities} | {"trial": 1}
+        lacking |= {f"{p}_adj": np.nan for p in self.options.quantities}
         if MASS in data or any(MASS in references for references in self.options.environments.values()):
-            columns[MASS] = np.nan
-        frame = data.assign(**{c: value for c, value in columns.items() if c not in data})
-        frame = frame[[*columns, *(f"own:{name}" for name in self._groups)]]
-        frame = frame.astype(dict.fromkeys(IDS, "str"))
-        return frame.set_axis([*columns, *self._groups], axis=1).rename_axis("row").reset_index()
+            lacking[MASS] = np.nan
+        columns = {c: data.get(c, value) for c, value in lacking.items()}
+        columns |= {name: data[f"own:{name}"] for name in self._groups}
+        frame = pd.DataFrame(columns | {"row": data.index}, index=data.index)
+        return frame.astype(dict.fromkeys(IDS, "str"))
 
 
 def _missing(cells: pd.Series[Any]) -> _Mask:
@@ -314,4 +372,5 @@ def _missing(cells: pd.Series[Any]) -> _Mask:
 
 def _empty(cells: pd.Series[str]) -> _Mask:
     """Which ids are blank; ids are few, so that each is looked at once."""
-    return cells.isin([name for name in cells.unique() if not name.strip()]).to_numpy()
+    blank = [name for name in cells.unique() if not name.strip()]
+    return cells.isin(blank).to_numpy() if blank else np.zeros(len(cells), dtype=bool)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from percept.sessions.records import Problems
 
 Mark = Literal[".", ","]
+_Cell = tuple[int, str, str]  # Row, column, text
 
 _MISSING = frozenset({"", "nan", "na", "null", "none", "-"})
 _SPACE = " \t\xa0"
@@ -42,44 +43,41 @@ class DecimalMark:
 
 
 def decimal_mark(
-    columns: Sequence[tuple[str, Sequence[str]]], rows: Sequence[int], *, file: str, problems: Problems
+    columns: Sequence[tuple[str, Sequence[str]]],
+    rows: npt.NDArray[np.int64],
+    *,
+    file: str,
+    problems: Problems,
 ) -> DecimalMark | None:
     """Find the decimal mark from all the number cells that are used; None where no cell has one."""
-    commas = _with_mark(",", columns, rows)
+    points, commas = (
+        [
+            (int(row), name, text)
+            for name, cells in columns
+            for row, cell in zip(rows, cells, strict=True)
+            if sign in cell and _NUMBER[sign].fullmatch(text := cell.strip(_SPACE))
+        ]
+        for sign in _WORDS
+    )
     if not commas:
-        has_point = any("." in cell for _, cells in columns for cell in cells)
-        return DecimalMark(".") if has_point else None
-    if points := _with_mark(".", columns, rows):
+        return DecimalMark(".") if points else None
+    if points:
         return _settled(",", commas) if _weight(commas) > _weight(points) else _settled(".", points)
     if all(_TWO_READINGS.fullmatch(cell) for _, _, cell in commas):
-        hint = (
-            'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write them '
-            "without it)."
-        )
+        hint = 'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write them '
+        hint += "without it)."
         for row, name, cell in commas:
             problems.add(f"{_readings(cell)}.", file=file, row=row, column=name, value=cell, hint=hint)
     return DecimalMark(",")
 
 
-def _with_mark(
-    sign: str, columns: Sequence[tuple[str, Sequence[str]]], rows: Sequence[int]
-) -> list[tuple[int, str, str]]:
-    """Row, column and text of each number that has a mark."""
-    return [
-        (row, name, cell.strip(_SPACE))
-        for name, cells in columns
-        for row, cell in zip(rows, cells, strict=True)
-        if sign in cell and _NUMBER[sign].fullmatch(cell.strip(_SPACE))
-    ]
-
-
-def _settled(sign: Mark, cells: Sequence[tuple[int, str, str]]) -> DecimalMark:
+def _settled(sign: Mark, cells: Sequence[_Cell]) -> DecimalMark:
     row, name, cell = next((c for c in cells if not _TWO_READINGS.fullmatch(c[2])), cells[0])
     count = f"{len(cells)} cells have" if len(cells) > 1 else "1 cell has"
     return DecimalMark(sign, f"{count} a decimal {_WORDS[sign]}, as row {row} in column {name!r} ({cell!r})")
 
 
-def _weight(cells: Sequence[tuple[int, str, str]]) -> tuple[int, int]:
+def _weight(cells: Sequence[_Cell]) -> tuple[int, int]:
     """How much cells say for their mark: how many have one reading, and how many there are."""
     return sum(not _TWO_READINGS.fullmatch(cell) for _, _, cell in cells), len(cells)
 
@@ -90,7 +88,7 @@ def _readings(cell: str) -> str:
 
 def parse_numbers(
     cells: Sequence[str],
-    rows: Sequence[int],
+    rows: npt.NDArray[np.int64],
     mark: DecimalMark | None,
     problems: Problems,
     mend: str = "Correct the cell.",
