@@ -10,7 +10,6 @@ import json
 import logging
 import os
 import sys
-import time
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 
 import percept
 from percept.errors import UsageError
-from percept.files import exclusive, remove_abandoned, shared, write_whole
+from percept.files import exclusive, remove_abandoned, write_whole
 from percept.inference.sampling.endpoints import Estimates
 from percept.inference.sampling.gate import Gate, Run, Settings
 
@@ -144,14 +143,39 @@ class PosteriorCache:
 
     def find(self, asked: tuple[object, ...]) -> Run | None:
         """Return the stored run of what is asked, equal in every digit."""
-        return self._load(self._path_of(asked))
+        path = self._path_of(asked)
+        try:
+            run = decode(path.read_bytes())
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            _log.warning("A stored posterior cannot be read (%s) and is computed again.", _why(error))
+            return None
+        except Exception as damage:  # noqa: BLE001 - bytes at will can raise anything in zip, npy and JSON
+            _log.warning("A stored posterior is damaged (%s): discarded, computed again.", damage)
+            with suppress(OSError):
+                path.unlink()
+            return None
+        with suppress(OSError):  # gone by another process, or not ours to touch: its turn comes sooner
+            path.touch()
+        _log.info("posterior %s found in %s", path.stem[:12], self.folder)
+        return run
 
     def keep(self, asked: tuple[object, ...], run: Run) -> None:
         """Store the run of what is asked."""
-        self._store(self._path_of(asked), run)
-
-    def _path_of(self, asked: tuple[object, ...]) -> Path:
-        return self._path(digest(numbers_version("inference"), *asked))
+        path, data = self._path_of(asked), encode(run)
+        if len(data) > self.limit:
+            _log.info("posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data))
+            return
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with exclusive(self.folder) as held:
+                if held:
+                    remove_abandoned(self.folder)
+                write_whole(path, data)
+                self._evict(keep=path.stem)
+        except OSError as error:
+            _log.warning("The posterior was not kept for next time in %s: %s.", self.folder, _why(error))
 
     def entries(self) -> list[Entry]:
         """Return what is stored, the longest unused first."""
@@ -174,46 +198,11 @@ class PosteriorCache:
                 remove_abandoned(self.folder)
         return len(entries)
 
+    def _path_of(self, asked: tuple[object, ...]) -> Path:
+        return self._path(digest(numbers_version("inference"), *asked))
+
     def _path(self, key: str) -> Path:
         return self.folder / f"{key}{_SUFFIX}"
-
-    def _load(self, path: Path) -> Run | None:
-        try:
-            data = path.read_bytes()
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            _log.warning("A stored posterior cannot be read (%s) and is computed again.", _why(error))
-            return None
-        try:
-            run = decode(data)
-        except Exception as damage:  # noqa: BLE001 - bytes at will can raise anything in zip, npy and JSON
-            _log.warning("A stored posterior is damaged (%s): discarded, computed again.", damage)
-            with suppress(OSError):
-                path.unlink()
-            return None
-        _stamp(path)
-        _log.info("posterior %s found in %s", path.stem[:12], self.folder)
-        return run
-
-    def _store(self, path: Path, run: Run) -> None:
-        data = encode(run)
-        if len(data) > self.limit:
-            _log.info("posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data))
-            return
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with shared(self.folder):
-                write_whole(path, data)
-                _stamp(path)
-                self._evict(keep=path.stem)
-            with exclusive(self.folder, wait=False) as held:
-                if held:
-                    remove_abandoned(self.folder)
-        except BlockingIOError:
-            pass  # somebody else is writing, and will tidy up
-        except OSError as error:
-            _log.warning("The posterior was not kept for next time in %s: %s.", self.folder, _why(error))
 
     def _evict(self, *, keep: str) -> None:
         entries = self.entries()
@@ -222,13 +211,6 @@ class PosteriorCache:
             if total > self.limit and entry.key != keep:
                 self._path(entry.key).unlink(missing_ok=True)
                 total -= entry.size
-
-
-def _stamp(path: Path) -> None:
-    """Mark as used now; the file system's own times are milliseconds apart."""
-    now = time.time_ns()
-    with suppress(OSError):  # gone by another process, or not ours to touch: its turn comes sooner
-        os.utime(path, ns=(now, now))
 
 
 def _why(error: OSError) -> str:

@@ -17,7 +17,6 @@ from percept.errors import UsageError
 
 _SUFFIX = ".part"
 _ASIDE = ".percept-unfinished-"
-_HINT = "Rename it, or choose another folder."
 # Errors of a file system without locks, such as NFS before version 4.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 
@@ -39,7 +38,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         with suppress(OSError):
             aside.unlink()
         raise
-    _sync_folder(path.parent)
+    with suppress(OSError):  # some network file systems, and Windows, refuse it for a folder
+        _sync(path.parent, os.O_RDONLY)
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -49,30 +49,10 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def remove_abandoned(folder: Path) -> None:
-    """Remove what `whole_file` left in a folder when its process was killed.
-
-    To be called by the one who holds the folder by `exclusive`: nobody is writing then.
-    """
+    """Remove what `whole_file` left when its process was killed; for the one who holds the folder alone."""
     for path in folder.glob(f".*-*{_SUFFIX}"):
         with suppress(OSError):
             path.unlink()
-
-
-@contextmanager
-def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
-    """Hold a folder alone, among those who ask by this function or `shared`.
-
-    The operating system locks the folder itself, so the lock ends with the process however that ends.
-    """
-    with _locked(folder, alone=True, wait=wait) as held:
-        yield held
-
-
-@contextmanager
-def shared(folder: Path) -> Iterator[bool]:
-    """Hold a folder together with others; `exclusive` waits, or fails, as long as it lasts."""
-    with _locked(folder, alone=False, wait=True) as held:
-        yield held
 
 
 def _sync(path: Path, mode: int) -> None:
@@ -83,39 +63,29 @@ def _sync(path: Path, mode: int) -> None:
         os.close(handle)
 
 
-if sys.platform == "win32":
+@contextmanager
+def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
+    """Hold a folder alone, among those who ask by this function; say whether it can be held at all.
 
-    @contextmanager
-    def _locked(folder: Path, *, alone: bool, wait: bool) -> Iterator[bool]:
+    The operating system locks the folder itself, so the lock ends with the process however that ends.
+    """
+    if sys.platform == "win32":
         yield False
-
-    def _sync_folder(folder: Path) -> None:
-        """Do nothing: a folder cannot be opened here."""
-
-else:
+        return
     import fcntl
 
-    @contextmanager
-    def _locked(folder: Path, *, alone: bool, wait: bool) -> Iterator[bool]:
-        handle = os.open(folder, os.O_RDONLY)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        held = True
         try:
-            how = fcntl.LOCK_EX if alone else fcntl.LOCK_SH
-            try:
-                fcntl.flock(handle, how if wait else how | fcntl.LOCK_NB)
-                held = True
-            except BlockingIOError:
+            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
                 raise
-            except OSError as error:
-                if error.errno not in _NO_LOCKS:
-                    raise
-                held = False
-            yield held
-        finally:
-            os.close(handle)
-
-    def _sync_folder(folder: Path) -> None:
-        with suppress(OSError):  # some network file systems refuse it
-            _sync(folder, os.O_RDONLY)
+            held = False
+        yield held
+    finally:
+        os.close(handle)
 
 
 @contextmanager
@@ -132,59 +102,52 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     if out.exists() and not out.is_dir():
         raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))
     missing = [parent for parent in out.parents if not parent.exists()]
-    held = ExitStack()
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        # Only within one file system is a move all or nothing, and a folder may be where another begins.
-        parent = out if out.is_dir() else out.parent
-        _remove_abandoned(parent)
-        aside = _make_aside(parent, held)
-    except OSError as error:
-        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
-    try:
-        yield aside
-        out.mkdir(exist_ok=True)
-        with exclusive(out):
-            _move(aside, out, last)
-    except OSError as error:
-        if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
-            raise
-        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
-        held.close()
-        with suppress(OSError):
-            for parent in missing:
-                parent.rmdir()  # only where nothing came of it: a folder with something in it stays
+    with ExitStack() as held:
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            # Only within one file system is a move all or nothing, and a folder may be where another begins.
+            aside = _make_aside(out if out.is_dir() else out.parent, held)
+        except OSError as error:
+            raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+        try:
+            yield aside
+            out.mkdir(exist_ok=True)
+            with exclusive(out):
+                _move(aside, out, last)
+        except OSError as error:
+            if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
+                raise
+            raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+            with suppress(OSError):
+                for parent in missing:
+                    parent.rmdir()  # only where nothing came of it: a folder with something in it stays
 
 
 def _make_aside(parent: Path, held: ExitStack) -> Path:
-    """Make a folder in `parent` and hold it."""
+    """Make a folder in `parent` and hold it; those of killed runs, which nobody holds, go."""
+    for abandoned in parent.glob(f"{_ASIDE}*"):
+        with suppress(OSError), exclusive(abandoned, wait=False) as alone:
+            if alone:
+                shutil.rmtree(abandoned)
     while True:
         aside = Path(tempfile.mkdtemp(prefix=_ASIDE, dir=parent))
         with suppress(FileNotFoundError):
-            held.enter_context(shared(aside))
+            held.enter_context(exclusive(aside))
             if aside.exists():  # nobody took it for an abandoned one before it was held
                 return aside
 
 
-def _remove_abandoned(parent: Path) -> None:
-    """Remove folders of runs that were killed: nobody holds them any more."""
-    for aside in parent.glob(f"{_ASIDE}*"):
-        with suppress(OSError), exclusive(aside, wait=False) as held:
-            if held:
-                shutil.rmtree(aside)
-
-
 def _move(aside: Path, out: Path, last: str) -> None:
+    listing = Path(last).with_suffix(".sha256")
     files = sorted(path.relative_to(aside) for path in aside.rglob("*") if path.is_file())
     new = {path: _hash(aside / path) for path in files}
-    listing = Path(last).with_suffix(".sha256")
-    _refuse_in_the_way(out, [*files, listing])
+    for path in [*files, listing]:
+        _refuse_in_the_way(out, path)
     old = _listed(out / listing)
-    (aside / listing).write_text(
-        "".join(f"{digest}  {path.as_posix()}\n" for path, digest in new.items()), encoding="utf-8"
-    )
+    lines = [f"{digest}  {path.as_posix()}\n" for path, digest in new.items()]
+    (aside / listing).write_text("".join(lines), encoding="utf-8")
     for path in [*(path for path in files if path.name != last), listing, Path(last)]:
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (aside / path).replace(out / path)
@@ -194,16 +157,16 @@ def _move(aside: Path, out: Path, last: str) -> None:
             stale.unlink()
 
 
-def _refuse_in_the_way(out: Path, files: list[Path]) -> None:
+def _refuse_in_the_way(out: Path, path: Path) -> None:
     """Refuse before the first move: a folder where a file goes, a file where a folder does."""
-    for path in files:
-        if (out / path).is_dir():
-            raise UsageError("a file is needed here, and this is a folder.", file=str(out / path), hint=_HINT)
-        for folder in path.parents:
-            if (out / folder).exists() and not (out / folder).is_dir():
-                raise UsageError(
-                    "a folder is needed here, and this is a file.", file=str(out / folder), hint=_HINT
-                )
+    for place, folder in ((path, False), *((parent, True) for parent in path.parents)):
+        if (out / place).exists() and (out / place).is_dir() is not folder:
+            needed, found = ("folder", "file") if folder else ("file", "folder")
+            raise UsageError(
+                f"a {needed} is needed here, and this is a {found}.",
+                file=str(out / place),
+                hint="Rename it, or choose another folder.",
+            )
 
 
 def _hash(path: Path) -> str:

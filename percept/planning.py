@@ -7,6 +7,7 @@ variable: the assurance is a χ² probability, exact, and no simulation is neede
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.classical.moments import check_option, tail_of
 from percept.inference.classical.tolerance import factor_of_tails
-from percept.inference.record import Family, Joint, Kind, percent
+from percept.inference.record import Family, Kind, percent
 
 _MOST_SUBJECTS = 10_000_000
 
@@ -66,12 +67,11 @@ def plan_mean(
     level: float = 0.99,
     assurance: float = 0.8,
     family: Family = "normal",
-    joint: Joint = "marginal",
 ) -> Plan:
     """Find the n for which the t-interval of the mean has a wanted half-width."""
     _positive(half_width=half_width, sd=sd)
     check_option("family", family, ("normal", "lognormal"))
-    half_tail = tail_of(level, joint=joint) / 2.0
+    half_tail = tail_of(level) / 2.0
     if family == "lognormal":
         wanted, sigma = float(np.log1p(half_width)), float(np.sqrt(np.log1p(sd**2)))
     else:
@@ -92,39 +92,25 @@ def plan_mean(
     )
 
 
-def plan_user(
-    ratio: float, *, level: float = 0.99, assurance: float = 0.8, joint: Joint = "marginal"
-) -> Plan:
+def plan_user(ratio: float, *, level: float = 0.99, assurance: float = 0.8) -> Plan:
     """Find the n for which the prediction interval is close to the population's own."""
     _above_one(ratio)
-    half_tail = tail_of(level, joint=joint) / 2.0
+    half_tail = tail_of(level) / 2.0
 
     def factor(n: int) -> float:
         return float(-special.stdtrit(n - 1.0, half_tail) * np.sqrt(1.0 + 1.0 / n))
 
     n, reached, expected = _smallest(factor, ratio, -1.0 / float(special.ndtri(half_tail)), assurance)
-    return Plan(
-        kind="user",
-        n=n,
-        assurance=reached,
-        expected=expected,
-        wanted=ratio,
-        level=level,
-    )
+    return Plan(kind="user", n=n, assurance=reached, expected=expected, wanted=ratio, level=level)
 
 
 def plan_share(
-    ratio: float,
-    *,
-    share: float = 0.99,
-    confidence: float = 0.95,
-    assurance: float = 0.8,
-    joint: Joint = "marginal",
+    ratio: float, *, share: float = 0.99, confidence: float = 0.95, assurance: float = 0.8
 ) -> Plan:
     """Find the n for which the tolerance interval is close to the population's own."""
     _above_one(ratio)
-    beta = tail_of(share, "share", joint=joint)
-    alpha = tail_of(confidence, "confidence", joint=joint)
+    beta = tail_of(share, "share")
+    alpha = tail_of(confidence, "confidence")
 
     def factor(n: int) -> float:
         return float(factor_of_tails(n, beta, alpha))
@@ -154,26 +140,14 @@ def _smallest(
         half = (n - 1.0) / 2.0
         return float(special.gammainc(half, half * (wanted / sigma / factor(n)) ** 2))
 
-    few, enough = 1, 2
-    while reached(enough) < assurance:
-        if enough >= _MOST_SUBJECTS:
-            raise RefusalError(
-                f"More than {_MOST_SUBJECTS} subjects would be needed.", hint="Ask for a wider interval."
-            )
-        few, enough = enough, min(2 * enough, _MOST_SUBJECTS)
-    while enough - few > 1:
-        middle = (few + enough) // 2
-        if reached(middle) < assurance:
-            few = middle
-        else:
-            enough = middle
-    return enough, reached(enough), factor(enough) * _mean_sd(enough) * sigma
-
-
-def _mean_sd(n: int) -> float:
-    """Return the expected SD of a sample of unit variance."""
+    few = bisect.bisect_left(range(2, _MOST_SUBJECTS + 1), assurance, key=reached)
+    if (n := 2 + few) > _MOST_SUBJECTS:
+        raise RefusalError(
+            f"More than {_MOST_SUBJECTS} subjects would be needed.", hint="Ask for a wider interval."
+        )
     half = (n - 1.0) / 2.0
-    return float(special.poch(half, 0.5) / np.sqrt(half))
+    mean_sd = float(special.poch(half, 0.5) / np.sqrt(half))  # of a sample of unit variance
+    return n, reached(n), factor(n) * mean_sd * sigma
 
 
 def _positive(**values: float) -> None:

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import special, stats
@@ -76,14 +74,6 @@ def test_lognormal_is_a_factor_on_the_log():
     assert plan.n == log.n
     assert plan.assurance == pytest.approx(log.assurance, rel=1e-13)
     assert np.log1p(plan.expected) == pytest.approx(log.expected, rel=1e-14)
-
-
-def test_joint_plans_are_those_of_half_the_tail():
-    assert plan_user(1.3, level=0.75, joint="bonferroni") == replace(plan_user(1.3, level=0.875), level=0.75)
-    joint = plan_mean(0.5, sd=1.0, level=0.75, joint="bonferroni")
-    assert joint.n == plan_mean(0.5, sd=1.0, level=0.875).n
-    half = plan_share(1.3, share=0.875, confidence=0.75)
-    assert plan_share(1.3, share=0.75, confidence=0.5, joint="bonferroni").n == half.n
 
 
 def test_the_planned_width_is_that_of_the_interval():
