@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import io
-import os
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from percept.cache import digest, numbers_version
-from percept.errors import PerceptError, RefusalError, UsageError
+from percept.errors import PerceptError, UsageError
 from percept.files import exclusive, remove_abandoned, whole_file, write_whole
 from percept.scene import Scene
 from percept.sessions import ReadOptions, read_sessions
@@ -54,14 +52,12 @@ SCHEMA = pa.schema(
 
 
 @dataclasses.dataclass(frozen=True)
-class StudyFiles:
-    """A study as bytes: what a worker needs, wherever it runs."""
+class Job:
+    """A study that was read: what a worker needs, wherever it runs."""
 
     name: str  # The path it was given by
-    root: str  # What stands before the relative paths where the files were read
-    files: tuple[tuple[str, bytes], ...]  # Relative path and content of every file
-    scene: dict[str, Any]  # Tables of the scene
-    key: str  # Digest of all of it and of versions: equal keys give equal rows
+    key: str  # Digest of files, scene and versions: equal keys give equal rows
+    study: Study
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,27 +65,30 @@ class StudySource:
     """Where a study lies: a session file, a folder of them, or a published summary."""
 
     path: str
-    scene: Scene  # The batch's, for a study without one of its own
+    given: Scene  # The batch's, for a study without one of its own
     changes: Mapping[str, Any]  # Keys of `[inference]` that go before any scene's, None to leave one alone
 
-    def read(self) -> StudyFiles:
-        """Read its files."""
+    @property
+    def scene(self) -> Scene:
+        """The study's own scene, or the batch's."""
         own = Path(self.path) / SCENE_NAME
-        scene = Scene.load(own) if own.is_file() else self.scene
-        names = expand([self.path]).files
-        folder = os.path.commonpath([Path(name).parent for name in names])
-        root = f"{folder}/" if folder else ""
+        return (Scene.load(own) if own.is_file() else self.given).with_inference(**self.changes)
+
+    def key(self) -> str:
+        """Return the digest of everything that the study's rows depend on."""
+        scene, files = self.scene.to_dict(), expand([self.path]).files
         try:
-            files = tuple(
-                (Path(name).relative_to(folder).as_posix(), Path(name).read_bytes()) for name in names
-            )
+            contents = [(str(name), hashlib.sha256(Path(name).read_bytes()).hexdigest()) for name in files]
         except OSError as error:
             raise UsageError(f"cannot be read: {error.strerror}.", file=str(error.filename)) from error
-        tables = scene.with_inference(**self.changes).to_dict()
         version = numbers_version("inference", "sessions", "study", "batch")
-        contents = [(name, hashlib.sha256(data).hexdigest()) for name, data in files]
-        key = digest(version, self.path, root, contents, tables)
-        return StudyFiles(self.path, root, files, tables, key)
+        return digest(version, self.path, contents, scene)
+
+    def read(self) -> Job:
+        """Read the sessions."""
+        scene = self.scene
+        sessions = read_sessions(self.path, options=ReadOptions.from_mapping(dict(scene)))
+        return Job(self.path, self.key(), Study(sessions, scene))
 
 
 def sources(
@@ -126,14 +125,13 @@ class Outcome:
     seconds: float = 0.0  # Time the analysis took
 
 
-def analyse(files: StudyFiles) -> Outcome:
+def analyse(job: Job) -> Outcome:
     """Fit a study and encode its intervals: what a worker does."""
     started = time.perf_counter()
+    study, message = job.study, None
     status: Status = "done"
-    message: str | None = None
-    intervals, found = None, dict[str, Any]()
+    intervals, found = None, dict[str, float]()
     try:
-        study = _study(files)
         intervals, found["subjects"] = study.intervals, len(study.sessions.subjects)
         if study.fit is not None:
             gate = study.fit.run.gate
@@ -145,27 +143,8 @@ def analyse(files: StudyFiles) -> Outcome:
         status, message = "refused", str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is this study's and goes into its row
         status, message = "failed", f"{type(error).__name__}: {error}"
-    outcome = encode(files.name, files.key, status, message, intervals, **found)
+    outcome = encode(job.name, job.key, status, message, intervals, **found)
     return dataclasses.replace(outcome, seconds=time.perf_counter() - started)
-
-
-def _study(files: StudyFiles) -> Study:
-    """Read the files from a folder that is gone afterwards; messages name the paths the user gave."""
-    scene = Scene.from_tables(files.scene)
-    options = ReadOptions.from_mapping(dict(scene))
-    with tempfile.TemporaryDirectory(prefix="percept-") as root:
-        folder = Path(root) / "study"
-        for name, data in files.files:
-            path = folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
-        try:
-            study = Study(read_sessions(*(folder / name for name, _ in files.files), options=options), scene)
-            # Here, where a message can still say the user's path for the folder's.
-            _ = study.intervals
-        except PerceptError as error:
-            raise RefusalError(str(error).replace(f"{folder}/", files.root)) from error
-    return study
 
 
 def encode(
@@ -174,21 +153,15 @@ def encode(
     status: Status,
     message: str | None,
     intervals: pd.DataFrame | None = None,
-    **found: object,
+    **found: float,
 ) -> Outcome:
     """Encode the rows of a study: one per interval, or one without any."""
-    shared = {"study": study, "key": key, "status": status, "message": message, **found}
-    rows: list[dict[Any, Any]] = (
-        [{}] if intervals is None or intervals.empty else intervals.to_dict("records")
-    )
-    columns = {
-        field.name: pa.array(
-            [{**row, **shared}.get(field.name) for row in rows], field.type, from_pandas=True
-        )
-        for field in SCHEMA
-    }
+    rows = pd.DataFrame(index=[0]) if intervals is None or intervals.empty else intervals
+    rows = rows.assign(study=study, key=key, status=status, message=message, **found)
+    rows = rows.reindex(columns=SCHEMA.names)
+    table = pa.Table.from_pandas(rows, SCHEMA, preserve_index=False).replace_schema_metadata()
     target = io.BytesIO()
-    pq.write_table(pa.table(columns, schema=SCHEMA), target, compression="zstd")
+    pq.write_table(table, target, compression="zstd")
     return Outcome(status, message, target.getvalue())
 
 
@@ -307,30 +280,31 @@ def run_batch(
             if progress:
                 progress(counts.total(), len(studies), len(failures))
 
-        def unfinished() -> Iterator[StudyFiles]:
+        def unfinished() -> Iterator[Job]:
             """Read one study after the other; those that cannot be read or are finished need no worker."""
             nonlocal skipped
-            for study in studies:
+            for source in studies:
+                status: Status = "failed"  # a file that cannot be opened may be there next time
+                keys.append(digest("unread", source.path))
                 try:
-                    files = study.read()
+                    keys[-1] = source.key()
+                    if verdict := folder.verdict(keys[-1]):
+                        skipped += 1
+                        count(source.path, *verdict)
+                        continue
+                    status = "refused"
+                    job = source.read()
                 except PerceptError as error:
-                    keys.append(digest("unread", study.path))
-                    folder.save(keys[-1], encode(study.path, keys[-1], "failed", str(error)))
-                    count(study.path, "failed", str(error))
-                    continue
-                keys.append(files.key)
-                if verdict := folder.verdict(files.key):
-                    skipped += 1
-                    count(files.name, *verdict)
+                    folder.save(keys[-1], encode(source.path, keys[-1], status, str(error)))
+                    count(source.path, status, str(error))
                 else:
-                    yield files
+                    yield job
 
-        for files, outcome in mapper(analyse, unfinished()):
+        for job, outcome in mapper(analyse, unfinished()):
             if isinstance(outcome, Exception):
-                message = f"{type(outcome).__name__}: {outcome}"
-                outcome = encode(files.name, files.key, "failed", message)
-            folder.save(files.key, outcome)
+                outcome = encode(job.name, job.key, "failed", f"{type(outcome).__name__}: {outcome}")
+            folder.save(job.key, outcome)
             seconds += outcome.seconds
-            count(files.name, outcome.status, outcome.message)
+            count(job.name, outcome.status, outcome.message)
         table = folder.combine(keys)
     return Summary(table, len(studies), skipped, dict(counts), tuple(failures), tuple(inaccurate), seconds)

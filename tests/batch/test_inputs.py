@@ -10,25 +10,14 @@ def source(path, scene=None, **changes):
     return StudySource(str(path), scene or Scene(), changes)
 
 
-def test_a_file_goes_with_its_bytes_and_its_own_name(tmp_path):
-    path = tmp_path / "s.csv"
-    path.write_text(study_text(1))
-    files = source(path).read()
-    assert files.files == (("s.csv", path.read_bytes()),)
-    assert files.root + files.files[0][0] == str(path)
-
-
 def test_a_folder_goes_with_the_files_below_it_and_a_scene_of_its_own(tmp_path):
     (tmp_path / "lab" / "day1").mkdir(parents=True)
-    (tmp_path / "lab" / "day1" / "s.csv").write_text("a")
-    (tmp_path / "lab" / "t.csv").write_text("b")
+    (tmp_path / "lab" / "day1" / "s.csv").write_text(study_text(1).replace("S", "A"))
+    (tmp_path / "lab" / "t.csv").write_text(study_text(2))
     (tmp_path / "lab" / "scene.toml").write_text("[inference]\nlevel = 0.9\nseed = 4\n")
-    files = source(tmp_path / "lab", Scene().with_inference(level=0.5), seed=7, level=None).read()
-    assert dict(files.files) == {"day1/s.csv": b"a", "t.csv": b"b"}
-    assert all((tmp_path / "lab" / name).read_bytes() == data for name, data in files.files)
-    assert files.root == f"{tmp_path / 'lab'}/"
-    assert files.scene["inference"]["level"] == 0.9
-    assert files.scene["inference"]["seed"] == 7
+    study = source(tmp_path / "lab", Scene().with_inference(level=0.5), seed=7, level=None).read().study
+    assert sorted(study.sessions.subjects) == ["A0", "A1", "A2", "S0", "S1", "S2"]
+    assert (study.scene.inference.level, study.scene.inference.seed) == (0.9, 7)
 
 
 def test_each_match_of_a_pattern_is_a_study_as_a_shell_would_have_it(tmp_path):
@@ -55,27 +44,27 @@ def test_everything_the_rows_depend_on_is_in_the_key(tmp_path, monkeypatch):
     path, other = tmp_path / "s.csv", tmp_path / "t.csv"
     path.write_text(study_text(1))
     other.write_text(study_text(1))
-    key = source(path).read().key
-    assert source(path).read().key == key
+    key = source(path).key()
+    assert source(path).key() == key
     others = [
-        source(path, seed=2).read().key,
-        source(path, Scene().with_inference(level=0.9)).read().key,
-        source(other).read().key,
+        source(path, seed=2).key(),
+        source(path, Scene().with_inference(level=0.9)).key(),
+        source(other).key(),
     ]
     path.write_text(study_text(1) + " ")
-    others.append(source(path).read().key)
+    others.append(source(path).key())
     path.write_text(study_text(1))
     monkeypatch.setattr("percept.batch.numbers_version", lambda *parts: "other")
-    others.append(source(path).read().key)
+    others.append(source(path).key())
     assert len({key, *others}) == 6
 
 
 def test_what_cannot_be_read_names_the_path(tmp_path):
     with pytest.raises(UsageError, match=r"nowhere\.csv: there is no such file"):
-        source(tmp_path / "nowhere.csv").read()
+        source(tmp_path / "nowhere.csv").key()
     (tmp_path / "scene.toml").write_text("[inference]\nlevel = 2\n")
     with pytest.raises(UsageError, match=r"scene.toml, inference.level = 2"):
-        source(tmp_path).read()
+        source(tmp_path).key()
 
 
 def test_no_study_and_standard_input_are_wrong_usage():

@@ -33,7 +33,8 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     table = pq.read_table(summary.table).to_pandas()
     assert list(dict.fromkeys(table["study"])) == studies
     message = table.set_index("study")["message"]
-    assert "text.csv:2, column 'k_adj', value 'much'" in message[studies[2]]
+    assert message[studies[2]].startswith(f"{studies[2]}:2, column 'k_adj', value 'much'")
+    assert table.set_index("study")["lower"].isna()[studies[2]]
     assert "no row holds an adjustment" in message[studies[4]]
     assert "there is no such file" in message[studies[6]]
     assert [state[:2] for state in told] == [(i, 7) for i in range(1, 8)]
