@@ -7,7 +7,6 @@ import importlib
 import io
 import os
 import re
-import select
 import sys
 from collections.abc import Collection, Sequence
 from typing import NoReturn
@@ -48,8 +47,14 @@ COMMANDS = {name: line for group in GROUPS.values() for name, line in group.item
 _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*)' \(choose from (.*)\)")
 _NUMBER = re.compile(r"argument (\S+): invalid (int|float) value: '(.*)'")
 _REQUIRED = "the following arguments are required: "
-#: Commands that stand in the module of another.
-_HOMES = {"completion": "doctor", "new": "validate", "sbc": "calibrate", "simulate": "reproduce"}
+#: Modules of `percept.commands` that hold commands of other names.
+_MODULES = {
+    "design": ("plan", "calibrate", "sbc"),
+    "data": ("new", "validate", "simulate", "reproduce"),
+    "fit": ("report",),
+    "maintain": ("doctor", "cache", "completion"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
 #: Commands that keep what is finished when they are interrupted.
 _RESUMED = ("batch", "calibrate", "sbc")
 
@@ -104,11 +109,7 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
             commands.add_parser(name, help=line)
             continue
         module = importlib.import_module(f"percept.commands.{_HOMES.get(name, name)}")
-        part: Command = (
-            getattr(module, name.upper())
-            if name in _HOMES
-            else Command(module.__doc__, module.EXAMPLE, module.add_arguments, module.run)
-        )
+        part: Command = getattr(module, name.upper())
         command = commands.add_parser(
             name,
             help=line,
@@ -117,10 +118,6 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         part.add_arguments(command)
-        # Also behind the command; without a default of its own it leaves what stood before it.
-        command.add_argument(
-            "--debug", action="store_true", default=argparse.SUPPRESS, help="show a traceback with an error"
-        )
         command.set_defaults(run=part.run, parser=command)
     return parser
 
@@ -151,17 +148,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A locale without ω or × is no reason to print nothing.
         sys.stdout.reconfigure(errors="backslashreplace")
-    words = sys.argv[1:] if arguments is None else arguments
+    given = sys.argv[1:] if arguments is None else arguments
+    words = [word for word in given if word != "--debug"]
     # The matrices are a few tens wide: a second BLAS thread costs more than it brings.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    debug, command = "--debug" in words, None
+    debug, command = len(words) < len(given), None
     try:
         parsed = _parsed(words)
         command = parsed.command
         if command is None:
             build_parser(()).print_help()
             return 0
-        code = int(parsed.run(parsed))
+        code = parsed.run(parsed) or 0
         sys.stdout.flush()
         return code
     except PerceptError as error:
@@ -173,9 +171,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         left = "keeps what is finished and goes on" if command in _RESUMED else "starts again from the data"
         print(f"percept: interrupted. The same command {left}.", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        # Nobody reads standard output any more; what is left of it goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except OSError as error:
-        if isinstance(error, BrokenPipeError) and _output_is_closed():
-            return 141
         if debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
@@ -187,18 +187,3 @@ def _complain(message: str) -> None:
     """Print what is wrong; of names in it nothing reaches the terminal that would do more than be seen."""
     lines = f"percept: {message}".split("\n")
     print("\n".join(printable(line) for line in lines), file=sys.stderr)
-
-
-def _output_is_closed() -> bool:
-    """Say whether nobody reads standard output any more; what is left of it then goes nowhere."""
-    try:
-        output = sys.stdout.fileno()
-        waiting = select.poll()
-    except (AttributeError, OSError):
-        # Standard output is no file, or a system that cannot tell.
-        return False
-    waiting.register(output, 0)
-    closed = any(event & select.POLLERR for _, event in waiting.poll(0))
-    if closed:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), output)
-    return closed

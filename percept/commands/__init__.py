@@ -1,8 +1,7 @@
-"""The commands of the command line, and what they share in `analysis`.
+"""The commands of the command line, a module per job, and what they share in `analysis`.
 
-A command is a module with `EXAMPLE`, a line of its help; `add_arguments`, which takes the command's parser;
-and `run`, which takes the parsed arguments, prints, and returns the exit code. `run` makes the slow imports.
-A short command stands in the module of its like, as a `Command` by its name in capitals.
+A command is a `Command` under its name in capitals. Its `run` takes the parsed arguments, makes the slow
+imports, prints, and returns the exit code, None for 0.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import NamedTuple
 class Command(NamedTuple):
     """A command as the parser takes it."""
 
-    description: str | None
+    description: str
     example: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace], int]
+    run: Callable[[argparse.Namespace], int | None]

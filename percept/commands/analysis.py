@@ -7,17 +7,16 @@ import functools
 import math
 import re
 import sys
-import threading
-import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from percept.errors import RefusalError, UsageError, printable
 
 if TYPE_CHECKING:
+    import rich.progress
+
     from percept.inference.sampling.gate import Progress
     from percept.scene import Scene
     from percept.sessions import ReadOptions
@@ -91,30 +90,34 @@ def settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
     """Return the scene with what the flags ask for beside what it asks for itself."""
-    checks, refit, models = (bool(vars(arguments).get(name)) for name in ("checks", "refit", "models"))
-    if not (checks or refit or models):
+    flags = vars(arguments)
+    if not any(flags.get(name) for name in ("checks", "refit", "models")):
         # `--no-checks` also sets aside what the scene asks for.
-        return scene.with_tables(checks=None) if vars(arguments).get("checks") is False else scene
-    asked = scene.checks
-    return scene.with_tables(
-        checks={
-            "refit": refit or (asked is not None and asked.refit),
-            "compare": models or (asked is not None and asked.compare),
-        }
-    )
+        return scene.with_tables(checks=None) if flags.get("checks") is False else scene
+    own = scene.checks.model_dump() if scene.checks is not None else {}
+    asked = {"refit": flags.get("refit"), "compare": flags.get("models")}
+    return scene.with_tables(checks={key: bool(flag or own.get(key)) for key, flag in asked.items()})
+
+
+def read_scene(arguments: argparse.Namespace) -> tuple[Scene, ReadOptions]:
+    """Return the scene that is named, or the default one, and how it says files are read."""
+    from percept.scene import Scene
+    from percept.sessions import ReadOptions
+
+    scene = Scene.load(arguments.scene) if arguments.scene else Scene()
+    return scene, ReadOptions.from_mapping(dict(scene), file=arguments.scene)
 
 
 def open_study(
     arguments: argparse.Namespace, progress: Working | None = None, *, groups: Sequence[str] = ()
 ) -> Study:
     """Read the sessions and the scene, put them together, and say what the reader noticed."""
-    from percept.scene import Scene
     from percept.sessions import ReadOptions, read_sessions
     from percept.study import Study
 
-    scene = Scene.load(arguments.scene) if arguments.scene else Scene()
+    scene, options = read_scene(arguments)
     scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
-    options = ReadOptions.from_mapping(dict(scene), file=arguments.scene).with_groups(groups)
+    options = options.with_groups(groups)
     try:
         sessions = read_sessions(*arguments.sessions, options=options)
     except UsageError as error:
@@ -207,12 +210,11 @@ def verdict(study: Study) -> int:
         why = next((why for what, why in study.skipped if what == "Bayesian intervals"), "")
         print(f"percept: there are no Bayesian intervals: {printable(why)}", file=sys.stderr)
         return RefusalError.exit_code
-    if fit is None or fit.run.gate.passed:
-        tell_error(study)
-        return 0
-    reasons = printable(fit.withheld)
-    print(f"percept: Bayesian intervals are withheld: {reasons}", file=sys.stderr)
-    return RefusalError.exit_code
+    if fit is not None and not fit.run.gate.passed:
+        print(f"percept: Bayesian intervals are withheld: {printable(fit.withheld)}", file=sys.stderr)
+        return RefusalError.exit_code
+    tell_error(study)
+    return 0
 
 
 def tell_error(*studies: Study) -> None:
@@ -230,92 +232,51 @@ def print_json(value: Any) -> None:
     print(dumps(plain(value)), end="")
 
 
-def duration(seconds: float) -> str:
-    """Say a time in seconds, or in minutes from two of them on."""
-    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
-
-
-class Counting:
-    """A line on a terminal for a long command: how much is done, what else there is to say, the time left."""
-
-    def __init__(self, what: str, *, shown: bool) -> None:
-        self._what, self._shown = what, shown and sys.stderr.isatty()
-        self._started, self._before = time.monotonic(), -1
-
-    def __call__(self, done: int, total: int, note: str = "") -> None:
-        """Say it; what an earlier run had finished tells nothing about the rate."""
-        if not self._shown:
-            return
-        if self._before < 0 or done < self._before:
-            self._started, self._before = time.monotonic(), done - 1
-        rate = (done - self._before) / max(time.monotonic() - self._started, 1e-9)
-        left = f"{duration((total - done) / rate)} left" if rate > 0 else ""
-        text = ", ".join(filter(None, (f"\r{done} of {total} {self._what}", note, left)))
-        print(f"{text}   ", end="\n" if done == total else "", file=sys.stderr, flush=True)
-
-
 class Working:
-    """Shows on a terminal, after a while, how far the sampler is; and says how long a long run takes."""
-
-    wait = 2.0  # seconds before anything is shown
+    """Shows on a terminal how far a command is and the time left; says how long a long run takes."""
 
     def __init__(self, what: str, *, shown: bool) -> None:
         self._told = not shown
-        self._shown = shown and sys.stderr.isatty()
-        self._task: dict[str, Any] = {"description": what, "total": None}
-        self._bar: Any = None
-        self._lock = threading.Lock()
-        # In a thread, because one call that tells nothing may take long.
-        self._timer = threading.Timer(self.wait, self._open)
-        self._timer.daemon = True
+        self._bar = _bar(what) if shown and sys.stderr.isatty() else None
 
     def __enter__(self) -> Self:
-        if self._shown:
-            self._timer.start()
+        if self._bar is not None:
+            self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with self._lock:
-            self._shown = False
-            self._timer.cancel()
-            if self._bar is not None:
-                self._bar.stop()
+    def __exit__(self, *error: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def show(self, words: str, done: int, total: int) -> None:
+        """Show how much of a whole is done, with what else there is to say."""
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], description=words, completed=done, total=total)
 
     def __call__(self, state: Progress) -> None:
-        """Show the sampler's steps, its worst error, of a half-width, what is asked, and the time left."""
+        """Show the sampler's steps and its worst error, of a half-width, with what is asked."""
         total = max(state.expected_steps, state.steps)
-        words = [f"{state.steps}/{total} steps"]
+        words = f"{state.steps}/{total} steps"
         if math.isfinite(state.worst_error):
-            words.append(f"error {state.worst_error:.2%}, asked {state.tolerance:.2%}")
-        if math.isfinite(state.seconds_left):
-            words.append(f"{duration(state.seconds_left)} left")
-        with self._lock:
-            self._task = {"description": ", ".join(words), "completed": state.steps, "total": total}
-            if self._bar is not None:
-                self._bar.update(self._bar.task_ids[0], **self._task)
-            if not self._told and state.seconds_left > _LONG:
-                self._told = True
-                quicker = f" Quicker: {state.quicker}." if state.quicker else ""
-                text = f"percept: sampling takes about {duration(state.seconds_left)}.{quicker}"
-                if self._bar is not None:
-                    self._bar.console.print(text, markup=False, highlight=False)
-                else:
-                    print(text, file=sys.stderr, flush=True)
+            words += f", error {state.worst_error:.2%}, asked {state.tolerance:.2%}"
+        self.show(words, state.steps, total)
+        if not self._told and state.seconds_left > _LONG:
+            self._told = True
+            quicker = f" Quicker: {state.quicker}." if state.quicker else ""
+            minutes = f"{state.seconds_left / 60.0:.0f} min"
+            print(f"percept: sampling takes about {minutes}.{quicker}", file=sys.stderr, flush=True)
 
-    def _open(self) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        with self._lock:
-            if not self._shown:
-                return
-            console = Console(stderr=True)
-            columns = [TextColumn("{task.description}"), TimeElapsedColumn()]
-            if console.width >= _WIDE:
-                columns.insert(1, BarColumn(bar_width=16))
-            # Standard output is for the results alone; progress goes to standard error.
-            self._bar = Progress(*columns, console=console, redirect_stdout=False)
-            self._bar.add_task(**self._task)
-            self._bar.start()
+def _bar(what: str) -> rich.progress.Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = [TextColumn("{task.description}", markup=False), TimeElapsedColumn(), TimeRemainingColumn()]
+    columns += [TextColumn("left")]
+    if console.width >= _WIDE:
+        columns.insert(1, BarColumn(bar_width=16))
+    # Standard output is for the results alone.
+    bar = Progress(*columns, console=console, transient=True, redirect_stdout=False, refresh_per_second=4)
+    bar.add_task(what, total=None)
+    return bar

@@ -1,4 +1,4 @@
-"""Measure run time against error and the digits kept, on this machine."""
+"""`percept bench`: what percept costs and how many digits it keeps, on this machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-EXAMPLE = "percept bench sampling --json"
+from percept.commands import Command
+from percept.errors import UsageError
+
 _OUT = "benchmark"
 #: Options of parts that stand in the command a page shows.
 _OPTIONS = {
@@ -25,8 +27,7 @@ _OPTIONS = {
 _SIMULATED = {"sampling", "designs", "propagation", "skipping", "workers", "growth"}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "parts",
         nargs="*",
@@ -61,13 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     peers.add_argument("--quick", action="store_true", help="smallest budgets, to see that all works")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> None:
     """Measure the parts asked for and print one table each."""
-    from percept.errors import UsageError
-
     if len(arguments.parts) == 1 and arguments.parts[0] in _WRITERS:
         print(_WRITERS[arguments.parts[0]](arguments))
-        return 0
+        return
     parts = list(arguments.parts) or ([] if arguments.stability else ["sampling"])
     if arguments.stability and "digits" not in parts:
         parts.append("digits")
@@ -88,13 +87,10 @@ def run(arguments: argparse.Namespace) -> int:
         for part, records in rows.items():
             table = pd.DataFrame(records).to_string(index=False, float_format="{:.4g}".format)
             print(f"\n{part}\n{table}")
-    return 0
 
 
 def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
     """Measure one part and, where asked, write it."""
-    from percept.errors import UsageError
-
     started, before = time.perf_counter(), os.getloadavg()[0]
     try:
         records = _PARTS[part](arguments)
@@ -175,3 +171,10 @@ _WRITERS: dict[str, Callable[[argparse.Namespace], Any]] = {
     ),
     "reference": lambda given: _bench("peers.run", "run_reference")(given.out or _OUT, log=_log),
 }  # fmt: skip
+
+BENCH = Command(
+    "Measure run time against error and the digits kept, on this machine.",
+    "percept bench sampling --json",
+    _add_arguments,
+    _run,
+)

@@ -1,10 +1,11 @@
-"""Compare the two methods on one study, or two studies, groups of subjects or devices."""
+"""`percept compare`: two methods on one study, or two studies, groups of subjects, conditions or devices."""
 
 from __future__ import annotations
 
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from percept.commands import Command
 from percept.commands.analysis import (
     Working,
     add_analysis_arguments,
@@ -20,19 +21,16 @@ if TYPE_CHECKING:
 
     from percept.study import Study
 
-EXAMPLE = "percept compare study_a.csv study_b.csv --scene scene.toml"
-_CELL = ["environment", "parameter", "kind"]
-_PAIR = [
-    "lower_classical", "upper_classical", "lower_bayesian", "upper_bayesian",
-    "width_ratio", "shift", "overlap",
+_PAIRS = [
+    "environment", "parameter", "kind", "lower_classical", "upper_classical", "lower_bayesian",
+    "upper_bayesian", "width_ratio", "shift", "overlap",
 ]  # fmt: skip
 _STEPS = ["environment", "parameter", "cause", "width", "log_width_error", "centre", "centre_error"]
 _CONTRAST = ["environment", "parameter", "kind", "method", "lower", "estimate", "upper", "p_value", "n"]
 _MOST_CURVES = 10
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_analysis_arguments(parser)
     parser.add_argument(
         "--other-scene", metavar="FILE", help="scene of the second study, such as another device"
@@ -47,25 +45,47 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> None:
     """Print the methods' comparison for one path, the difference of the studies for two."""
-    from percept.study import Study
-    from percept.study.compare import compare_studies
+    from percept.sessions.levels import by_level
+    from percept.study.compare import compare_studies, split_by, within_subjects
 
+    paths, column = arguments.sessions, arguments.by
     with Working("comparing", shown=not arguments.quiet) as progress:
-        if len(arguments.sessions) == 1 and not (arguments.by or arguments.other_scene):
+        if column:
+            if arguments.other_scene:
+                raise UsageError("--by compares groups under one scene; leave --other-scene out.")
+            study = open_study(arguments, progress, groups=[column])
+            if within_subjects(study.sessions, column):
+                return _contrasts(study.over(by_level(study.sessions, column)), arguments)
+            groups = split_by(study.sessions, column)
+            if len(groups) > 2:
+                raise UsageError(
+                    f"there are {len(groups)} groups, {', '.join(groups)}; two can be compared.",
+                    column=column,
+                    hint=f"Keep two in the scene: [sessions] only.{column}.",
+                )
+            studies = {f"{column} {group}": study.over(sessions) for group, sessions in groups.items()}
+            names, (a, b) = list(studies), studies.values()
+        elif len(paths) == 1 and not arguments.other_scene:
             return _methods(open_study(arguments, progress), arguments)
-        named = _named(arguments, progress)
-        if isinstance(named, Study):
-            return _contrasts(named, arguments)
-        names, (a, b) = zip(*named, strict=True)
+        elif len(paths) > 2:
+            raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
+        else:
+            both = [(paths[0], arguments.scene), (paths[-1], arguments.other_scene or arguments.scene)]
+            names = [f"{path} under {scene}" if scene else path for path, scene in both]
+            a, b = (
+                open_study(
+                    argparse.Namespace(**vars(arguments) | {"sessions": [path], "scene": scene}), progress
+                )
+                for path, scene in both
+            )
         comparison = compare_studies(a, b)
     tell_error(a, b)
     if arguments.json:
         tables = {name: getattr(comparison, name) for name in ("intervals", "differences", "curves")}
-        studies = dict(zip("ab", names, strict=True))
-        print_json({"studies": studies, **_stated(a), "notes": comparison.notes, **tables})
-        return 0
+        studies_named = dict(zip("ab", names, strict=True))
+        return print_json({"studies": studies_named, **_stated(a), "notes": comparison.notes, **tables})
     unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
     print("\n".join([f"A: {names[0]}", f"B: {names[1]}", *comparison.notes]))
     print(f"Both: {_claim(a)}.")
@@ -77,44 +97,10 @@ def run(arguments: argparse.Namespace) -> int:
         _print(comparison.intervals)
     if len(comparison.curves):
         _print_curves(comparison.curves)
-    return 0
+    return None
 
 
-def _named(arguments: argparse.Namespace, progress: Working) -> list[tuple[str, Study]] | Study:
-    """Return the two studies, each with what it is; one study where the groups share subjects."""
-    from percept.sessions.levels import by_level
-    from percept.study.compare import split_by, within_subjects
-
-    paths, column = arguments.sessions, arguments.by
-    if column:
-        if arguments.other_scene:
-            raise UsageError("--by compares groups under one scene; leave --other-scene out.")
-        study = open_study(arguments, progress, groups=[column])
-        if within_subjects(study.sessions, column):
-            return study.over(by_level(study.sessions, column))
-        groups = split_by(study.sessions, column)
-        if len(groups) > 2:
-            raise UsageError(
-                f"there are {len(groups)} groups, {', '.join(groups)}; two can be compared.",
-                column=column,
-                hint=f"Keep two in the scene: [sessions] only.{column}.",
-            )
-        return [(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()]
-    if len(paths) > 2:
-        raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
-    scenes = (arguments.scene, arguments.other_scene or arguments.scene)
-    return [
-        (
-            f"{path} under {scene}" if scene else path,
-            open_study(
-                argparse.Namespace(**{**vars(arguments), "sessions": [path], "scene": scene}), progress
-            ),
-        )
-        for path, scene in zip((paths[0], paths[-1]), scenes, strict=True)
-    ]
-
-
-def _contrasts(study: Study, arguments: argparse.Namespace) -> int:
+def _contrasts(study: Study, arguments: argparse.Namespace) -> None:
     """Print the contrasts of conditions that the same subjects went through."""
     import pandas as pd
 
@@ -130,22 +116,20 @@ def _contrasts(study: Study, arguments: argparse.Namespace) -> int:
         raise RefusalError("no contrast can be worked out.", column=factor.name, hint="; ".join(notes))
     if arguments.json:
         stated = {"factor": factor.name, "levels": factor.levels, **_stated(study), "notes": notes}
-        print_json({**stated, "contrast": table.to_dict("records")})
-        return 0
+        return print_json({**stated, "contrast": table.to_dict("records")})
     ratio = "ratio" if study.scene.inference.family == "lognormal" else "difference, in references"
     print("\n".join([f"{factor.name}: the same subjects at {', '.join(factor.levels)}.", *notes]))
     print(f"Paired, {_claim(study)}.")
     table = table.assign(environment=table["environment"].fillna("overall"))
-    for first, second in factor.pairs:
-        for of, unit in (("bias", ratio), ("spread", "ratio of SDs between users")):
-            alike = table[(table["first"] == first) & (table["second"] == second) & (table["of"] == of)]
-            if len(alike):
-                print(f"\n{of.capitalize()}, {second} against {first}, {unit}:")
-                _print(alike[_CONTRAST])
-    return 0
+    units = {"bias": ratio, "spread": "ratio of SDs between users"}
+    for names, alike in table.groupby(["first", "second", "of"], sort=False):
+        first, second, of = map(str, names)
+        print(f"\n{of.capitalize()}, {second} against {first}, {units[of]}:")
+        _print(alike[_CONTRAST])
+    return None
 
 
-def _methods(study: Study, arguments: argparse.Namespace) -> int:
+def _methods(study: Study, arguments: argparse.Namespace) -> None:
     """Print the comparison of the two methods on one study."""
     import numpy as np
 
@@ -171,31 +155,27 @@ def _methods(study: Study, arguments: argparse.Namespace) -> int:
     tell_error(study)
     ladder = study.ladder
     assert ladder is not None
-    advice = recommend(study, arguments.coverage, _calibrate(arguments))
+    asked = {"scene": arguments.scene, **settings(arguments), "out": arguments.coverage}
+    flags = [f"--{name} {value}" for name, value in asked.items() if value is not None]
+    command = " ".join(["percept calibrate", *arguments.sessions, *flags, "--advice"])
+    advice = recommend(study, arguments.coverage, command)
     if arguments.json:
-        print_json({**_stated(study), "comparison": table, "ladder": ladder, "advice": advice})
-        return 0
+        found = {"comparison": table, "ladder": ladder, "advice": advice}
+        return print_json({**_stated(study), **found})
     print(f"Intervals in pairs, {_claim(study)}:")
-    _print(table[_CELL + _PAIR])
+    _print(table[_PAIRS])
     kind, effects = study.scene.inference.kinds[0], ladder.effects
     print("\nWhy they differ, step by step from the classical interval of the normal family:")
     print("\n".join([*ladder.sentences, *ladder.notes, "", *advice]))
     print(f"\nThe steps of kind {kind}. width: ratio of widths; centre: shift in classical half-widths;")
     print("error: Monte Carlo standard error (log_width_error: of the ratio's logarithm).")
     _print(effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind][_STEPS])
-    return 0
-
-
-def _calibrate(arguments: argparse.Namespace) -> str:
-    """Return the command that simulates what a recommendation of a method needs."""
-    named = {"scene": arguments.scene, **settings(arguments), "out": arguments.coverage}
-    flags = [f"--{name} {value}" for name, value in named.items() if value is not None]
-    return " ".join(["percept calibrate", *arguments.sessions, *flags, "--advice"])
+    return None
 
 
 def _stated(study: Study) -> dict[str, Any]:
     """Return what the intervals of a comparison claim."""
-    return {"level": study.scene.inference.level, "family": study.scene.inference.family}
+    return study.scene.inference.model_dump(include={"level", "family"})
 
 
 def _claim(study: Study) -> str:
@@ -216,3 +196,11 @@ def _print_curves(curves: pd.DataFrame) -> None:
 def _print(table: pd.DataFrame) -> None:
     shown = table.dropna(axis=1, how="all")
     print(shown.to_string(index=False, float_format="{:.4g}".format, na_rep="-"))
+
+
+COMPARE = Command(
+    "Compare the two methods on one study, or two studies, groups of subjects or devices.",
+    "percept compare study_a.csv study_b.csv --scene scene.toml",
+    _add_arguments,
+    _run,
+)

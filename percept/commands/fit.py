@@ -1,4 +1,4 @@
-"""Fit the model and write the intervals: fit.json (in report.json's schema) and the posterior."""
+"""`percept fit` and `percept report`: a study's intervals, and the whole page."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
+from percept.commands import Command
 from percept.commands.analysis import (
     Working,
     add_analysis_arguments,
@@ -18,13 +19,11 @@ from percept.errors import printable
 if TYPE_CHECKING:
     from percept.study import Study
 
-EXAMPLE = "percept fit sessions.csv --scene scene.toml --out results --json"
 _COLUMNS = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
 _MOST_ROWS = 30
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+def _add_fit(parser: argparse.ArgumentParser) -> None:
     add_analysis_arguments(parser)
     add_check_arguments(parser)
     parser.add_argument("--out", default="fit", metavar="DIR", help="folder to write into (fit)")
@@ -34,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print fit.json")
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Fit, write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
+def _fit(arguments: argparse.Namespace) -> int:
+    """Write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
     from percept.report import write_fit
 
     with Working("fitting", shown=not arguments.quiet) as progress:
@@ -87,3 +86,53 @@ def _print_checks(study: Study) -> None:
     if options.compare and len(study.environments) > 1:
         print(study.model_choice.table.to_string(index=False, float_format="{:.1f}".format))
         print(study.model_choice.sentence)
+
+
+def _add_report(parser: argparse.ArgumentParser) -> None:
+    add_analysis_arguments(parser)
+    add_check_arguments(parser, usual=True)
+    parser.add_argument("--out", default="report", metavar="DIR", help="folder to write into (report)")
+    parser.add_argument(
+        "--why", action="store_true", help="say why the methods differ; samples the models between them"
+    )
+    parser.add_argument("--pdf", action="store_true", help="also write report.pdf (needs Chromium)")
+    parser.add_argument(
+        "--formats",
+        nargs="+",
+        choices=("svg", "pdf", "png"),
+        default=["svg"],
+        metavar="FORM",
+        help="files of the figures: svg, pdf, png (svg)",
+    )
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    """Write the report, with what the gate does not withhold; and print its findings, warnings and path."""
+    from percept.report import write_report
+
+    with Working("writing the report", shown=not arguments.quiet) as progress:
+        study = open_study(arguments, progress)
+        asked = {"formats": arguments.formats, "pdf": arguments.pdf, "why": arguments.why}
+        page = write_report(study, arguments.out, **asked)
+    if not arguments.quiet:
+        summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
+        # What `verdict` says stands on standard error.
+        told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
+        warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
+        print("\n".join(map(printable, [*summary["overview"]["sentences"], *warnings])))
+    print(page)
+    return verdict(study)
+
+
+FIT = Command(
+    "Fit the model and write the intervals: fit.json (in report.json's schema) and the posterior.",
+    "percept fit sessions.csv --scene scene.toml --out results --json",
+    _add_fit,
+    _fit,
+)
+REPORT = Command(
+    "Analyse sessions and write the report: page, report.json, tables, figures and posterior.",
+    "percept report sessions/ --scene scene.toml --out results",
+    _add_report,
+    _report,
+)

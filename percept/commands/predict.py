@@ -1,4 +1,4 @@
-"""Predict intervals and the boundary of an environment nobody tested, or test how well that goes."""
+"""`percept predict`: an environment nobody tested."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from percept.commands import Command
 from percept.commands.analysis import Working, add_analysis_arguments, open_study, print_json, tell_error
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
     from percept.study import Study
 
-EXAMPLE = "percept predict sessions.csv --k 15000 --b 12 --scene scene.toml"
 _COLUMNS = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_analysis_arguments(parser)
     parser.add_argument("--k", type=float, metavar="N/m", help="stiffness of the untested environment")
     parser.add_argument("--b", type=float, metavar="N·s/m", help="damping of the untested environment")
@@ -39,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print as JSON, with the boundaries")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> int:
     """Print how far the environment lies from the tested ones, its intervals, and what was left out."""
     from percept.report.plain import plain
     from percept.study.prediction import predict
@@ -112,3 +111,11 @@ def _left_out(study: Study, arguments: argparse.Namespace) -> int:
             (folder / name).write_text(text, encoding="utf-8")
     print(Path(arguments.out) / "leave_one_out.md")
     return 0
+
+
+PREDICT = Command(
+    "Predict intervals and the boundary of an environment nobody tested, or test how well that goes.",
+    "percept predict sessions.csv --k 15000 --b 12 --scene scene.toml",
+    _add_arguments,
+    _run,
+)

@@ -88,17 +88,14 @@ def test_a_study_without_an_answer_failed_and_a_later_run_tries_it_again(studies
 
 
 def test_the_command(studies, tmp_path, capsys):
-    listed = tmp_path / "list.txt"
-    listed.write_text("\n".join(studies[1:]) + "\n\n")
-    arguments = ["batch", studies[0], "--from", str(listed), "--method", "classical"]
-    arguments += ["--workers", "1", "--out", str(tmp_path / "out")]
-    assert main(arguments) == 1
+    words = ["--method", "classical", "--workers", "1", "--out", str(tmp_path / "out")]
+    assert main(["batch", *studies, *words]) == 1
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
     assert lines[0] == "7 studies (4 done, 1 failed, 2 refused): 0 finished before, 7 now"
     assert lines[-1] == str(tmp_path / "out" / "batch.parquet")
     assert "text.csv:2" in printed.err
-    assert main([*arguments[:2], *arguments[4:], "--json"]) == 0
+    assert main(["batch", studies[0], *words, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["studies"], summary["skipped"], summary["counts"]) == (1, 1, {"done": 1})
 

@@ -97,10 +97,3 @@ def test_sbc_refuses_a_negative_seed_before_it_makes_a_folder(tmp_path, capsys):
     assert main(["sbc", "--fits", "1", "--seed", "-1", "--out", str(tmp_path / "out")]) == 2
     assert "--seed = -1: a seed is not negative." in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_a_list_of_studies_that_is_no_text(tmp_path, capsys):
-    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
-    (tmp_path / "list").write_bytes(b"\xff\xfe\x00")
-    assert main(["batch", "--from", str(tmp_path / "list"), "--out", str(tmp_path / "out")]) == 2
-    assert "list: cannot be read: it is not UTF-8 text." in capsys.readouterr().err

@@ -254,8 +254,9 @@ def test_an_interrupted_command_says_how_to_go_on(command, said, tmp_path):
     """A real interrupt, sent while the command reads a pipe that nobody writes to."""
     pipe = tmp_path / "sessions.csv"
     os.mkfifo(pipe)
-    listed = ["--from", str(pipe)] if command == "batch" else [str(pipe)]
-    words = [sys.executable, "-m", "percept", command, *listed]
+    words = [sys.executable, "-m", "percept", command, str(pipe)]
+    if command == "batch":
+        words += ["--workers", "1", "--out", str(tmp_path / "out")]
     with (
         subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts) as process,
         pipe.open("w"),  # opens once the command reads
@@ -290,21 +291,6 @@ def test_fit_says_which_intervals_are_left_out(tmp_path, capsys):
     left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
     assert len([line for line in left if "classical lognormal intervals of stiffness in A" in line]) == 1
     assert not any("classical normal" in line for line in left)
-
-
-def test_a_map_is_proposed_for_one_file_read_as_the_scene_says(tmp_path, capsys):
-    path = write(tmp_path, ["S1|VE1|10|1|9|1.1"], header=HEADER.replace(",", "|").replace("k_adj", "set, k"))
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[sessions]\ndelimiter = "|"\n')
-    assert main(["validate", path, "--scene", str(scene), "--write-map"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert 'subject = "subject"  # 1 different: S1' in lines
-    assert '# k_adj = ""  # not found: fill in the name of its column' in lines
-    assert '# not used: "set, k": 1 different: 9' in lines
-    assert refused(["validate", path, path, "--write-map"], capsys) == (
-        2,
-        f"percept: value {path!r}: --write-map takes one file.\n",
-    )
 
 
 def test_what_the_reader_noticed_is_said(tmp_path, capsys):

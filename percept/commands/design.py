@@ -1,4 +1,4 @@
-"""Simulate studies like yours, refit them, and report the real coverage of every interval and boundary."""
+"""`percept plan`, `percept calibrate` and `percept sbc`: the next study, and what intervals of it cover."""
 
 from __future__ import annotations
 
@@ -8,18 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 from percept.commands import Command
 from percept.commands.analysis import (
-    Counting,
     Working,
     add_analysis_arguments,
     add_worker_arguments,
     open_study,
+    print_json,
 )
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
     from percept.calibration.judge import CoveragePlan
 
-EXAMPLE = "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage"
+# By kind: what must be given, and what may be.
+_OPTIONS = {
+    "mean": (("half_width", "sd"), ("level", "family")),
+    "user": (("ratio",), ("level",)),
+    "share": (("ratio",), ("share", "confidence")),
+}
+_NAMES = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
 
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
 _METHODS = {"both": ("classical", "bayesian")}
@@ -41,15 +47,68 @@ the wrong family costs. A study of normal users in which a value is not positive
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
+def _add_plan(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--kind", choices=_OPTIONS, default="mean", help="what the interval covers (mean)")
+    parser.add_argument(
+        "--half-width", type=float, metavar="X", help="kind mean: in the unit of --sd, or as a fraction"
+    )
+    parser.add_argument(
+        "--sd", type=float, metavar="X", help="kind mean: SD between users, or their coefficient of variation"
+    )
+    parser.add_argument(
+        "--family", choices=("normal", "lognormal"), help="kind mean: distribution between users (normal)"
+    )
+    parser.add_argument(
+        "--ratio", type=float, metavar="X", help="kinds user and share: width over that of all users, above 1"
+    )
+    parser.add_argument("--level", type=float, metavar="X", help="kinds mean and user: level (0.99)")
+    parser.add_argument("--share", type=float, metavar="X", help="kind share: share of users held (0.99)")
+    parser.add_argument("--confidence", type=float, metavar="X", help="kind share: confidence (0.95)")
+    parser.add_argument(
+        "--assurance", type=float, default=0.8, metavar="X", help="probability of the width (0.8)"
+    )
+    parser.add_argument("--json", action="store_true", help="print as JSON")
+
+
+def _plan(arguments: argparse.Namespace) -> None:
+    """Print the smallest number of subjects and what it promises."""
+    from percept.planning import plan_mean, plan_share, plan_user
+    from percept.report.plain import plain
+
+    given = {name: value for name in _NAMES if (value := getattr(arguments, name)) is not None}
+    _refuse_misplaced(arguments.kind, given)
+    width = given.pop(_OPTIONS[arguments.kind][0][0])
+    planners: dict[str, Any] = {"mean": plan_mean, "user": plan_user, "share": plan_share}
+    plan = planners[arguments.kind](width, **given, assurance=arguments.assurance)
+    if arguments.json:
+        print_json({**plain(plan), "covers": plan.covers})
+    else:
+        print(plan.covers)
+
+
+def _refuse_misplaced(kind: str, given: dict[str, object]) -> None:
+    """Refuse options that a kind lacks or has no use for."""
+    needed, useful = _OPTIONS[kind]
+    for name in needed:
+        if name not in given:
+            raise UsageError(f"kind {kind} needs {_flag(name)}.")
+    for name in given:
+        if name not in (*needed, *useful):
+            kinds = [other for other, (must, may) in _OPTIONS.items() if name in (*must, *may)]
+            raise UsageError(
+                f"kind {kind} has no use for {_flag(name)}, which is of kind {' or '.join(kinds)}."
+            )
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     add_analysis_arguments(parser)
     parser.add_argument("--studies", type=int, default=100, metavar="N", help="studies per design (100)")
     parser.add_argument(
-        "--classical",
-        type=int,
-        metavar="N",
-        help="of the classical method alone (--studies)",
+        "--classical", type=int, metavar="N", help="of the classical method alone (--studies)"
     )
     parser.add_argument("--seconds", type=float, metavar="S", help="begin no more studies after so long")
     parser.add_argument("--subjects", type=int, nargs="+", metavar="N", help="subjects (the study's own)")
@@ -72,7 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", default="coverage", metavar="DIR", help="folder to write into (coverage)")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def _calibrate(arguments: argparse.Namespace) -> None:
     """Write DIR/coverage.md and DIR/coverage.csv; an interrupted run goes on from DIR/judged.jsonl."""
     import dataclasses
     import time
@@ -84,14 +143,20 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = Path(arguments.out)
     plans = _plans(arguments, out)
-    shared: dict[str, Any] = {"progress": Counting("studies", shown=not arguments.quiet)}
-    with open_mapper(arguments.workers, arguments.scheduler) as mapper:
-        shared["mapper"] = mapper
+    with (
+        Working("simulating", shown=not arguments.quiet) as working,
+        open_mapper(arguments.workers, arguments.scheduler) as mapper,
+    ):
+
+        def told(done: int, total: int) -> None:
+            working.show(f"{done} of {total} studies", done, total)
+
+        shared: dict[str, Any] = {"mapper": mapper, "progress": told}
         if arguments.advice:
             table = gather(tuple(plans), out / "judged.jsonl", **shared)
             table.to_csv(out / FILE, index=False)
             print(out / FILE)
-            return 0
+            return
         rows = []
         stop = None if arguments.seconds is None else time.monotonic() + arguments.seconds
         for done, plan in enumerate(plans):
@@ -118,7 +183,6 @@ def run(arguments: argparse.Namespace) -> int:
     (out / "coverage.md").write_text(head + coverage_markdown(rows), encoding="utf-8")
     pd.DataFrame([dataclasses.asdict(row) for row in rows]).to_csv(out / "coverage.csv", index=False)
     print(out / "coverage.md")
-    return 0
 
 
 def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
@@ -153,18 +217,24 @@ def _add_sbc(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run_sbc(arguments: argparse.Namespace) -> int:
+def _sbc(arguments: argparse.Namespace) -> None:
     """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
     from percept.calibration.placing import SBC_DESIGNS
     from percept.calibration.sbc import calibrate_designs, write_calibrations
     from percept.workers import open_mapper
 
-    count = Counting("fits", shown=True)
     if arguments.seed < 0:
         raise UsageError("a seed is not negative.", key="--seed", value=arguments.seed)
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
-    with open_mapper(arguments.workers, arguments.scheduler) as mapper:
+    with (
+        Working("simulating", shown=True) as working,
+        open_mapper(arguments.workers, arguments.scheduler) as mapper,
+    ):
+
+        def told(design: str, done: int, fits: int) -> None:
+            working.show(f"{done} of {fits} fits, {design}", done, fits)
+
         calibrations = calibrate_designs(
             arguments.fits,
             designs=tuple(arguments.designs or SBC_DESIGNS),
@@ -173,16 +243,27 @@ def _run_sbc(arguments: argparse.Namespace) -> int:
             mapper=mapper,
             checkpoint=out / "fits.jsonl",
             seconds=arguments.seconds,
-            progress=lambda design, done, fits: count(done, fits, design),
+            progress=told,
         )
     write_calibrations(calibrations, out)
     print(out / "sbc.md")
-    return 0
 
 
+PLAN = Command(
+    "How many subjects the next study needs for an interval of a wanted width.",
+    "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal",
+    _add_plan,
+    _plan,
+)
+CALIBRATE = Command(
+    "Simulate studies like yours, refit them, and report the real coverage of every interval and boundary.",
+    "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage",
+    _add_calibrate,
+    _calibrate,
+)
 SBC = Command(
     "Simulation-based calibration: whether fits find the values that studies were simulated from.",
     "percept sbc --fits 1000 --out reports/calibration",
     _add_sbc,
-    _run_sbc,
+    _sbc,
 )
