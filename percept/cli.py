@@ -7,6 +7,7 @@ import importlib
 import io
 import os
 import re
+import shlex
 import sys
 from collections.abc import Collection, Sequence
 from typing import NoReturn
@@ -155,6 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug, command = len(words) < len(given), None
     try:
         parsed = _parsed(words)
+        parsed.typed = shlex.join(["percept", *words])
         command = parsed.command
         if command is None:
             build_parser(()).print_help()

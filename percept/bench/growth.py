@@ -1,4 +1,4 @@
-"""Run time against the tolerance, against a study's size, and of a batch on workers."""
+"""Run time against a study's size, and of a batch on workers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +22,6 @@ from percept.inference.hierarchy.models import IntervalEstimands, Pooled
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
-from percept.study.fit import prepare
-
-if TYPE_CHECKING:
-    from percept.study import Study
 
 Task: TypeAlias = Callable[[], object]
 
@@ -55,48 +50,6 @@ _MANY = 40  # subjects of the studies whose patterns are counted
 _POINTS = 256  # four ensembles of 64 walkers
 _SHORTEST = 0.01  # s; shorter tasks are repeated within a round
 _OTHER_OMEGA, _OTHER_DRAWS = 10, 1_000
-
-
-@dataclass(frozen=True)
-class SamplingCost:
-    """Medians over seeds of runs to one tolerance."""
-
-    tolerance: Annotated[float, "Monte Carlo error over half-width that was asked for."]
-    seconds: Annotated[float, "Wall time of a run, warm-up included."]
-    steps: Annotated[float, "Steps per ensemble."]
-    worst_error: Annotated[float, "Largest error over half-width that was reached."]
-    autocorrelation_time: Annotated[float, "Of the slowest reported quantity, in steps."]
-    effective_draws_per_second: Annotated[float, "Of that quantity."]
-    passed: Annotated[int, "Runs that passed the gate."]
-    runs: Annotated[int, "Runs."]
-
-
-def sampling_costs(
-    study: Study, *, tolerances: Sequence[float] = (0.1, 0.02, 0.01), seeds: Sequence[int] = (1, 2, 3, 4, 5)
-) -> list[SamplingCost]:
-    """Sample a study's model to several tolerances."""
-    model = prepare(study.sessions, study.scene, ("k", "b")).model
-    costs = []
-    for tolerance in tolerances:
-        seconds, runs = [], []
-        for seed in seeds:
-            started = time.perf_counter()
-            runs.append(sample(model, IntervalEstimands(model), Settings(tolerance=tolerance, seed=seed)))
-            seconds.append(time.perf_counter() - started)
-        rates = (run.gate.effective_draws / spent for run, spent in zip(runs, seconds, strict=True))
-        costs.append(
-            SamplingCost(
-                tolerance=tolerance,
-                seconds=median(seconds),
-                steps=median(run.steps for run in runs),
-                worst_error=median(run.gate.worst_error for run in runs),
-                autocorrelation_time=median(run.gate.autocorrelation_time for run in runs),
-                effective_draws_per_second=median(rates),
-                passed=sum(run.gate.passed for run in runs),
-                runs=len(runs),
-            )
-        )
-    return costs
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import os
 import platform
 import time
@@ -11,12 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from percept import __version__
 from percept.files import filled_folder
+from percept.provenance import Made, made_by
 from percept.report.plain import dumps, plain
 
-SCHEMA = "percept-measurement-1"
-_PACKAGES = ("numpy", "scipy", "emcee", "pandas")
+SCHEMA = "percept-measurement-2"
 
 T = TypeVar("T")
 
@@ -43,9 +41,8 @@ def as_installed(**changes: str) -> dict[str, str]:
 def machine(loads: tuple[float, float], seconds: float) -> dict[str, Any]:
     """Describe this machine, its load before and after, and how long the measurement took."""
     return {
-        "processors": os.cpu_count(), "python": platform.python_version(), "system": platform.system(),
-        "architecture": platform.machine(), "load_before": loads[0], "load_after": loads[1],
-        "seconds": seconds,
+        "processors": os.cpu_count(), "system": platform.system(), "architecture": platform.machine(),
+        "load_before": loads[0], "load_after": loads[1], "seconds": seconds,
     }  # fmt: skip
 
 
@@ -61,25 +58,21 @@ def measurement(
     records: Sequence[Any],
     *,
     command: str,
-    simulated: bool,
     loads: tuple[float, float],
     seconds: float,
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Collect what a part measured; `notes` say what follows from all rows."""
     about, columns = described(type(records[0]))
-    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
     document: dict[str, Any] = plain(
         {
             "schema": SCHEMA,
             "part": part,
             "about": about,
             "columns": [{"names": [name], "meaning": meaning} for name, meaning in columns.items()],
-            "command": command,
-            "simulated": simulated,
+            "made": made_by(command),
             "notes": notes,
             "machine": machine(loads, seconds),
-            "versions": {"percept": __version__} | versions,
             "rows": [dataclasses.asdict(record) for record in records],
         }
     )
@@ -88,18 +81,15 @@ def measurement(
 
 def measurement_markdown(document: Mapping[str, Any]) -> str:
     """Write the document as a page."""
-    at = document["machine"]
-    names = list(document["rows"][0])
-    versions = {"Python": at["python"]} | document["versions"]
+    at, names = document["machine"], list(document["rows"][0])
     lines = [
         f"# {document['part'].capitalize()}",
         "",
-        document["about"] + (" The studies are simulated." if document["simulated"] else ""),
+        document["about"] + ("" if document["part"] == "digits" else " The studies are simulated."),
         "",
-        f"`{document['command']}`, {at['seconds']:.0f} s on {at['processors']} processors ({at['system']}, "
-        f"{at['architecture']}), load {at['load_before']:.1f} before and {at['load_after']:.1f} after; "
-        + ", ".join(f"{name} {version}" for name, version in versions.items())
-        + ".",
+        f"{Made(**document['made']).sentence} {at['seconds']:.0f} s on {at['processors']} processors "
+        f"({at['system']}, {at['architecture']}), load {at['load_before']:.1f} before and "
+        f"{at['load_after']:.1f} after.",
         *(line for note in document["notes"] for line in ("", note)),
         "",
         "| " + " | ".join(names) + " |",

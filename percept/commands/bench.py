@@ -16,15 +16,6 @@ from percept.commands import Command
 from percept.errors import UsageError
 
 _OUT = "benchmark"
-#: Options of parts that stand in the command a page shows.
-_OPTIONS = {
-    "sampling": ("seeds",),
-    "designs": ("rows", "seeds"),
-    "digits": ("cases",),
-    "workers": ("studies",),
-}
-#: Parts that measure simulated studies.
-_SIMULATED = {"sampling", "designs", "propagation", "skipping", "workers", "growth"}
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,14 +23,18 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "parts",
         nargs="*",
         metavar="PART",
-        help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))} (sampling)",
+        help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))}",
     )
     parser.add_argument("--stability", action="store_true", help="the same as the part digits")
     parser.add_argument("--cases", type=int, default=2000, metavar="N", help="haptics cases of digits (2000)")
+    parser.add_argument("--seeds", type=int, nargs="+", metavar="SEED", help="of designs (1 2 3)")
     parser.add_argument(
-        "--seeds", type=int, nargs="+", metavar="SEED", help="of sampling (1 2 3 4 5) and designs (1 2 3)"
+        "--rows",
+        nargs="+",
+        default=(),
+        metavar="NAME",
+        help="designs, or studies of peers (all)",
     )
-    parser.add_argument("--rows", nargs="+", default=(), metavar="NAME", help="designs (all)")
     parser.add_argument(
         "--peer", action=argparse.BooleanOptionalAction, default=True, help="nutpie beside designs (yes)"
     )
@@ -67,14 +62,10 @@ def _run(arguments: argparse.Namespace) -> None:
     if len(arguments.parts) == 1 and arguments.parts[0] in _WRITERS:
         print(_WRITERS[arguments.parts[0]](arguments))
         return
-    parts = list(arguments.parts) or ([] if arguments.stability else ["sampling"])
-    if arguments.stability and "digits" not in parts:
-        parts.append("digits")
-    unknown = [part for part in parts if part not in _PARTS]
-    if unknown:
-        raise UsageError(
-            f"not a part that goes with others; those are {', '.join(_PARTS)}.", value=unknown[0]
-        )
+    parts = list(dict.fromkeys([*arguments.parts, *(["digits"] if arguments.stability else [])]))
+    for part in parts or [""]:
+        if part not in _PARTS:
+            raise UsageError(f"not a part that goes with others; those are {', '.join(_PARTS)}.", value=part)
     rows: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
         _log(f"measuring {part}")
@@ -100,14 +91,10 @@ def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
             hint="Install percept with its extra: percept[bench].",
         ) from error
     if arguments.out:
-        options = _OPTIONS.get(part, ())
-        size = "".join(_typed(name, getattr(arguments, name)) for name in options)
-        size += " --no-peer" if part == "designs" and not arguments.peer else ""
         document = _bench("measure", "measurement")(
             part,
             records,
-            command=f"percept bench {part}{size} --out DIR",
-            simulated=part in _SIMULATED,
+            command=arguments.typed,
             loads=(before, os.getloadavg()[0]),
             seconds=time.perf_counter() - started,
             notes=_bench("designs", "summary")(records) if part == "designs" else (),
@@ -115,12 +102,6 @@ def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
         path = _bench("measure", "write_measurement")(document, arguments.out)
         print(path, file=sys.stderr if arguments.json else sys.stdout)
     return records
-
-
-def _typed(option: str, value: Any) -> str:
-    """Write an option as it is typed; nothing where it was left out."""
-    words = value if isinstance(value, list) else [value] if value else []
-    return f" --{option} {' '.join(map(str, words))}" if words else ""
 
 
 def _log(line: str) -> None:
@@ -148,14 +129,9 @@ def _digits(arguments: argparse.Namespace) -> list[Any]:
     return rows + _bench("digits_haptics", "haptics_digits")(arguments.cases)
 
 
-def _seeds(given: argparse.Namespace) -> dict[str, Any]:
-    return {"seeds": given.seeds} if given.seeds else {}
-
-
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
-    "sampling": lambda given: _bench("growth", "sampling_costs")(_published(), **_seeds(given)),
     "designs": lambda given: _bench("designs", "design_costs")(
-        given.rows, **_seeds(given), peer=given.peer, out=given.out, log=_log
+        given.rows, seeds=given.seeds or (1, 2, 3), peer=given.peer, out=given.out, log=_log
     ),
     "propagation": lambda _: _bench("propagation", "study_propagation")(_published()),
     "digits": _digits,
@@ -165,16 +141,18 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
 }
 #: Parts run alone, which write their own files.
 _WRITERS: dict[str, Callable[[argparse.Namespace], Any]] = {
-    "peers": lambda given: _bench("peers.run", "run_benchmark")(
-        given.out or _OUT, engines=given.engines, seconds=given.seconds,
-        starts=given.starts, repeats=given.repeats, quick=given.quick, log=_log,
+    "peers": lambda given: _bench("peers.document", "run_benchmark")(
+        given.out or _OUT, command=given.typed, engines=given.engines, studies=given.rows,
+        seconds=given.seconds, starts=given.starts, repeats=given.repeats, quick=given.quick, log=_log,
     ),
-    "reference": lambda given: _bench("peers.run", "run_reference")(given.out or _OUT, log=_log),
+    "reference": lambda given: _bench("peers.reference", "make_references")(
+        given.out or _OUT, given.rows, log=_log
+    ),
 }  # fmt: skip
 
 BENCH = Command(
     "Measure run time against error and the digits kept, on this machine.",
-    "percept bench sampling --json",
+    "percept bench skipping --out benchmark",
     _add_arguments,
     _run,
 )

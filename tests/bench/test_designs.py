@@ -55,13 +55,12 @@ def test_a_fit_is_measured_kept_and_not_measured_again(tmp_path, capsys):
     assert (tmp_path / "designs.jsonl").read_text() == kept
     written = json.loads((tmp_path / "designs.json").read_text())
     assert json.loads(printed.out)["designs"] == written["rows"]
-    assert written["simulated"]
     (row,) = written["rows"]
     assert row["passed"]
     assert row["coordinates"] == 18
     assert row["worst_error"] <= 0.01
     page = (tmp_path / "designs.md").read_text()
-    assert "`percept bench designs --rows 6x3x1 --seeds 1 --no-peer --out DIR`" in page
+    assert "`percept bench designs --rows 6x3x1 --seeds 1 --no-peer --out " in page
     assert "1 of 1 fits pass the gate." in page
 
 

@@ -1,10 +1,7 @@
 import numpy as np
 import pytest
 
-from percept import Study
-from percept.bench.growth import growth, growth_study, sampling_costs
-from percept.sessions import Sessions
-from tests.study.checked import table_of
+from percept.bench.growth import growth, growth_study
 
 
 def held(statistics):
@@ -51,12 +48,3 @@ def test_every_size_is_timed_against_the_smallest():
         assert row.seconds > 0.0
     assert all(row.ratio == 1.0 for row in found[::2])
     assert growth(rounds=1, sizes={"trial rows": (50,)}, fitted={})[0].promised == 1.1
-
-
-def test_a_run_to_each_tolerance_reaches_it():
-    study = Study(Sessions.from_frame(table_of(("k", "b"), subjects=4)))
-    rough, fine = sampling_costs(study, tolerances=(0.5, 0.3), seeds=(1,))
-    for cost, tolerance in ((rough, 0.5), (fine, 0.3)):
-        assert (cost.tolerance, cost.passed, cost.runs) == (tolerance, 1, 1)
-        assert cost.worst_error <= tolerance
-    assert fine.steps >= rough.steps

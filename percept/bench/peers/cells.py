@@ -1,4 +1,4 @@
-"""The whole model with repeats, missing cells and one or two parameters, sampled by nutpie.
+"""The whole model as PyMC writes it, with repeats, missing cells and one or two parameters; nutpie on it.
 
 Cell means and the scatter between trials are what is observed. The effect of a subject in an environment is
 summed into the cell means' covariance; every other unknown is sampled.
@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from percept.bench.peers.model import Array
 from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands, Pooled
@@ -20,6 +20,7 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Statistics
 
+Array = NDArray[np.float64]
 _CHAINS, _TUNE, _DRAWS = 4, 2000, 10_000
 #: Shorter steps than by default: divergences would bias what percept is compared with.
 _ACCEPTANCE = 0.95
@@ -29,8 +30,8 @@ _FEWEST = 100
 _SCALES = ("tau", "sigma_u", "rho_u", "sigma", "rho_w", "sigma_e", "rho_e")
 
 
-def cells_model(statistics: Statistics, priors: Priors) -> Any:
-    """Write the model in PyMC: locations and spreads as multiples of their own SDs, which no funnel holds."""
+def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False) -> Any:
+    """Write the model in PyMC: plainly, or with shifts and spreads as multiples of their SDs (no funnel)."""
     import pymc as pm
 
     size, environments = statistics.x.shape
@@ -48,6 +49,11 @@ def cells_model(statistics: Statistics, priors: Priors) -> Any:
         half = pm.Beta(f"half_{name}", priors.rho_shape, priors.rho_shape)
         return pm.Deterministic(name, 2.0 * half - 1.0)
 
+    def about(centre: Any, sd: Any, name: str, multiple: str) -> Any:
+        if centred:
+            return pm.Normal(name, centre, sd[:, None], shape=(size, environments))
+        return centre + sd[:, None] * pm.Normal(multiple, shape=(size, environments))
+
     def spreads(suffix: str) -> Any:
         log_s = pm.Normal(
             "log_s" + suffix, getattr(priors, f"log_s{suffix}_mean"), getattr(priors, f"log_s{suffix}_sd"),
@@ -55,21 +61,22 @@ def cells_model(statistics: Statistics, priors: Priors) -> Any:
         )  # fmt: skip
         kappa = pm.Normal("kappa" + suffix, 0.0, getattr(priors, f"kappa{suffix}_sd"), shape=size)
         omega = pm.HalfNormal("omega" + suffix, getattr(priors, f"omega{suffix}_scale"), shape=size)
-        off = omega[:, None] * pm.Normal("z" + suffix, shape=(size, environments))
-        return pm.Deterministic("sigma" + suffix, pm.math.exp(log_s[:, None] + kappa[:, None] * x + off))
+        log_sigma = about(log_s[:, None] + kappa[:, None] * x, omega, "log_sigma" + suffix, "z" + suffix)
+        return pm.Deterministic("sigma" + suffix, pm.math.exp(log_sigma))
 
     with pm.Model() as model:
         tau = pm.HalfNormal("tau", priors.tau_scale, shape=size)
         alpha = pm.Normal("alpha", 0.0, priors.alpha_sd, shape=size)
         gamma = pm.Normal("gamma", 0.0, priors.gamma_sd, shape=size)
-        delta = tau[:, None] * pm.Normal("z_delta", shape=(size, environments))
-        beta = alpha[:, None] + gamma[:, None] * x + delta
+        delta = about(0.0, tau, "delta", "z_delta")
+        beta = pm.Deterministic("beta", alpha[:, None] + gamma[:, None] * x + delta)
         sigma, rho_w = spreads(""), correlation("rho_w")
         sigma_u, rho_u = pm.HalfNormal("sigma_u", priors.sigma_u_scale, shape=size), correlation("rho_u")
         z = pm.Normal("z_u", shape=(size, len(statistics.subjects)))
         u = [sigma_u[0] * z[0]]
         if size == 2:
             u.append(sigma_u[1] * (rho_u * z[0] + pm.math.sqrt(1.0 - rho_u**2) * z[1]))
+        pm.Deterministic("spread", pm.math.sqrt(sigma_u[:, None] ** 2 + sigma**2))
         variance = [sigma[p][cell] ** 2 for p in range(size)]
         shared = rho_w * (sigma[0] * sigma[-1])[cell]
         if statistics.repeats:

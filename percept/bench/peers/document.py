@@ -1,46 +1,104 @@
-"""What a benchmark measured and what follows from it: benchmark.json, two figures and the page."""
+"""The benchmark: run what is installed on every study, and write benchmark.json, figures and the page."""
 
 from __future__ import annotations
 
 import dataclasses
-import datetime
-import importlib.metadata
 import math
-from collections.abc import Mapping, Sequence
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from percept import __version__
-from percept.bench.growth import Growth
 from percept.bench.measure import machine
-from percept.bench.peers.engines import ENGINES, engine
-from percept.bench.peers.processes import Comparison, Measured, Startup, Whole, comparisons
-from percept.bench.peers.reference import Reference
+from percept.bench.peers.engines import ENGINES, STUDIES, engine, missing_packages
+from percept.bench.peers.processes import (
+    COMMANDS,
+    LONGEST,
+    Comparison,
+    Measured,
+    Startup,
+    Whole,
+    comparisons,
+    measure,
+    whole_commands,
+)
+from percept.bench.peers.reference import Reference, stored_reference, stored_references
+from percept.errors import RefusalError
 from percept.files import filled_folder
+from percept.provenance import Made, made_by
 from percept.report.figures.canvas import COLOURS, Drawing, legend_below, panels
 from percept.report.figures.output import draw_all
 from percept.report.page import render_standalone
 from percept.report.plain import dumps, plain
+from percept.reproduce.published import dataset
 
-SCHEMA = "percept-benchmark-1"
+SCHEMA, PAGE = "percept-benchmark-2", "index.html"
 #: Errors over half-width at which times are compared.
 LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
-_OURS = ("percept", "mixture")
+_OURS, _PLAIN = "percept", "nutpie"
 #: Draws per chain that samplers of this kind take where nothing else is asked for.
 _USUAL_DRAWS = 1000
 _RATIO = 2.0  # time goes with the error to this power, once a sampler has converged
+_EXTRA = "pip install 'percept[peers]'"
+
+
+def run_benchmark(
+    out: str | Path,
+    *,
+    command: str,
+    engines: Sequence[str] = (),
+    studies: Sequence[str] = (),
+    seconds: float = 150.0,
+    starts: int = 3,
+    repeats: int = 5,
+    quick: bool = False,
+    log: Callable[[str], None] = lambda line: None,
+) -> Path:
+    """Measure every installed engine on every study with a reference, and whole commands; write the page."""
+    chosen = [engine(name) for name in engines] or list(ENGINES)
+    references = {name: stored_reference(name) for name in studies or stored_references()}
+    left_out = {one.title: one.missing for one in chosen if one.missing}
+    present = [one for one in chosen if not one.missing]
+    for title, missing in left_out.items():
+        log(f"{title}: left out, {', '.join(missing)} not installed; {_EXTRA}")
+    if not present:
+        raise RefusalError("none of these engines is installed.", value=", ".join(engines), hint=_EXTRA)
+    begun, before = time.perf_counter(), os.getloadavg()[0]
+    whole: list[Whole] = []
+    if repeats:
+        commands = {name: words for name, words in COMMANDS.items() if not quick or name not in LONGEST}
+        if missing_packages(("pymc",)):
+            del commands["import pymc"]
+            left_out["import pymc"] = ("pymc",)
+        log("whole commands")
+        files = str(dataset("hbfd_sessions.csv")), str(dataset("hbfd.toml"))
+        whole = whole_commands(*files, repeats=0 if quick else repeats, commands=commands)
+    startups: list[Startup] = []
+    measured: list[Measured] = []
+    for study, reference in references.items():
+        begin, rows = measure(present, study, reference, starts=starts, seconds=seconds, quick=quick, log=log)
+        startups, measured = startups + begin, measured + rows
+    document = build_document(
+        startups, measured, whole, references, left_out=left_out, made=made_by(command, _packages(present)),
+        at=machine((before, os.getloadavg()[0]), time.perf_counter() - begun),
+    )  # fmt: skip
+    return write_benchmark(document, out)
+
+
+def _packages(engines: Sequence[Any]) -> list[str]:
+    return sorted({name for one in engines for name in one.packages} - {"percept"})
 
 
 @dataclasses.dataclass(frozen=True)
 class Reached:
     """Time of one engine to one error, and how much longer that is than percept's."""
 
+    study: str
     engine: str
-    how: str
     level: float  # Error over half-width
     warm: float  # s
     cold: float  # s
@@ -54,18 +112,18 @@ class Reached:
 def reached(measured: Sequence[Measured], levels: Sequence[float] = LEVELS) -> list[Reached]:
     """Work out times to given errors, and their ratios to percept's."""
     rows = []
-    for engine_, how in dict.fromkeys((one.engine, one.how) for one in measured):
-        group = [one for one in measured if (one.engine, one.how) == (engine_, how)]
+    for study, name in dict.fromkeys((one.study, one.engine) for one in measured):
+        group = [one for one in measured if (one.study, one.engine) == (study, name)]
         rows += [_reached(group, level) for level in levels]
-    ours = {row.level: row for row in rows if (row.engine, row.how) == _OURS}
+    ours = {(row.study, row.level): row for row in rows if row.engine == _OURS}
     return [
         dataclasses.replace(
             row,
-            warm_ratio=row.warm / ours[row.level].warm,
-            cold_ratio=row.cold / ours[row.level].cold,
-            processor_ratio=row.processor / ours[row.level].processor,
+            warm_ratio=row.warm / own.warm,
+            cold_ratio=row.cold / own.cold,
+            processor_ratio=row.processor / own.processor,
         )
-        if row.level in ours
+        if (own := ours.get((row.study, row.level)))
         else row
         for row in rows
     ]
@@ -78,9 +136,9 @@ def _reached(group: Sequence[Measured], level: float) -> Reached:
     else:
         best = min(group, key=lambda one: one.error)
         more = (best.error / level) ** _RATIO
-    warm = best.warm * more
+    warm, start = best.warm * more, best.cold - best.warm
     return Reached(
-        best.engine, best.how, level, warm, best.cold - best.warm + warm, best.processor * more, not enough
+        best.study, best.engine, level, warm, start + warm, best.processor * more, extrapolated=not enough
     )
 
 
@@ -88,167 +146,142 @@ def build_document(
     startups: Sequence[Startup],
     measured: Sequence[Measured],
     whole: Sequence[Whole],
-    reference: Reference,
+    references: Mapping[str, Reference],
     *,
-    growth: Sequence[Growth] = (),
+    made: Made,
+    at: Mapping[str, Any],
     left_out: Mapping[str, Sequence[str]] | None = None,
-    command: str,
-    loads: tuple[float, float],
-    seconds: float,
 ) -> dict[str, Any]:
     """Collect a run; what was left out comes with the packages it misses."""
-    times = reached(measured)
-    compared = comparisons(whole)
-    promises = _promises(measured, times)
-    engines = [one for one in ENGINES if one.name in {row.engine for row in measured}]
-    packages = {name for one in engines for name in one.packages}
-    # What is installed here: rows may have been measured elsewhere.
-    installed = {one.name.lower(): one.version for one in importlib.metadata.distributions()}
+    times, compared = reached(measured), comparisons(whole)
+    aims = _aims(measured, times)
+    names = {row.engine for row in measured}
     document = {
         "schema": SCHEMA,
-        "command": command,
-        "machine": machine(loads, seconds),
-        "versions": {"percept": __version__}
-        | {name: installed[name] for name in sorted(packages) if name in installed},
-        "reference": {
-            "command": reference.command, "own_effective": reference.own.effective,
-            "own_runs": reference.own.runs, "own_scatter": reference.own.scatter,
-            "other_effective": reference.other.effective, "other_runs": reference.other.runs,
-            "other_scatter": reference.other.scatter, "worst_apart": np.abs(reference.apart).max(),
-            "mean_square_apart": (reference.apart**2).mean(),
-            "relative_error": np.sqrt(((reference.own.error / reference.half_width) ** 2).mean()),
-        },
-        "engines": [{"name": one.name, "title": one.title, "unit": one.unit} for one in engines],
+        "made": made,
+        "machine": at,
+        "studies": [
+            {
+                "name": name,
+                "about": STUDIES.get(name, name),
+                "limits": one.value.size,
+                "runs": one.runs,
+                "effective": one.effective,
+                "scatter": one.scatter,
+                "relative_error": one.relative_error(one.value + one.error),
+            }
+            for name, one in references.items()
+        ],
+        "engines": [
+            {"name": one.name, "title": one.title, "unit": one.unit} for one in ENGINES if one.name in names
+        ],
         "left_out": [{"name": name, "missing": missing} for name, missing in (left_out or {}).items()],
         "startups": startups,
         "measured": measured,
         "reached": times,
         "whole": whole,
         "comparisons": compared,
-        "growth": growth,
-        "promises": promises,
-        "losses": _losses(times, promises, compared, growth),
-    }  # fmt: skip
+        "aims": aims,
+        "losses": _losses(times, aims, compared),
+    }
     collected: dict[str, Any] = plain(document)
     return collected
 
 
-def _promises(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[str, Any]]:
-    """Set what percept is meant to reach against nutpie on the plainly written model beside what it did."""
-    nutpie = [one for one in measured if one.engine == "nutpie"]
-    ours = [one for one in measured if (one.engine, one.how) == _OURS]
-    if not nutpie or not ours:
+def _aims(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[str, Any]]:
+    """Compare percept and nutpie on the plain model of the first study with what percept aims at."""
+    first = [one for one in measured if one.study == measured[0].study]
+    theirs = [one for one in first if one.engine == _PLAIN]
+    ours = [one for one in first if one.engine == _OURS]
+    if not theirs or not ours:
         return []
     best = max(ours, key=lambda one: one.effective_per_second)
-    # With divergences its effective draws vary many times from run to run: what users take, and its best.
-    usual = min(nutpie, key=lambda one: abs(one.size - _USUAL_DRAWS))
-    luckiest = max(nutpie, key=lambda one: one.effective_per_second)
-    at = next(row for row in times if row.engine == "nutpie" and row.level == 0.01)
+    # With divergences its effective draws vary many times from run to run: what users take.
+    usual = min(theirs, key=lambda one: abs(one.size - _USUAL_DRAWS))
+    at = next(row for row in times if (row.study, row.engine, row.level) == (usual.study, _PLAIN, 0.01))
     steps = min(one.notes["autocorrelation_time"] for one in ours)
-    return [
-        *(
-            {
-                "what": f"effective draws per second over nutpie’s{when}",
-                "value": best.effective_per_second / theirs.effective_per_second,
-                "processor": best.effective_per_processor_second / theirs.effective_per_processor_second,
-                "aim": 1000.0, "floor": 300.0, "more_is_better": True,
-            }
-            for theirs, when in (
-                (usual, f", 4 × {usual.size:.0f} draws"),
-                (luckiest, f" at its best, 4 × {luckiest.size:.0f} draws"),
-            )
+    draws = best.effective_per_second / usual.effective_per_second
+    processor = best.effective_per_processor_second / usual.effective_per_processor_second
+    names = ("what", "value", "processor", "aim", "more_is_better")
+    rows = (
+        (
+            f"effective draws per second over nutpie’s, 4 × {usual.size:.0f} draws",
+            draws, processor, 1000.0, True,
         ),
-        {
-            "what": "nutpie’s sampling time to an error of 1 %, over percept’s", "value": at.warm_ratio,
-            "processor": at.processor_ratio, "aim": 5000.0, "floor": 1000.0, "more_is_better": True,
-        },
-        {
-            "what": "autocorrelation time of the slowest quantity, in steps", "value": steps,
-            "processor": None, "aim": 15.0, "floor": None, "more_is_better": False,
-        },
-    ]  # fmt: skip
+        (
+            "nutpie’s sampling time to an error of 1 %, over percept’s",
+            at.warm_ratio, at.processor_ratio, 5000.0, True,
+        ),
+        ("autocorrelation time of the slowest quantity, in steps", steps, None, 15.0, False),
+    )  # fmt: skip
+    return [dict(zip(names, row, strict=True)) for row in rows]
 
 
 def _losses(
-    times: Sequence[Reached],
-    promises: Sequence[dict[str, Any]],
-    compared: Sequence[Comparison],
-    growth: Sequence[Growth],
+    times: Sequence[Reached], aims: Sequence[dict[str, Any]], compared: Sequence[Comparison]
 ) -> list[str]:
-    """Say where percept is not the fastest, and which promises are not kept."""
-    lines = []
-    for row in times:
-        for state, ratio in (("warm", row.warm_ratio), ("cold", row.cold_ratio)):
-            if (row.engine, row.how) != _OURS and ratio < 1.0:
-                title = f"{engine(row.engine).title} ({row.how})"
-                lines.append(
-                    f"{title} reaches {row.level:.1%} {state} in {ratio:.2f} times percept’s time"
-                    + (", extrapolated." if row.extrapolated else ".")
-                )
-    for promise in promises:
-        what, value, aim = promise["what"], promise["value"], promise["aim"]
-        if value < aim if promise["more_is_better"] else value > aim:
+    """Say where percept is not the fastest, and which aims and promises are not kept."""
+    lines = [
+        f"{row.study}: {engine(row.engine).title} reaches {row.level:.1%} {state} in {ratio:.2f} times "
+        f"percept’s time{', extrapolated' if row.extrapolated else ''}."
+        for row in times
+        if row.engine != _OURS
+        for state, ratio in (("warm", row.warm_ratio), ("cold", row.cold_ratio))
+        if ratio < 1.0
+    ]
+    for one in aims:
+        what, value, aim = one["what"], one["value"], one["aim"]
+        if value < aim if one["more_is_better"] else value > aim:
             lines.append(f"{what[0].upper()}{what[1:]}: {value:.3g}; {aim:g} is the aim.")
-    lines += [
-        f"{one.command} takes {one.ratio:.2f} times as long as {one.against}; {one.promised:g} is promised."
+    return lines + [
+        f"{one.command} takes {one.ratio:.2f} times the wall time and {one.processor_ratio:.2f} times the "
+        f"processor time of {one.against}; {one.promised:g} is promised."
         for one in compared
         if not one.kept
     ]
-    lines += [
-        f"With {one.along} a {one.task} at {one.size} takes {one.ratio:.2f} times as long as at the least; "
-        f"{one.promised:g} is promised."
-        for one in growth
-        if one.promised is not None and one.ratio > one.promised
-    ]
-    return lines
 
 
-PAGE = "index.html"
 _COLOURS = {
-    "percept": "bayesian", "percept-stretch": "warn", "emcee": "ink", "nutpie": "classical",
-    "nutpie-noncentred": "classical", "pymc": "coupled", "numpyro": "quiet", "numpyro-noncentred": "quiet",
+    "percept": "bayesian", "emcee": "ink", "nutpie": "classical", "nutpie-noncentred": "warn",
+    "pymc": "coupled",
 }  # fmt: skip
-_MARKERS = {"mixture": "o", "draws": "D"}
 _SECTIONS = (
     ("result", "Result"),
     ("error", "Run time against error"),
     ("ratios", "Time to a given error"),
     ("measured", "Everything measured"),
     ("whole", "Whole commands"),
-    ("growth", "Growth"),
     ("reference", "What errors are measured against"),
     ("machine", "Machine and versions"),
 )
 
 
-def write_benchmark(document: Mapping[str, Any], out_dir: str | Path, *, date: str | None = None) -> Path:
+def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
     """Write a benchmark's document, figures and page."""
     with filled_folder(out_dir, last=PAGE) as folder:
         (folder / "benchmark.json").write_text(dumps(document), encoding="utf-8")
-        drawings = [_against_error(document, state) for state in ("warm", "cold")]
+        drawings = [_against_error(document, one) for one in document["studies"]]
         page = render_standalone(
             "percept.bench.peers",
             "benchmark.html.j2",
             draw_all(drawings, folder / "figures"),
             digits=3,
             document=document,
+            made=document["made"],
             names={one["name"]: one for one in document["engines"]},
             levels=list(dict.fromkeys(row["level"] for row in document["reached"])),
-            series=list(dict.fromkeys((row["engine"], row["how"]) for row in document["reached"])),
-            at={(row["engine"], row["how"], row["level"]): row for row in document["reached"]},
+            series=list(dict.fromkeys((row["study"], row["engine"]) for row in document["reached"])),
+            at={(row["study"], row["engine"], row["level"]): row for row in document["reached"]},
             sections=_SECTIONS,
-            date=date or datetime.date.today().isoformat(),
         )
         (folder / PAGE).write_text(page, encoding="utf-8")
     return Path(out_dir) / PAGE
 
 
-def _against_error(document: Mapping[str, Any], state: str) -> Drawing:
-    what = {"warm": "sampling and limits only", "cold": "with the start of the process"}[state]
-
+def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Drawing:
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18.0, bottom=38.0)
-        _curves(ax, document, state)
+        _curves(ax, document, study["name"])
         ax.set_xscale("log")
         ax.set_yscale("log")
         ax.set_xlabel("error of the limits (% of half-width)")
@@ -257,26 +290,25 @@ def _against_error(document: Mapping[str, Any], state: str) -> Drawing:
         legend_below(ax, columns=2)
 
     return Drawing(
-        f"time-{state}",
-        f"Run time against error, {state}",
-        f"Median time ({what}) over the root mean square error of all limits; each mark is one budget, each "
-        "line one engine. Left and down is better.",
+        f"time-{study['name']}",
+        f"Run time against error, {study['name']}",
+        f"{study['about']}. Median time of sampling and limits over the root mean square error of all "
+        "limits; each mark is one budget, each line one engine. Left and down is better.",
         (170.0, 118.0),
         draw,
     )
 
 
-def _curves(ax: Axes, document: Mapping[str, Any], state: str) -> None:
+def _curves(ax: Axes, document: Mapping[str, Any], study: str) -> None:
     titles = {one["name"]: one["title"] for one in document["engines"]}
-    rows = sorted(document["measured"], key=lambda row: row["size"])
-    for name, how in dict.fromkeys((row["engine"], row["how"]) for row in document["measured"]):
-        own = [row for row in rows if (row["engine"], row["how"]) == (name, how)]
+    for name, title in titles.items():
+        own = [row for row in document["measured"] if (row["study"], row["engine"]) == (study, name)]
+        own.sort(key=lambda row: row["size"])
         ax.plot(
             [100.0 * row["error"] for row in own],
-            [row[state] for row in own],
+            [row["warm"] for row in own],
             color=COLOURS[_COLOURS[name]],
-            linestyle="--" if "noncentred" in name or (name, how) == ("percept", "draws") else "-",
-            marker=_MARKERS[how],
+            marker="o",
             markersize=3.5,
-            label=titles[name] + (f", {how}" if name == "percept" else ""),
+            label=title,
         )

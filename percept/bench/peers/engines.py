@@ -1,10 +1,9 @@
-"""The engines compared, each as its users write it; what an engine needs is imported where it is used."""
+"""The engines compared: each gives limits from a study's statistics; imports are made where they are used."""
 
 from __future__ import annotations
 
 import dataclasses
 import importlib.util
-import math
 import os
 import time
 from collections.abc import Callable
@@ -12,30 +11,33 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from percept.bench.peers.model import (
-    CONFIDENCE,
-    KINDS,
-    LEVEL,
-    SHARE,
-    Array,
-    Limits,
-    PlainDensity,
-    Responses,
-    limits_of_draws,
-    population,
-)
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.models import IntervalEstimands, Model
+    from percept.inference.hierarchy.statistics import Statistics
+
+Array: TypeAlias = NDArray[np.float64]
+KINDS = ("mean", "user", "share")
+LEVEL, SHARE, CONFIDENCE = 0.99, 0.99, 0.95
+#: Studies compared, and what each is. The second part is simulated by `percept.bench.designs`.
+STUDIES = {
+    "published": "10 subjects, 5 environments, one trial; k and b",
+    "published-k": "10 subjects, 5 environments, one trial; k alone",
+    "24x12x3-weak": "24 subjects, 12 environments, 3 trials; scatter between subjects a fifth of the trials'",
+    "20x100x1": "20 subjects, 100 environments, one trial; k and b",
+}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fitted:
-    """One run of an engine."""
+    """One run of an engine: limits on the response scale, and what it took."""
 
-    limits: dict[str, Limits]  # By how they are worked out: "mixture" of conditionals, "draws"
+    value: Array  # (3, 2, C) Kinds, lower and upper, cells (parameter-major)
+    error: Array  # (3, 2, C) Monte Carlo standard errors
+    effective: float  # Effective draws of the slowest quantity behind them
     seconds: float  # Wall time of sampling and of the limits, without compiling
     notes: dict[str, float]  # What its user would look at: divergences, acceptance, autocorrelation time
 
@@ -50,7 +52,7 @@ class Engine:
 
     name: str
     title: str
-    prepare: Callable[[Responses, str], Sampler]  # From the study as arrays and its session file
+    prepare: Callable[[Statistics], Sampler]
     packages: tuple[str, ...]  # Imported, and reported with their versions
     unit: str  # What a budget counts
     budgets: tuple[tuple[float, int], ...]  # Size and repeats of a full run, smallest first
@@ -67,204 +69,121 @@ def missing_packages(packages: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for name in packages if importlib.util.find_spec(name) is None)
 
 
-# percept
+def study_statistics(name: str) -> Statistics:
+    """Reduce one of `STUDIES` to what the density reads."""
+    if not name.startswith("published"):
+        from percept.bench.designs import DESIGNS, simulated
 
-_MOST_STEPS = 2_000_000
-
-
-def percept_model(source: str) -> tuple[Model, IntervalEstimands]:
-    """Read sessions; percept's model of them with its default priors, and the limits compared."""
-    from percept.inference.hierarchy.models import IntervalEstimands
+        return simulated(DESIGNS[name], 1)
+    from percept.reproduce.published import dataset
     from percept.scene import Scene
     from percept.sessions import read_sessions
     from percept.study.fit import prepare
 
-    model = prepare(read_sessions(source), Scene(), ("k", "b")).model
+    parameters = ("k",) if name == "published-k" else ("k", "b")
+    model: Any = prepare(read_sessions(dataset("hbfd_sessions.csv")), Scene(), parameters).model
+    statistics: Statistics = model.density.statistics
+    return statistics
+
+
+def percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
+    """Return percept's model with its default priors, and the limits compared."""
+    from percept.inference.hierarchy.density import CollapsedDensity
+    from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+
+    model = Pooled(CollapsedDensity(statistics))
     return model, IntervalEstimands(model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE)
 
 
-def _percept(study: Responses, source: str) -> Sampler:
-    """Percept itself: sampled to a tolerance; limits from the mixture and from raw draws."""
-    from percept.inference.hierarchy.density import ConditionalMoments
+def percept_run(statistics: Statistics, tolerance: float, seed: int) -> Fitted:
+    """Sample by percept to a tolerance."""
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 
-    model, estimands = percept_model(source)
-    shape = (len(KINDS), 2, len(estimands.cells))
-
-    def fit(budget: float, seed: int) -> Fitted:
-        started = time.perf_counter()
-        run = sample(model, estimands, Settings(tolerance=budget, seed=seed, most_steps=_MOST_STEPS))
-        seconds = time.perf_counter() - started
-        gate = run.gate
-        # One conditional draw of the locations per kept draw of the scales.
-        laws = ConditionalMoments.unpack(run.components.reshape(-1, run.components.shape[-1]))
-        rng = np.random.default_rng(seed)
-        beta = laws.mean + laws.sd * rng.standard_normal(laws.mean.shape)
-        draws = limits_of_draws(beta[None], laws.population_sd[None], rng)
-        limits = {
-            "mixture": Limits(
-                run.estimates.value.reshape(shape), run.errors.reshape(shape), gate.effective_draws
-            ),
-            "draws": dataclasses.replace(draws, effective=gate.effective_draws),
-        }
-        notes = {
-            "passed": float(gate.passed), "worst_error": gate.worst_error, "steps": float(run.steps),
-            "autocorrelation_time": gate.autocorrelation_time, "acceptance": gate.acceptance,
-        }  # fmt: skip
-        return Fitted(limits, seconds, notes)
-
-    return fit
+    started = time.perf_counter()
+    model, estimands = percept_model(statistics)
+    run = sample(model, estimands, Settings(tolerance=tolerance, seed=seed, most_steps=2_000_000))
+    gate, shape = run.gate, (len(KINDS), 2, len(estimands.cells))
+    notes = {
+        "passed": float(gate.passed), "worst_error": gate.worst_error, "steps": float(run.steps),
+        "autocorrelation_time": gate.autocorrelation_time, "acceptance": gate.acceptance,
+    }  # fmt: skip
+    return Fitted(
+        run.estimates.value.reshape(shape), run.errors.reshape(shape), gate.effective_draws,
+        time.perf_counter() - started, notes,
+    )  # fmt: skip
 
 
-# emcee's stretch moves, on percept's density and on the joint one
-
-_WALKERS = 256
-_KEPT_EVERY = 10
-_BURN_IN = 0.25
+def _percept(statistics: Statistics) -> Sampler:
+    return partial(percept_run, statistics)
 
 
-def _stretch(
-    density: Callable[[Array], Array], points: Array, steps: int, seed: int
-) -> tuple[Array, dict[str, float]]:
-    """Run emcee as its tutorial does: kept positions (T, W, d) and its notes."""
+_WALKERS, _KEPT_EVERY, _BURN_IN = 256, 10, 0.25
+
+
+def _emcee(statistics: Statistics) -> Sampler:
+    """Percept's collapsed density and mixture limits, emcee's own moves: what the moves alone cost."""
     import emcee
 
-    sampler = emcee.EnsembleSampler(_WALKERS, points.shape[1], density, vectorize=True)
-    # emcee takes nothing but a legacy state here, and ignores the rest in silence.
-    state = emcee.State(points, random_state=np.random.RandomState(seed).get_state(legacy=True))
-    sampler.run_mcmc(state, steps, skip_initial_state_check=True)
-    chain = np.asarray(sampler.get_chain(discard=int(_BURN_IN * steps), thin=_KEPT_EVERY))
-    return chain, {"acceptance": float(np.mean(sampler.acceptance_fraction))}
-
-
-def _slowest(series: Array) -> float:
-    """Longest autocorrelation time of series (T, W, quantities), in kept positions."""
     from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 
-    return float(autocorrelation_time(normal_scores(series)[None]).max())
-
-
-def _percept_stretch(study: Responses, source: str) -> Sampler:
-    """Percept's collapsed density and mixture limits, emcee's stretch moves: what the moves alone cost."""
-    model, estimands = percept_model(source)
+    model, estimands = percept_model(statistics)
     shape = (len(KINDS), 2, len(estimands.cells))
 
     def fit(budget: float, seed: int) -> Fitted:
-        started = time.perf_counter()
+        started, steps = time.perf_counter(), int(budget)
         points = 0.5 * np.random.default_rng(seed).standard_normal((_WALKERS, len(model.names)))
-        kept, notes = _stretch(model, points, int(budget), seed)
+        sampler = emcee.EnsembleSampler(*points.shape, model, vectorize=True)
+        # emcee takes nothing but a legacy state here, and ignores the rest in silence.
+        state = emcee.State(points, random_state=np.random.RandomState(seed).get_state(legacy=True))
+        sampler.run_mcmc(state, steps, skip_initial_state_check=True)
+        kept = np.asarray(sampler.get_chain(discard=int(_BURN_IN * steps), thin=_KEPT_EVERY))
         components = estimands.components(kept.reshape(-1, kept.shape[2]))
-        steps = _slowest(components.reshape(*kept.shape[:2], -1))
-        effective = len(components) / steps
+        scores = normal_scores(components.reshape(*kept.shape[:2], -1))
+        slowest = float(autocorrelation_time(scores[None]).max())
+        effective = len(components) / slowest
         estimates, influence = estimands.estimate(components)
         error = influence.std(axis=0) / np.sqrt(effective)
-        limits = Limits(estimates.value.reshape(shape), error.reshape(shape), effective)
-        notes["autocorrelation_time"] = steps * _KEPT_EVERY
-        return Fitted({"mixture": limits}, time.perf_counter() - started, notes)
+        notes = {
+            "acceptance": float(np.mean(sampler.acceptance_fraction)),
+            "autocorrelation_time": slowest * _KEPT_EVERY,
+        }
+        seconds = time.perf_counter() - started
+        return Fitted(estimates.value.reshape(shape), error.reshape(shape), effective, seconds, notes)
 
     return fit
 
-
-def _emcee(study: Responses, source: str) -> Sampler:
-    """Emcee on the joint density, nothing integrated out."""
-    density = PlainDensity(study)
-
-    def fit(budget: float, seed: int) -> Fitted:
-        started = time.perf_counter()
-        rng = np.random.default_rng(seed)
-        kept, notes = _stretch(density, density.start(_WALKERS, rng), int(budget), seed)
-        flat = kept.reshape(-1, density.dimension)
-        beta, spread = population(density.unknowns(flat), study.decades)
-        # Walkers are not chains: their draws are pooled in one, and the errors come from their own times.
-        limits = limits_of_draws(beta[None], spread[None], np.random.default_rng(seed))
-        steps = _slowest(np.concatenate([beta, np.log(spread)], axis=1).reshape(*kept.shape[:2], -1))
-        effective = len(flat) / steps
-        error = limits.error * np.sqrt(max(1.0, limits.effective / effective))
-        notes["autocorrelation_time"] = steps * _KEPT_EVERY
-        limits = Limits(limits.value, error, effective)
-        return Fitted({"draws": limits}, time.perf_counter() - started, notes)
-
-    return fit
-
-
-# NUTS
 
 _CHAINS = 4
-_PIECE = 250  # NumPyro's draws per call: a call of another length would be compiled again
 
 
-def _of_chains(beta: Any, spread: Any, seed: int, seconds: float, divergences: float) -> Fitted:
-    """Limits from the draws (chains, draws, parameters, environments) of a general sampler."""
-    started = time.perf_counter()
-    chains, draws = beta.shape[:2]
-    limits = limits_of_draws(
-        beta.reshape(chains, draws, -1), spread.reshape(chains, draws, -1), np.random.default_rng(seed)
-    )
-    seconds += time.perf_counter() - started
-    return Fitted({"draws": limits}, seconds, {"divergences": divergences})
-
-
-def pymc_model(study: Responses, *, form: str = "centred") -> Any:
-    """Write the model as users of PyMC do."""
+def _pymc(statistics: Statistics) -> Sampler:
     import pymc as pm
 
-    cell, person = (2, study.environments), (2, study.subjects)
-    with pm.Model() as model:
-        alpha = pm.Normal("alpha", 0.0, 1.0, shape=2)
-        gamma = pm.Normal("gamma", 0.0, 0.25, shape=2)
-        tau = pm.HalfNormal("tau", 0.5, shape=2)
-        sigma_u = pm.HalfNormal("sigma_u", 0.5, shape=2)
-        log_s = pm.Normal("log_s", np.log(0.2), 1.0, shape=2)
-        kappa = pm.Normal("kappa", 0.0, 0.5, shape=2)
-        omega = pm.HalfNormal("omega", 1.0, shape=2)
-        rho_u = pm.Deterministic("rho_u", 2.0 * pm.Beta("half_rho_u", 2.0, 2.0) - 1.0)
-        rho_w = pm.Deterministic("rho_w", 2.0 * pm.Beta("half_rho_w", 2.0, 2.0) - 1.0)
-        trend = log_s[:, None] + kappa[:, None] * study.decades
-        if form == "centred":
-            delta = pm.Normal("delta", 0.0, tau[:, None], shape=cell)
-            log_sigma = pm.Normal("log_sigma", trend, omega[:, None], shape=cell)
-        else:
-            delta = pm.Deterministic("delta", tau[:, None] * pm.Normal("z_delta", shape=cell))
-            log_sigma = pm.Deterministic(
-                "log_sigma", trend + omega[:, None] * pm.Normal("z_sigma", shape=cell)
-            )
-        z = pm.Normal("z_u", shape=person)
-        u_b = sigma_u[1] * (rho_u * z[0] + pm.math.sqrt(1.0 - rho_u**2) * z[1])
-        u = pm.Deterministic("u", pm.math.stack([sigma_u[0] * z[0], u_b]))
-        beta = pm.Deterministic("beta", alpha[:, None] + gamma[:, None] * study.decades + delta)
-        sigma = pm.math.exp(log_sigma)
-        pm.Deterministic("spread", pm.math.sqrt(sigma_u[:, None] ** 2 + sigma**2))
-        mean = beta[:, study.environment] + u[:, study.subject]
-        sd = sigma[:, study.environment]
-        k, b = study.response.T
-        pm.Normal("k", mean[0], sd[0], observed=k)
-        given_k = mean[1] + rho_w * sd[1] / sd[0] * (k - mean[0])
-        pm.Normal("b", given_k, sd[1] * pm.math.sqrt(1.0 - rho_w**2), observed=b)
-    return model
+    from percept.bench.peers.cells import cells_model
+    from percept.inference.hierarchy.priors import Priors
 
-
-def _pymc(study: Responses, source: str) -> Sampler:
-    import pymc as pm
-
-    model = pymc_model(study)
+    model = cells_model(statistics, Priors(), centred=True)
 
     def fit(budget: float, seed: int) -> Fitted:
         with model:
             tree = pm.sample(
                 int(budget), tune=1000, chains=_CHAINS, cores=os.cpu_count(), random_seed=seed,
-                progressbar=False, compute_convergence_checks=False,
+                progressbar=False, compute_convergence_checks=False, var_names=["beta", "spread"],
             )  # fmt: skip
         return _of_tree(tree, seed, float(tree.posterior.attrs["sampling_time"]))
 
     return fit
 
 
-def _nutpie(study: Responses, source: str, *, form: str) -> Sampler:
-    """PyMC's model, compiled and sampled by nutpie."""
+def _nutpie(statistics: Statistics, *, centred: bool) -> Sampler:
     import nutpie
 
-    compiled = nutpie.compile_pymc_model(pymc_model(study, form=form))
+    from percept.bench.peers.cells import cells_model
+    from percept.inference.hierarchy.priors import Priors
+
+    model = cells_model(statistics, Priors(), centred=centred)
+    compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
 
     def fit(budget: float, seed: int) -> Fitted:
         started = time.perf_counter()
@@ -278,84 +197,58 @@ def _nutpie(study: Responses, source: str, *, form: str) -> Sampler:
 
 
 def _of_tree(tree: Any, seed: int, seconds: float) -> Fitted:
+    """Limits from the draws of a general sampler, as its users take them."""
+    started = time.perf_counter()
     beta, spread = (np.asarray(tree.posterior[name]) for name in ("beta", "spread"))
-    return _of_chains(beta, spread, seed, seconds, float(tree.sample_stats.diverging.sum()))
+    shape = (*beta.shape[:2], -1)
+    limits = limits_of_draws(beta.reshape(shape), spread.reshape(shape), np.random.default_rng(seed))
+    seconds += time.perf_counter() - started
+    return Fitted(*limits, seconds, {"divergences": float(tree.sample_stats.diverging.sum())})
 
 
-def numpyro_model(study: Responses, *, form: str = "centred") -> Any:
-    """Write the model as users of NumPyro do, a function without arguments."""
-    import jax.numpy as jnp
-    import numpyro
-    import numpyro.distributions as dist
+def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
+    """Half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share."""
+    from scipy import special
+    from scipy.optimize import elementwise
 
-    cell, person = (2, study.environments), (2, study.subjects)
-    decades, (k, b) = jnp.asarray(study.decades), jnp.asarray(study.response.T)
-    who, where = jnp.asarray(study.subject), jnp.asarray(study.environment)
+    def missing(t: Array, apart: Array) -> Array:
+        return special.ndtr(apart - t) + special.ndtr(-apart - t) - (1.0 - share)
 
-    def model() -> None:
-        alpha = numpyro.sample("alpha", dist.Normal(0.0, 1.0).expand([2]))
-        gamma = numpyro.sample("gamma", dist.Normal(0.0, 0.25).expand([2]))
-        tau = numpyro.sample("tau", dist.HalfNormal(0.5).expand([2]))
-        sigma_u = numpyro.sample("sigma_u", dist.HalfNormal(0.5).expand([2]))
-        log_s = numpyro.sample("log_s", dist.Normal(jnp.log(0.2), 1.0).expand([2]))
-        kappa = numpyro.sample("kappa", dist.Normal(0.0, 0.5).expand([2]))
-        omega = numpyro.sample("omega", dist.HalfNormal(1.0).expand([2]))
-        rho_u = 2.0 * numpyro.sample("half_rho_u", dist.Beta(2.0, 2.0)) - 1.0
-        rho_w = 2.0 * numpyro.sample("half_rho_w", dist.Beta(2.0, 2.0)) - 1.0
-        trend = log_s[:, None] + kappa[:, None] * decades
-        if form == "centred":
-            delta = numpyro.sample("delta", dist.Normal(jnp.zeros(cell), tau[:, None]))
-            log_sigma = numpyro.sample("log_sigma", dist.Normal(trend, omega[:, None]))
-        else:
-            delta = tau[:, None] * numpyro.sample("z_delta", dist.Normal().expand(cell))
-            log_sigma = trend + omega[:, None] * numpyro.sample("z_sigma", dist.Normal().expand(cell))
-        z = numpyro.sample("z_u", dist.Normal().expand(person))
-        u = jnp.stack([sigma_u[0] * z[0], sigma_u[1] * (rho_u * z[0] + jnp.sqrt(1.0 - rho_u**2) * z[1])])
-        beta = numpyro.deterministic("beta", alpha[:, None] + gamma[:, None] * decades + delta)
-        sigma = jnp.exp(log_sigma)
-        numpyro.deterministic("spread", jnp.sqrt(sigma_u[:, None] ** 2 + sigma**2))
-        mean, sd = beta[:, where] + u[:, who], sigma[:, where]
-        numpyro.sample("k", dist.Normal(mean[0], sd[0]), obs=k)
-        given_k = mean[1] + rho_w * sd[1] / sd[0] * (k - mean[0])
-        numpyro.sample("b", dist.Normal(given_k, sd[1] * jnp.sqrt(1.0 - rho_w**2)), obs=b)
-
-    return model
+    apart = np.abs(off) / spread
+    beyond = apart + special.ndtri(0.5 * (1.0 + share)) + 1.0
+    found = elementwise.find_root(missing, (np.zeros_like(apart), beyond), args=(apart,))
+    return np.asarray(found.x * spread)
 
 
-def _numpyro(study: Responses, source: str, *, form: str) -> Sampler:
-    import numpyro
+def limits_of_draws(beta: Array, spread: Array, rng: np.random.Generator) -> tuple[Array, Array, float]:
+    """Limits from draws (chains, draws, cells), their errors, and the effective draws of the slowest."""
+    from arviz_stats.base.array import BaseArray
 
-    numpyro.enable_x64()
-    numpyro.set_host_device_count(_CHAINS)
-    import jax
-    from numpyro.infer import MCMC, NUTS
+    array_stats: Any = BaseArray()
+    tails = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
+    user = beta + spread * rng.standard_normal(beta.shape)
+    centre = beta.mean(axis=(0, 1))
+    half = share_half_widths(beta - centre, spread)
+    h = np.quantile(half, CONFIDENCE, axis=(0, 1))
+    quantiles = [np.quantile(draws, tails, axis=(0, 1)) for draws in (beta, user)]
+    value = np.stack([*quantiles, np.stack([centre - h, centre + h])])
 
-    chains = MCMC(
-        NUTS(numpyro_model(study, form=form)), num_warmup=500, num_samples=_PIECE, num_chains=_CHAINS,
-        progress_bar=False,
-    )  # fmt: skip
+    def error(draws: Array, **how: Any) -> Array:
+        return np.asarray(array_stats.mcse(np.moveaxis(draws, -1, 0), **how))
 
-    def fit(budget: float, seed: int) -> Fitted:
-        started = time.perf_counter()
-        chains.warmup(jax.random.PRNGKey(seed))
-        pieces, divergences = [], 0.0
-        for _ in range(math.ceil(budget / _PIECE)):
-            chains.post_warmup_state = chains.last_state
-            chains.run(chains.last_state.rng_key, extra_fields=("diverging",))
-            divergences += float(np.asarray(chains.get_extra_fields()["diverging"]).sum())
-            posterior = chains.get_samples(group_by_chain=True)
-            pieces.append([np.asarray(posterior[name]) for name in ("beta", "spread")])
-        chains.post_warmup_state = None
-        beta, spread = (np.concatenate(parts, axis=1) for parts in zip(*pieces, strict=True))
-        return _of_chains(beta, spread, seed, time.perf_counter() - started, divergences)
-
-    return fit
+    errors = [[error(draws, method="quantile", prob=tail) for tail in tails] for draws in (beta, user)]
+    of_share = np.hypot(error(half, method="quantile", prob=CONFIDENCE), error(beta, method="mean"))
+    # 5 and 95 %: the tails whose draws are counted since Vehtari et al. (2021).
+    effective = [
+        np.asarray(array_stats.ess(np.moveaxis(draws, -1, 0), method=method, **how))
+        for draws in (beta, np.log(spread))
+        for method, how in (("bulk", {}), ("tail", {"prob": (0.05, 0.95)}))
+    ]
+    return value, np.stack([*errors, [of_share, of_share]]), float(np.nanmin(effective))
 
 
-_NUTS_UNIT, _WALKERS_UNIT = "draws per chain, 4 chains", "steps of 256 walkers"
+_NUTS_UNIT = "draws per chain, 4 chains"
 _NUTS_SIZES = ((250, 5), (1000, 5), (4000, 3), (16000, 1))
-_WALKER_SIZES = ((1000, 5), (4000, 5), (16000, 3), (64000, 1))
-_NUTPIE_SIZES = ((250, 5), (1000, 15), (4000, 3), (16000, 1))
 _NUTPIE = ("nutpie", "pymc", "pytensor", "numba")
 ENGINES = (
     Engine(
@@ -363,30 +256,18 @@ ENGINES = (
         ((0.1, 5), (0.02, 5), (0.01, 5), (0.005, 5), (0.002, 3), (0.001, 2)), 0.1,
     ),
     Engine(
-        "percept-stretch", "percept's density, emcee's stretch moves", _percept_stretch,
-        ("percept", "emcee"), _WALKERS_UNIT, _WALKER_SIZES, 200,
+        "emcee", "emcee's stretch moves on percept's density", _emcee, ("percept", "emcee"),
+        "steps of 256 walkers", ((1000, 5), (4000, 5), (16000, 3), (64000, 1)), 200,
     ),
     Engine(
-        "emcee", "emcee, nothing integrated out", _emcee, ("emcee", "numpy"), _WALKERS_UNIT, _WALKER_SIZES,
-        200,
+        "nutpie", "nutpie, written plainly", partial(_nutpie, centred=True), _NUTPIE, _NUTS_UNIT,
+        ((250, 5), (1000, 15), (4000, 3), (16000, 1)), 50,
     ),
     Engine(
-        "nutpie", "nutpie, written plainly", partial(_nutpie, form="centred"), _NUTPIE, _NUTS_UNIT,
-        _NUTPIE_SIZES, 50,
-    ),
-    Engine(
-        "nutpie-noncentred", "nutpie, non-centred by hand", partial(_nutpie, form="noncentred"), _NUTPIE,
+        "nutpie-noncentred", "nutpie, non-centred by hand", partial(_nutpie, centred=False), _NUTPIE,
         _NUTS_UNIT, _NUTS_SIZES, 50,
     ),
     Engine("pymc", "PyMC, written plainly", _pymc, ("pymc", "pytensor"), _NUTS_UNIT, _NUTS_SIZES, 50),
-    Engine(
-        "numpyro", "NumPyro, written plainly", partial(_numpyro, form="centred"), ("numpyro", "jax"),
-        _NUTS_UNIT, _NUTS_SIZES, 50,
-    ),
-    Engine(
-        "numpyro-noncentred", "NumPyro, non-centred by hand", partial(_numpyro, form="noncentred"),
-        ("numpyro", "jax"), _NUTS_UNIT, _NUTS_SIZES, 50,
-    ),
 )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from percept.bench.peers.cells import cells_model
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import Priors
 
-LATENT = ("alpha", "gamma", "z_delta", "z_u")
+LATENT = ("alpha", "gamma", "delta", "z_delta", "z_u")
 
 
 def law(name):
@@ -55,27 +55,33 @@ def integrated(quadratic, shapes):
     return zero + top + 0.5 * total * np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(-curvature)[1]
 
 
+@pytest.mark.parametrize("centred", [False, True])
 @pytest.mark.filterwarnings("ignore")  # of the libraries, about themselves
-def test_integrated_over_the_locations_it_is_the_collapsed_density(statistics):
+def test_integrated_over_the_locations_it_is_the_collapsed_density(statistics, centred):
     pytest.importorskip("pymc")
-    model = cells_model(statistics, Priors())
+    model = cells_model(statistics, Priors(), centred=centred)
     compiled = model.compile_logp(jacobian=False)
     density = CollapsedDensity(statistics)
     points = 0.5 * np.random.default_rng(4).standard_normal((4, density.dimension))
     scales = density.layout.scales(np.ascontiguousarray(points.T))
     collapsed = density.log_likelihood(scales)
     variables = {variable.name: model.rvs_to_values[variable] for variable in model.free_RVs}
-    shapes = {name: tuple(variables[name].type.shape) for name in LATENT}
+    shapes = {name: tuple(variables[name].type.shape) for name in LATENT if name in variables}
     differences = []
     for draw in range(len(points)):
         named = {name: value[..., draw] for name, value in scales.named.items()}
-        given = {name: named[name] for name in ("tau", "sigma_u")}
+        given, prior_of_sigma = {name: named[name] for name in ("tau", "sigma_u")}, 0.0
         for suffix in ("", "_e") if "sigma_e" in named else ("",):
             log_s = np.log(named["s" + suffix])
             omega, kappa = named["omega" + suffix], named["kappa" + suffix]
             line = log_s[:, None] + kappa[:, None] * statistics.x
             given |= {"log_s" + suffix: log_s, "kappa" + suffix: kappa, "omega" + suffix: omega}
-            given["z" + suffix] = (np.log(named["sigma" + suffix]) - line) / omega[:, None]
+            log_sigma = np.log(named["sigma" + suffix])
+            if centred:
+                given["log_sigma" + suffix] = log_sigma
+                prior_of_sigma += stats.norm.logpdf(log_sigma, line, omega[:, None]).sum()
+            else:
+                given["z" + suffix] = (log_sigma - line) / omega[:, None]
         given |= {f"half_{name}": 0.5 * (1 + value) for name, value in named.items() if name[:3] == "rho"}
 
         def log_density(latents, given=given):
@@ -88,6 +94,7 @@ def test_integrated_over_the_locations_it_is_the_collapsed_density(statistics):
                 }.get(transform, np.asarray)(value)  # fmt: skip
             return float(compiled(point))
 
-        prior = sum(law(name).logpdf(value).sum() for name, value in given.items())
+        own = {name: value for name, value in given.items() if not name.startswith("log_sigma")}
+        prior = prior_of_sigma + sum(law(name).logpdf(value).sum() for name, value in own.items())
         differences.append(integrated(log_density, shapes) - prior - collapsed[draw])
     assert differences == pytest.approx(np.full(len(points), differences[0]), abs=1e-6)

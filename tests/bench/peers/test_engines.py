@@ -1,81 +1,80 @@
-"""The peers' models are percept's: log densities differ by one constant at random points."""
+"""Limits from raw draws, and engines by their names."""
 
 import numpy as np
 import pytest
+from scipy import optimize, special, stats
 
-from percept.bench.peers.engines import ENGINES, engine, numpyro_model, pymc_model
-from percept.bench.peers.model import log_joint
+from percept.bench.peers.engines import (
+    CONFIDENCE,
+    ENGINES,
+    SHARE,
+    STUDIES,
+    engine,
+    limits_of_draws,
+    share_half_widths,
+    study_statistics,
+)
 from percept.errors import UsageError
-
-#: What PyMC and NumPyro declare, and the Jacobian of each against the unknown it stands for.
-NORMAL = ("alpha", "gamma", "log_s", "kappa")
-HALF_NORMAL = ("tau", "sigma_u", "omega")
-
-
-def declared(study, values, draw, form):
-    """Values of the declared variables at a set of unknowns, and the log Jacobian d(unknowns)/d(declared)."""
-    one = {name: value[..., draw] for name, value in values.items()}
-    found = {name: one[name] for name in (*NORMAL, *HALF_NORMAL)}
-    found |= {f"half_{name}": 0.5 * (1.0 + one[name]) for name in ("rho_u", "rho_w")}
-    root = np.sqrt(1.0 - one["rho_u"] ** 2)
-    z_k = one["u"][0] / one["sigma_u"][0]
-    z_b = (one["u"][1] / one["sigma_u"][1] - one["rho_u"] * z_k) / root
-    found["z_u"] = np.stack([z_k, z_b])
-    jacobian = study.subjects * np.log(one["sigma_u"][0] * one["sigma_u"][1] * root)
-    if form == "centred":
-        found |= {name: one[name] for name in ("delta", "log_sigma")}
-    else:
-        trend = one["log_s"][:, None] + one["kappa"][:, None] * study.decades
-        found["z_delta"] = one["delta"] / one["tau"][:, None]
-        found["z_sigma"] = (one["log_sigma"] - trend) / one["omega"][:, None]
-        jacobian += study.environments * np.log(one["tau"] * one["omega"]).sum()
-    return found, jacobian
-
-
-def assert_one_constant(study, unknowns, form, log_density):
-    """`log_density` of the declared values equals the joint density up to a constant."""
-    ours = log_joint(study, unknowns)
-    differences = []
-    for draw, value in enumerate(ours):
-        found, jacobian = declared(study, unknowns, draw, form)
-        differences.append(log_density(found) - (value + jacobian))
-    # (rho + 1)/2 is declared, not rho: a factor two for each of two correlations.
-    assert differences == pytest.approx(np.full(len(ours), 2 * np.log(2.0)), abs=1e-8 * np.abs(ours).max())
-
-
-@pytest.mark.filterwarnings("ignore")  # of the libraries, about themselves
-@pytest.mark.parametrize("form", ["centred", "noncentred"])
-def test_pymc_model(study, unknowns, form):
-    pytest.importorskip("pymc")
-    model = pymc_model(study, form=form)
-    density = model.compile_logp(jacobian=False)
-
-    def log_density(values):
-        point = {}
-        for variable in model.free_RVs:
-            inner = model.rvs_to_values[variable]
-            value = values[variable.name]
-            transform = inner.name.removeprefix(variable.name)
-            point[inner.name] = {"_log__": np.log, "_logodds__": lambda v: np.log(v / (1 - v))}.get(
-                transform, np.asarray
-            )(value)
-        return float(density(point))
-
-    assert_one_constant(study, unknowns, form, log_density)
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("form", ["centred", "noncentred"])
-def test_numpyro_model(study, unknowns, form):
-    numpyro = pytest.importorskip("numpyro")
-    numpyro.enable_x64()
-    from numpyro.infer.util import log_density as of_model
-
-    model = numpyro_model(study, form=form)
-    assert_one_constant(study, unknowns, form, lambda values: float(of_model(model, (), {}, values)[0]))
 
 
 def test_engines_are_found_by_name():
     assert all(engine(one.name) is one for one in ENGINES)
-    with pytest.raises(UsageError, match="no such engine; they are percept, percept-stretch"):
+    with pytest.raises(UsageError, match="no such engine; they are percept, emcee, nutpie"):
         engine("stan")
+
+
+def test_studies_are_what_their_descriptions_say():
+    for name, about in STUDIES.items():
+        statistics = study_statistics(name)
+        subjects, environments = len(statistics.subjects), len(statistics.environments)
+        assert about.startswith(f"{subjects} subjects, {environments} environments")
+        assert statistics.repeats == ("3 trials" in about)
+        assert statistics.parameters == (("k",) if "k alone" in about else ("k", "b"))
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9, 0.01, 0.5, 3.0, 40.0])
+@pytest.mark.parametrize("share", [0.5, 0.99, 0.9999])
+def test_share_half_width_is_the_root(off, share):
+    spread = 0.3
+
+    def missing(h):
+        return special.ndtr((off - h) / spread) + special.ndtr((-off - h) / spread) - (1.0 - share)
+
+    expected = optimize.brentq(missing, 0.0, off + 10.0, xtol=1e-15, rtol=1e-15)
+    # Of opposite signs alike.
+    found = share_half_widths(np.array([off, -off]), np.array([spread, spread]), share)
+    assert found == pytest.approx([expected, expected], rel=1e-11)
+
+
+def test_limits_of_independent_draws_of_a_known_law():
+    """Means N(0.2, 0.1²), spread 0.5: quantiles are known, and so is the size of the errors."""
+    rng = np.random.default_rng(11)
+    chains, draws, cells = 4, 3000, 20
+    beta = 0.2 + 0.1 * rng.standard_normal((chains, draws, cells))
+    spread = np.full(beta.shape, 0.5) * np.exp(1e-12 * rng.standard_normal(beta.shape))
+    value, error, effective = limits_of_draws(beta, spread, rng)
+    z = stats.norm.isf(0.005)
+    wide = np.hypot(0.1, 0.5)
+    exact = 0.2 + z * np.array([-0.1, 0.1, -wide, wide])
+    apart = (value[:2].reshape(4, cells) - exact[:, None]) / error[:2].reshape(4, cells)
+    # 80 standardised errors: their mean square has an SD of sqrt(2/80), and more as they are estimated.
+    assert np.mean(apart**2) == pytest.approx(1.0, abs=5 * 1.2 * np.sqrt(2 / 80))
+    off = stats.norm.isf(0.5 * (1 - CONFIDENCE)) * 0.1
+    half = share_half_widths(np.array(off), np.array(0.5), SHARE)
+    assert np.abs((value[2, 1] - value[2, 0]) / 2 - half).max() < 5 * error[2].max()
+    assert effective == pytest.approx(chains * draws, rel=0.2)
+
+
+def test_errors_see_autocorrelation():
+    rng = np.random.default_rng(12)
+    noise = rng.standard_normal((4, 4000, 2))
+    slow = np.zeros_like(noise)
+    for t in range(1, noise.shape[1]):
+        slow[:, t] = 0.9 * slow[:, t - 1] + np.sqrt(1 - 0.81) * noise[:, t]
+    spread = np.exp(0.1 * noise)
+    (_, quick_error, quick), (_, error, found) = (
+        limits_of_draws(draws, spread, rng) for draws in (noise, slow)
+    )
+    # The mean of an AR(1) with 0.9 has (1 + 0.9)/(1 - 0.9) = 19 times the variance of independent draws.
+    assert found < quick / 6
+    assert (error[0] > 1.7 * quick_error[0]).all()

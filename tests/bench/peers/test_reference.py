@@ -1,33 +1,32 @@
 """The stored reference: what pooling does, what it is measured by, and that a new run agrees with it."""
 
-import hashlib
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from percept.bench.peers.engines import percept_model
-from percept.bench.peers.reference import LongRun, Reference, make_reference, stored_reference
+from percept.bench.peers import reference
+from percept.bench.peers.engines import percept_run, study_statistics
+from percept.bench.peers.reference import Reference, make_references, stored_reference
 from percept.errors import RefusalError
-from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import sample
-from percept.report.plain import plain
 
 
 @pytest.fixture(scope="module")
-def stored(sessions):
-    return stored_reference(hashlib.sha256(Path(sessions).read_bytes()).hexdigest())
+def stored():
+    return stored_reference("published")
+
+
+def rows(seed, sd):
+    rng = np.random.default_rng(seed)
+    return [
+        {"value": rng.normal(1.0, sd, (3, 2, 10)), "error": np.full((3, 2, 10), 0.1), "effective": 100.0}
+        for _ in range(25)
+    ]
 
 
 def test_pooled_runs_are_averaged_and_their_errors_divided():
-    rng = np.random.default_rng(5)
-    rows = [
-        {"value": rng.normal(1.0, 0.1, (3, 2, 10)), "error": np.full((3, 2, 10), 0.1), "effective": 100.0}
-        for _ in range(25)
-    ]
-    found = LongRun.pooled(rows)
+    found = Reference.pooled(rows(5, 0.1))
     assert found.effective == 2500.0
     assert found.error == pytest.approx(np.full((3, 2, 10), 0.02), rel=1e-12)
     # 60 means with standard error 0.02; 60 · 24 degrees of freedom behind the scatter.
@@ -36,63 +35,41 @@ def test_pooled_runs_are_averaged_and_their_errors_divided():
 
 
 def test_runs_that_claim_too_much_scatter_more():
-    rng = np.random.default_rng(6)
-    rows = [
-        {"value": rng.normal(0.0, 0.3, (3, 2, 10)), "error": np.full((3, 2, 10), 0.1), "effective": 1.0}
-        for _ in range(25)
-    ]
-    assert LongRun.pooled(rows).scatter == pytest.approx(3.0, abs=3 * 5 * np.sqrt(0.5 / (60 * 24)))
+    assert Reference.pooled(rows(6, 0.3)).scatter == pytest.approx(3.0, abs=3 * 5 * np.sqrt(0.5 / (60 * 24)))
 
 
-def test_stored_reference_comes_from_two_samplers_that_agree(stored):
-    assert stored.own.effective >= 1e6
-    assert stored.other.effective >= 1e5
-    apart = np.abs(stored.apart)
-    # The largest of 60 normal differences stays below this in 999 of 1000 cases.
-    assert apart.max() < stats.norm.isf(0.5 * 1e-3 / apart.size)
-    assert stored.own.scatter < 1.5
-    assert stored.other.scatter < 1.5
+def test_the_stored_reference_claims_what_its_runs_show(stored):
+    assert stored.effective >= 1e6
+    assert stored.scatter < 1.5
 
 
-def test_a_short_run_agrees_with_the_stored_reference(sessions, stored):
-    model, estimands = percept_model(sessions)
-    assert estimands.cells == stored.cells
-    run = sample(model, estimands, Settings(tolerance=0.05, seed=71))
-    value = run.estimates.value.reshape(stored.own.value.shape)
-    error = np.hypot(run.errors.reshape(value.shape), stored.own.error)
-    assert np.abs((value - stored.own.value) / error).max() < stats.norm.isf(0.5 * 1e-4 / value.size)
-    assert 0.0 < stored.relative_error(value) < 0.05
+def test_a_short_run_agrees_with_the_stored_reference(stored):
+    found = percept_run(study_statistics("published"), 0.05, 71)
+    error = np.hypot(found.error, stored.error)
+    worst = stats.norm.isf(0.5 * 1e-4 / found.value.size)
+    assert np.abs((found.value - stored.value) / error).max() < worst
+    assert 0.0 < stored.relative_error(found.value) < 0.05
 
 
 def test_relative_error_is_in_half_widths(stored):
-    moved = stored.own.value + 0.03 * stored.half_width
+    moved = stored.value + 0.03 * stored.half_width
     assert stored.relative_error(moved) == pytest.approx(0.03, rel=1e-12)
 
 
-def test_reference_survives_json(stored):
-    back = Reference.of_json(json.loads(json.dumps(plain(stored))))
-    assert plain(back) == plain(stored)
-    assert np.array_equal(back.own.value, stored.own.value)
+def test_a_study_without_reference_is_refused():
+    with pytest.raises(RefusalError, match="no reference limits are stored; there are some for published"):
+        stored_reference("nobody's")
 
 
-def test_reference_of_another_file_is_refused():
-    with pytest.raises(RefusalError, match="belong to another session file"):
-        stored_reference("0" * 64)
-
-
-def test_finished_runs_are_not_run_again(tmp_path, sessions, stored):
-    """A folder that holds enough runs gives the reference without sampling, the same every time."""
-    rows = {
-        name: [{"value": run.value.tolist(), "error": run.error.tolist(), "effective": 60.0}] * 2
-        for name, run in (("own", stored.own), ("other", stored.other))
-    }
-    for name, found in rows.items():
-        text = "".join(json.dumps(row) + "\n" for row in found)
-        (tmp_path / f"{name}-{'a' * 12}.jsonl").write_text(text, encoding="utf-8")
-    lines = []
-    found = make_reference(
-        sessions, "a" * 64, tmp_path, command="x", own_effective=100, other_effective=100, log=lines.append
-    )
-    assert lines[-1] == "own: run 2, 120 of 100 effective draws"
-    assert np.array_equal(found.own.value, stored.own.value)
-    assert found.own.runs == 2
+def test_reference_command_goes_on_from_what_is_there(tmp_path, stored):
+    """A folder that holds enough runs gives the reference without sampling."""
+    kept = {"value": stored.value.tolist(), "error": stored.error.tolist(), "effective": 6e5}
+    lines = [
+        json.dumps({"plan": f"published-k {reference._TOLERANCE}", "index": index} | kept)
+        for index in range(2)
+    ]
+    (tmp_path / "runs.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path = make_references(tmp_path, ("published-k",), runs=2)
+    found = json.loads(path.read_text(encoding="utf-8"))
+    assert found["published-k"]["effective"] == 1.2e6
+    assert found["published-k"]["value"] == found["published"]["value"] == stored.value.tolist()

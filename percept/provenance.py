@@ -1,0 +1,58 @@
+"""What a page of results was made by: command, date, the commit of the code, and versions."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import importlib.metadata
+import platform
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+
+from percept import __version__
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """How a page came about."""
+
+    command: str  # As typed
+    date: str
+    commit: str  # The last one that touched the code; empty where the code is not in a repository
+    versions: dict[str, str]  # Of percept, Python and the packages that matter
+
+    @property
+    def sentence(self) -> str:
+        """All of it in Markdown."""
+        commit = f" from commit {self.commit}" if self.commit else ""
+        versions = ", ".join(f"{name} {version}" for name, version in self.versions.items())
+        return f"Made on {self.date} by `{self.command}`{commit}. {versions}."
+
+
+def made_by(command: str, packages: Iterable[str] = ("numpy", "scipy", "emcee", "pandas")) -> Made:
+    """Record what a page is made by, now; packages that are not installed have no version."""
+    installed = {one.name.lower(): one.version for one in importlib.metadata.distributions()}
+    versions = {"percept": __version__, "Python": platform.python_version()}
+    versions |= {name: installed[name] for name in packages if name in installed}
+    return Made(command, datetime.date.today().isoformat(), commit_of_code(), versions)
+
+
+def commit_of_code() -> str:
+    """Return the last commit that touched the package, and whether files differ from it."""
+    if not (_PACKAGE.parent / ".git").exists():
+        return ""
+    try:
+        commit = _git("log", "-1", "--format=%h", "--abbrev=12")
+        return f"{commit} with changes" if _git("status", "--porcelain") else commit
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(
+        ["git", *words, "--", str(_PACKAGE)], cwd=_PACKAGE, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
