@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 JOBS ?= 2
 
 .DEFAULT_GOAL := install
-.PHONY: help install report reproduce test test-matrix test-page lint bench calibrate docs clean
+.PHONY: help install report reproduce test test-matrix test-page lint bench calibrate coverage reports docs clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -61,14 +61,34 @@ lint: $(STAMP)  ## ruff (with docstring rules) and strict types
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 
-bench: $(STAMP)  ## run time against error, on this machine
-	@$(BIN)/percept bench
-
 reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
 	@$(BIN)/percept reproduce --out build/reproduction
 
-calibrate: $(STAMP)  ## simulation-based calibration, 1000 fits of each design (hours); it can be taken up again
-	@$(BIN)/percept sbc --fits 1000 --workers $(JOBS) --out reports/calibration
+# Pages name the commit they are made from: make them in a clean tree, and commit them alone.
+reports: reproduced digits bench coverage calibrate  ## every page of reports/ (hours; each target alone resumes)
+
+.PHONY: reproduced digits
+reproduced: $(STAMP)  ## the example page, the paper and leave-one-out of reports/ (minutes)
+	@$(MAKE) --no-print-directory report
+	@cp build/hbfd/report.html reports/example/report.html
+	@$(BIN)/percept reproduce --out reports/hbfd --quiet
+	@$(BIN)/percept predict datasets/hbfd_table1.csv --scene datasets/hbfd.toml --leave-one-out \
+	    --out reports/hbfd --quiet
+
+digits: $(STAMP)  ## digits, propagation, growth, skipping and workers of reports/benchmark (half an hour)
+	@for part in digits propagation growth skipping workers; do \
+	    $(BIN)/percept bench $$part --out reports/benchmark || exit 1; \
+	done
+
+bench: $(STAMP)  ## run time against error of reports/benchmark, next to other samplers (an hour; extra peers)
+	@$(BIN)/percept bench peers --out reports/benchmark
+
+coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hours); it resumes
+	@$(BIN)/percept calibrate datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --subjects 10 3 30 \
+	    --truth lognormal normal --studies 300 --classical 1000 --workers $(JOBS) --out reports/coverage --quiet
+
+calibrate: $(STAMP)  ## simulation-based calibration, 300 fits of each design (hours); it resumes
+	@$(BIN)/percept sbc --fits 300 --workers $(JOBS) --out reports/calibration
 
 docs: $(STAMP)  ## the documentation as a site in build/docs
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'

@@ -22,6 +22,7 @@ from scipy import stats
 from percept.calibration.placing import FAULTS, SBC_DESIGNS, Placed, SbcPlan, place_study
 from percept.calibration.studies import Checkpoint
 from percept.errors import UsageError
+from percept.provenance import Made
 from percept.workers import Mapper
 
 Counts = NDArray[np.int64]
@@ -175,7 +176,7 @@ def calibrate_designs(
     return found
 
 
-def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLike[str]) -> None:
+def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLike[str], made: Made) -> None:
     """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it).
 
     Verdicts on other designs that the folder holds already stay.
@@ -195,6 +196,7 @@ def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLik
         "together by simultaneous bands that a right density leaves with a probability of at most "
         f"{100 * max((one.error for one in found), default=0.0):g} %. Fits the gate withheld are counted as "
         "failed and give no ranks. With few fits only large errors show.\n\n"
+        f"{made.sentence}\n\n"
     )
     (to / "sbc.md").write_text(head + sbc_markdown(found), encoding="utf-8")
 

@@ -64,7 +64,7 @@ def _reproduce(arguments: argparse.Namespace) -> None:
 
     published = load_published(arguments.table, arguments.scene)
     with Working("judging the claims", shown=not arguments.quiet):
-        written = write_reproduction(published, arguments.out)
+        written = write_reproduction(published, arguments.out, command=arguments.typed)
     if arguments.json:
         print((written.folder / "claims.json").read_text(encoding="utf-8"))
         return

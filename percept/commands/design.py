@@ -139,6 +139,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     import pandas as pd
 
     from percept.calibration.coverage import FILE, coverage, coverage_markdown, gather
+    from percept.provenance import made_by
     from percept.workers import open_mapper
 
     out = Path(arguments.out)
@@ -180,7 +181,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         high=plans[0].frequencies[1],
         points=plans[0].frequencies[2],
     )
-    (out / "coverage.md").write_text(head + coverage_markdown(rows), encoding="utf-8")
+    page = f"{head}{made_by(arguments.typed).sentence}\n\n{coverage_markdown(rows)}"
+    (out / "coverage.md").write_text(page, encoding="utf-8")
     pd.DataFrame([dataclasses.asdict(row) for row in rows]).to_csv(out / "coverage.csv", index=False)
     print(out / "coverage.md")
 
@@ -221,6 +223,7 @@ def _sbc(arguments: argparse.Namespace) -> None:
     """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
     from percept.calibration.placing import SBC_DESIGNS
     from percept.calibration.sbc import calibrate_designs, write_calibrations
+    from percept.provenance import made_by
     from percept.workers import open_mapper
 
     if arguments.seed < 0:
@@ -245,7 +248,7 @@ def _sbc(arguments: argparse.Namespace) -> None:
             seconds=arguments.seconds,
             progress=told,
         )
-    write_calibrations(calibrations, out)
+    write_calibrations(calibrations, out, made_by(arguments.typed))
     print(out / "sbc.md")
 
 

@@ -97,12 +97,14 @@ def references_of(texts: Sequence[str]) -> dict[str, float]:
 
 def _left_out(study: Study, arguments: argparse.Namespace) -> int:
     from percept.files import filled_folder
+    from percept.provenance import made_by
     from percept.report.left_out import left_out_document, left_out_markdown
     from percept.report.plain import dumps
     from percept.study.prediction import leave_one_environment_out
 
     document = left_out_document(study, leave_one_environment_out(study))
-    texts = {"leave_one_out.json": dumps(document), "leave_one_out.md": left_out_markdown(document)}
+    page = f"{left_out_markdown(document)}\n{made_by(arguments.typed).sentence}\n"
+    texts = {"leave_one_out.json": dumps(document), "leave_one_out.md": page}
     if not arguments.out:
         print(texts["leave_one_out.json" if arguments.json else "leave_one_out.md"], end="")
         return 0

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from percept.provenance import commit_of_code
 from percept.report.numbers import number, rounded
 from percept.report.sections import build_sections
 from percept.report.select import title_of, worded
@@ -55,6 +56,7 @@ def render_page(
         nouns=nouns,
         sections=build_sections(document),
         date=date,
+        commit=commit_of_code(),
         n=written,
         plots=plots,
         style=_asset(_PACKAGE, "page.css"),

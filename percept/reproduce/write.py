@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import hashlib
 import platform
 import re
@@ -20,6 +19,7 @@ from markupsafe import Markup, escape
 import percept
 from percept.files import filled_folder
 from percept.inference import prediction_interval, tolerance_interval
+from percept.provenance import made_by
 from percept.report.plain import dumps, plain
 from percept.reproduce import claims_coupling as coupling
 from percept.reproduce import claims_figures as figures
@@ -76,7 +76,9 @@ class Written:
     claims: tuple[Claim, ...]  # Every claim with its verdict
 
 
-def write_reproduction(published: Published, out_dir: str | Path, *, date: str | None = None) -> Written:
+def write_reproduction(
+    published: Published, out_dir: str | Path, *, command: str = "percept reproduce"
+) -> Written:
     """Judge every claim, draw every figure and write both.
 
     Parameters
@@ -85,8 +87,8 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
         As `load_published` reads it.
     out_dir : str or Path
         Folder, made where it does not exist; files of other names in it stay.
-    date : str, optional
-        Printed on the page; today where not given. It is in no other file.
+    command : str, optional
+        What is run, as the page says it. It is in no other file, as the date and the commit are.
 
     Returns
     -------
@@ -124,7 +126,7 @@ def write_reproduction(published: Published, out_dir: str | Path, *, date: str |
             document=document,
             claims=claims,
             by_name={claim.name: claim for claim in claims},
-            date=date or datetime.date.today().isoformat(),
+            made=made_by(command, _PACKAGES),
         )
         (folder / PAGE).write_text(page, encoding="utf-8")
     return Written(Path(out_dir), Path(out_dir) / PAGE, tuple(claims))

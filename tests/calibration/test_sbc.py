@@ -28,6 +28,7 @@ from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.sampling.moves import Reference, standard_moves
+from percept.provenance import made_by
 from tests.workers.clusters import QUIET
 
 PLAN = SbcPlan(design="one environment")
@@ -225,7 +226,7 @@ def test_no_time_no_studies():
 
 def test_report_says_how_many_and_what(tmp_path):
     found = judge_places(PLAN, uniform_places(50, ["rho_w", "beta[k,VE1]"]))
-    write_calibrations([found], tmp_path)
+    write_calibrations([found], tmp_path, made_by("percept sbc"))
     text = (tmp_path / "sbc.md").read_text()
     assert "50 studies were drawn from the prior" in text
     assert "at most 1 %" in text
@@ -239,8 +240,8 @@ def test_verdicts_on_other_designs_stay(tmp_path):
         judge_places(SbcPlan(design=name), uniform_places(20, ["rho_w"], seed))
         for seed, name in enumerate(("balanced", "trials", "balanced"))
     ]
-    write_calibrations(found[:2], tmp_path)
-    write_calibrations(found[2:], tmp_path)
+    write_calibrations(found[:2], tmp_path, made_by("percept sbc"))
+    write_calibrations(found[2:], tmp_path, made_by("percept sbc"))
     rows = json.loads((tmp_path / "sbc.json").read_text())
     assert [row["design"] for row in rows] == ["balanced", "trials"]
     assert [tuple(row["quantities"][0]["below"]) for row in rows] == [
