@@ -37,9 +37,9 @@ Status = Literal["done", "withheld", "refused", "failed"]
 _TEXT, _REAL, _COUNT = pa.string(), pa.float64(), pa.int64()
 
 #: Columns of every result: what became of the study, then its intervals in N/m and N·s/m, one row each; a
-#: study without intervals has one row. `status` is "done", "withheld" (the gate failed: classical rows only),
-#: "refused" (the reader or the analysis says no) or "failed" (the machine, or a file that cannot be read: a
-#: later run tries again).
+#: study without intervals has one row. A study is "done" or "refused" by the reader or the analysis. It is
+#: "withheld" where the gate failed: classical rows only. "failed" is the machine's or an unreadable file's
+#: fault, and a later run tries again.
 SCHEMA = pa.schema(
     [
         ("study", _TEXT), ("key", _TEXT), ("status", _TEXT), ("message", _TEXT), ("subjects", _COUNT),

@@ -126,7 +126,7 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
 
 
 def _make_aside(parent: Path, held: ExitStack) -> Path:
-    """Make a folder in `parent` and hold it; those of killed runs, which nobody holds, go."""
+    """Make a folder in `parent` and hold it; folders of killed runs, which nobody holds, go."""
     for abandoned in parent.glob(f"{_ASIDE}*"):
         with suppress(OSError), exclusive(abandoned, wait=False) as alone:
             if alone:

@@ -115,7 +115,7 @@ def plot_coupling(study: Study, *, ax: Axes | None) -> Axes:
 
 
 def plot_check(study: Study, *, ax: Axes | None) -> Axes:
-    """Draw the ordered probabilities of lying as far off against those of a uniform law."""
+    """Draw the ordered probabilities of lying as far off against a uniform law's."""
     if study.checks is None:
         raise _nothing("check of a hierarchical model")
     subjects = study.checks.loo.subjects.sort_values("farther", kind="stable")

@@ -23,8 +23,8 @@ Found = TypeVar("Found")
 _SECONDS = 20.0
 # How often dask gives a job to another worker when it ends in an error, such as a full disk.
 _RETRIES = 1
-# What dask keeps for its dashboard grows for an hour: some 0.4 MB per second and worker of sampled call
-# stacks, and some MB of measurements.
+# What dask keeps for its dashboard grows for an hour. Sampled call stacks take some 0.4 MB per second and
+# worker, measurements some MB.
 _FEW_RECORDS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.system-monitor.log-length": 60,
@@ -124,7 +124,7 @@ def on_cluster(client: Client) -> Mapper:
     """Take the workers of a dask cluster, whose code must be this process's own.
 
     dask gives what a lost worker was working on to another. It gives up an argument with which several
-    workers died, also one that only waited there; these come last and one by one, which tells who it was.
+    workers died, even one that only waited there. These come last and one by one, which tells the culprit.
     """
     require_same_code(client)
 

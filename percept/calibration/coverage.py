@@ -31,7 +31,7 @@ _Group = tuple[str, str, str, str, str, str]
 #: Studies needed of the Bayesian and of the classical method, under either truth, before any is recommended.
 STUDIES = 300, 10_000
 FILE, TRUTH = "advice.csv", "truth.json"
-#: Coverage under the stated level by more than so many standard errors counts as below it.
+#: Standard errors by which coverage must miss the stated level to count as below it.
 _ERRORS = 2.0
 _USERS = "users of the fitted model", "normal users"
 _METHODS = {"bayesian": "Bayesian", "classical": "classical"}

@@ -33,7 +33,7 @@ _REFITTED = {"classical": "the classical method", "bayesian": "the Bayesian one 
 _HEAD = """# Coverage
 
 All studies behind this table are simulated: with the references of {paths}, {trials},
-and {source}, refitted by {methods}. Curves are those of a device of {mass:g} kg and
+and {source}, refitted by {methods}. Curves belong to a device of {mass:g} kg and
 {damping:g} N·s/m at a period of {period:g} s, at {points} frequencies from {low:g} to {high:g} rad/s.
 Of the scene's other settings level, share, confidence, family, method and seed are kept; `[model]`,
 modes and hold are not.

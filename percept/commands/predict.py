@@ -73,7 +73,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if worst > asked:
         print(
             f"percept: these limits have Monte Carlo errors of up to {worst:.2%} of a half-width, more than "
-            f"the {asked:.2%} that the fit was asked for: ask for a smaller tolerance.",
+            f"the fit's {asked:.2%}. Ask for a smaller tolerance.",
             file=sys.stderr,
         )
     if prediction.boundaries:

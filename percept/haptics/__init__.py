@@ -1,7 +1,7 @@
 """Impedances of a sampled haptic display, exact from DC to Nyquist; their bounds, stability and couplings.
 
 Angular frequencies are in rad/s, impedances in N·s/m, periods in seconds. Only numpy is needed. Equation
-numbers are those of "The effect of static virtual couplings on realistic performance of haptic systems".
+numbers refer to "The effect of static virtual couplings on realistic performance of haptic systems".
 """
 
 from __future__ import annotations

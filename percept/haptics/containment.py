@@ -1,8 +1,8 @@
 """Whether abs(Z_h) stays inside a region of (k, b) at every ω of a range: decided without a grid.
 
 At one ω let F be the farthest and N the nearest point of the region, as abs(Z_h) measures. Wherever abs(Z_h)
-of the display lies between those of N and F it lies inside the region's limits. On a piece of the range this
-asks for the signs of two polynomials, which Bernstein coefficients of one sign decide. Others are halved.
+of the display lies between N's and F's it lies inside the region's limits. On a piece of the range this asks
+for the signs of two polynomials, which Bernstein coefficients of one sign decide. Others are halved.
 Where a display leaves, a halving comes upon an ω that shows it.
 """
 
@@ -25,7 +25,7 @@ ON_LIMIT = 1e-10
 # The largest departure is searched to this fraction of itself.
 _FRACTION = 1e-4
 _PIECES_PER_DECADE = 1.5
-# After so many halvings a piece is as narrow as the spacing of doubles allows; its bound is then widened.
+# After these halvings a piece is as narrow as the spacing of doubles allows; its bound is then widened.
 _HALVINGS = 40
 # A search that needs more pieces for a display widens its bound instead.
 _MOST_PIECES = 2048

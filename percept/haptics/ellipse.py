@@ -239,7 +239,7 @@ def magnitude_envelope_log_ellipse(
     abs(Z_h) is a distance in the plane of (g·b, g·k/Ω), so over any region its extremes lie on the edge,
     except the value 0 where the region holds the point it is measured from.
 
-    Parameters are those of `magnitude_envelope_ellipse`, with `centre` the natural logarithms of k in N/m and
+    Parameters as in `magnitude_envelope_ellipse`, with `centre` the natural logarithms of k in N/m and
     b in N·s/m, and `shape` such as their covariance.
 
     Returns

@@ -1,4 +1,4 @@
-"""Exact range of abs(Z_h) over a box of (k, b), and the paper's corner curves beside it (Eqs 16, 17)."""
+"""Exact range of abs(Z_h) over a box of (k, b), and the paper's corner curves (Eqs 16, 17)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def corner_curves(
     """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
 
     Where the device's mass outweighs the stiffness the second curve runs below the first
-    (`corner_crossings`). Parameters are those of `magnitude_envelope`, which gives the true range.
+    (`corner_crossings`). Parameters as in `magnitude_envelope`, which gives the true range.
 
     Returns
     -------

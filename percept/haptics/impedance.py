@@ -298,7 +298,7 @@ def coupling_admittance(
 ) -> ComplexArray:
     """Return 1/Z_c(jω), the p22 of Eq. 4, whose real part Eq. 10 bounds from below.
 
-    Parameters are those of `coupling_impedance`.
+    Parameters as in `coupling_impedance`.
 
     Returns
     -------
@@ -318,7 +318,7 @@ def coupling_admittance(
 
 
 def tustin_damping(coupling: Coupling, period: float, discretization: str) -> FloatArray:
-    """Return the b_c that Tustin's form needs: k_c·(Tz)/(z−1) is k_c/s with k_c·T/2 of damping beside it."""
+    """Return the b_c that Tustin's form needs: k_c·(Tz)/(z−1) is k_c/s plus a damping of k_c·T/2."""
     one_of(discretization, "discretization", DISCRETIZATIONS)
     if discretization == "tustin":
         return np.asarray(coupling.damping)

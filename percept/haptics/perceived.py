@@ -69,7 +69,7 @@ def effective_impedance(
 ) -> EffectiveImpedance:
     """Return what environment and coupling in series show at each ω.
 
-    Parameters are those of `perceived_impedance`.
+    Parameters as in `perceived_impedance`.
 
     Returns
     -------

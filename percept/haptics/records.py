@@ -113,7 +113,7 @@ class Mode(_Parameters):
 
 @dataclass(frozen=True)
 class Device(_Parameters):
-    """A haptic device, Z_d = m·s + b (Eq. 5), with flexible modes beside it where there are any.
+    """A haptic device, Z_d = m·s + b (Eq. 5), with flexible modes where there are any.
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ def required_damping(
 ) -> RequiredDamping:
     """Return the damping a rigid device needs for a coupling, in closed form (Eq. 10 over all ω).
 
-    Parameters are those of `stability_margin`; the coupling's may be arrays.
+    Parameters as in `stability_margin`; the coupling's may be arrays.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def coupling_bound(
 ) -> FloatArray:
     """Return the right-hand side of Eq. 10, the lower bound of Re 1/Z_c that Fig. 4 draws.
 
-    Parameters are those of `stability_margin`.
+    Parameters as in `stability_margin`.
 
     Returns
     -------
@@ -242,7 +242,7 @@ def absolute_stability(
     resolves each mode, and refined; a table is searched over the range it covers, and cannot show stability
     where that is not all of it.
 
-    Parameters are those of `stability_margin`, for one device and one coupling.
+    Parameters as in `stability_margin`, for one device and one coupling.
 
     Returns
     -------

@@ -21,8 +21,8 @@ _ON_A_LINE = 1e-13  # 1 − r² below this is rounding of the data
 class EllipseRegion(NotebookRecord):
     """An ellipse of stiffness and damping, on the scale of its family.
 
-    Points x with (x − centre)ᵀ shape⁻¹ (x − centre) ≤ radius². Under ``"lognormal"`` centre and shape are
-    those of the natural logarithms, and the region a closed curve that is no ellipse.
+    Points x with (x − centre)ᵀ shape⁻¹ (x − centre) ≤ radius². Under ``"lognormal"`` centre and shape
+    refer to natural logarithms, and the region is a closed curve that is no ellipse.
     """
 
     kind: Literal["mean", "user"]
@@ -83,7 +83,7 @@ def ellipse_region(
 ) -> EllipseRegion:
     """Work out Hotelling's ellipse, which holds stiffness and damping together at exactly `level`.
 
-    The values are those of the same subjects in the same order. With two parameters the F quantile is
+    Each row holds the values of the same subjects in the same order. With two parameters the F quantile is
     elementary: radius² = (n − 1)(α^{−2/(n−2)} − 1)·q, with α = 1 − level, and q = 1/n for the mean, 1 + 1/n
     for the next user.
     """

@@ -45,7 +45,7 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         windows, ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``,
         ``design``, ``sensitivity``, ``comparison``, ``ladder``, ``diagnostics``, ``checks``, ``skipped``, and
         what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
-        of the tables: those of the quantities, and N/m, N·s/m, rad/s,
+        of the tables: units of the quantities, and N/m, N·s/m, rad/s,
         kg, s. No run times, no folders.
     """
     boundaries = plain(study.boundaries) if curves else []

@@ -74,7 +74,7 @@ def render_standalone(
     styles: Iterable[str] = (),
     **values: Any,
 ) -> str:
-    """Render a template of a package that may use those of the report: rounded numbers, exact in `value`."""
+    """Render a template of a package that may use the report's: rounded numbers, exact in `value`."""
 
     def written(value: float | str | None, digits: int = digits) -> Markup:
         if value is None:

@@ -39,7 +39,7 @@ _SHAPES = {
     "envelope": "the exact smallest and largest |Z_h| that any k and b within their limits can give",
     "pointwise": "limits of |Z_h| by the law of k and b together, at each ω for itself",
     "simultaneous": "limits between which a whole curve stays at every ω drawn: pointwise limits at a higher "
-    "level (Bayesian), or those of Hotelling’s ellipse joined with the pointwise ones (classical)",
+    "level (Bayesian), or limits of Hotelling’s ellipse joined with the pointwise ones (classical)",
 }
 _BINDS = {"stability": "stability", "magnitude": "|Z_h|", "plane": "k and b"}
 _LAWS = {"weber": "Weber, w·{0}", "offset": "Weber with offset, c + w·{0}", "power": "power law, w·{0}^p"}

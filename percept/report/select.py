@@ -95,7 +95,7 @@ def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:
 
 
 def ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[str]:
-    """Return those of the names that some row has."""
+    """Return the names that some row has."""
     present = {row[field] for row in rows}
     return [name for name in names if name in present]
 

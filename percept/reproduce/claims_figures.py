@@ -334,7 +334,7 @@ def resonance_ignored(published: Published) -> Judgement:
         cases=[part[name] < widths[name] for part in (change, at_ten) for name in part],
         condition=f"ω is near {LOOKED_AT:g} rad/s, or most of the device’s mass is rigid",
         finding=f"Put the scene’s mass on a mode at {_RESONANCE:g} rad/s. Below {span[1]:g} rad/s |Z_h| then "
-        f"changes by up to {told}; widths are those of the bands at {LOOKED_AT:g} rad/s. There it changes by "
+        f"changes by up to {told}; widths belong to the bands at {LOOKED_AT:g} rad/s. There it changes by "
         f"{max(at_ten.values()):.2%} at most. Eq. 10 must hold at every ω, so Fig. 4 cannot ignore a "
         "resonance.",
         margin=Quantity("largest change of |Z_h| by the mode", max(change.values()), "1"),

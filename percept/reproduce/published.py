@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 #: Section 2.3: the coupling the theory gave, k_c in N/m and b_c in N·s/m (Eq. 6).
 THEORETICAL = Coupling(110e3, 100.0)
-#: Section 3.1: so many subjects are said to represent everybody.
+#: Section 3.1: this number of subjects is said to represent everybody.
 ENOUGH_SUBJECTS = 30
 #: Where Fig. 7 looks closely, rad/s.
 LOOKED_AT = 10.0
@@ -81,7 +81,7 @@ class Published:
             (
                 len(windows) == 3 and set(windows) <= set(self.limits.environments),
                 "report.zoom",
-                "three windows are needed, those of Figs 7b, d and f, on environments of the table.",
+                "three windows are needed, as in Figs 7b, d and f, on environments of the table.",
             ),
         ):
             if not given:
@@ -193,7 +193,7 @@ def load_published(table: str | Path | None = None, scene: str | Path | None = N
 
 
 def dataset(name: str) -> Path:
-    """Return a data set: inside an installed package, or beside it in a checkout."""
+    """Return a data set: inside an installed package, or next to it in a checkout."""
     inside = Path(str(resources.files("percept").joinpath("datasets", name)))
     return inside if inside.is_file() else Path(__file__).resolve().parents[2] / "datasets" / name
 

@@ -43,7 +43,7 @@ def settle_references(
 
     An environment without a mass has none.
 
-    `known` holds the references of earlier blocks, by column and environment; those of this one are added.
+    `known` holds the references of earlier blocks, by column and environment; this one's are added.
     """
     columns = [*(f"{p}_ref" for p in parameters), *((MASS,) if MASS in table else ())]
     groups = table.groupby("environment", sort=False)

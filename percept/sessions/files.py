@@ -51,7 +51,7 @@ _R = (rb"(RD[AX][23]\n|[XA]\n\0\0\0)", "an R data file, which only R opens",
 _R_SUFFIXES = (".rda", ".rdata", ".rds")
 _BINARY = (
     (rb"\x80[\x02-\x05]", "a Python pickle (PsychoPy's .psydat), which is never opened",
-     "Use the .csv that PsychoPy writes beside it."),
+     "Use the .csv that PsychoPy writes next to it."),
     (rb"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", "Save it as .xlsx, or as CSV in UTF-8."),
     _R,
     (rb"(MATLAB 5|\x89HDF)", "a MATLAB or HDF5 file", "In MATLAB: writetable(T, 'trials.csv')."),
@@ -65,7 +65,7 @@ _NO_TABLES = (
     (r"\s*\*\*\* Header Start \*\*\*", "an E-Prime log in frames, not a table",
      "In E-DataAid or E-Merge export it as tab-delimited or CSV text and read that."),
     (r"\s*reversal(Intensities|Indices)=", "PsychoPy's text summary of a staircase, not a table of trials",
-     "Use the trial-by-trial .csv that PsychoPy writes beside it."),
+     "Use the trial-by-trial .csv that PsychoPy writes next to it."),
     (r"\s*(<!doctype|<html|<\?xml)", "a web page or XML, not a table", "Export the data as CSV."),
     (r"\s*(\{\s*[\"}]|\[\s*[\[{])", "JSON, not a table",
      "Export it as CSV (jsPsych: jsPsych.data.get().csv())."),
@@ -371,5 +371,5 @@ def _refuse_text(text: str, file: str) -> None:
     averaged = any(name.endswith(("_mean", "_std")) for name in header)
     if (raw and averaged) or any(line.strip("\t,; ") == "extraInfo" for line in lines):
         message = "this is PsychoPy's summary of conditions, not a table of trials."
-        hint = "Use the trial-by-trial .csv (saveAsWideText) that PsychoPy writes beside it."
+        hint = "Use the trial-by-trial .csv (saveAsWideText) that PsychoPy writes next to it."
         raise UsageError(message, file=file, hint=hint)

@@ -203,7 +203,7 @@ def _numbers(free: Sequence[_Column]) -> tuple[dict[str, _Column], dict[str, str
 
 
 def _id(words: Sequence[str], free: Sequence[_Column]) -> _Column | None:
-    """Return the column whose words are likeliest those of an id; a whole name goes before a part."""
+    """Return the column whose words most likely name an id; a whole name goes before a part."""
     for word in words:
         whole = [column for column in free if "".join(column.words) == word]
         part = [column for column in free if word in column.words and word != "id"]

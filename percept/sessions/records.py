@@ -153,7 +153,7 @@ class Problems:
         self.total = 0
 
     def add(self, message: str, *, value: object = None, **place: Any) -> None:
-        """Record one problem; the arguments are those of :class:`~percept.errors.UsageError`."""
+        """Record one problem; arguments as in :class:`~percept.errors.UsageError`."""
         self.extend(UsageError(message, value=clip(value) if isinstance(value, str) else value, **place))
 
     def extend(self, error: UsageError) -> None:

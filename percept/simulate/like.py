@@ -21,7 +21,7 @@ from percept.simulate.model import PARAMETERS, SOURCE, Design, Parameter, correl
 
 BETWEEN = 0.4
 CORRELATION = 0.3
-# Ten subjects scatter widely about stated correlations; the nearest of so many draws misses them by little.
+# Ten subjects scatter widely about stated correlations; the nearest of many draws misses them by little.
 _CANDIDATES = 200
 # Limits with more digits were not printed: they come from means and SDs.
 _PRINTED_DIGITS = 12

@@ -183,7 +183,7 @@ def _messages(
         )
     if rough := ", ".join(influential.loc[~influential["refitted"], "subject"]):
         yield (
-            f"The predictive density of {rough} stays rough, though sampled anew: hardly any spread that "
+            f"The predictive density of {rough} stays rough, though sampled again: hardly any spread that "
             "the others allow explains them."
             if refit
             else f"What is said of leaving out {rough} is rough: have the posterior sampled without them "
@@ -204,7 +204,7 @@ def _messages(
 
 
 def _statistics(subjects: SubjectDensity, points: Array, *, level: float, seed: int) -> pd.DataFrame:
-    """Compare each cell's mean, SD and farthest subject with those of new studies from the posterior."""
+    """Compare each cell's mean, SD and farthest subject with new studies from the posterior."""
     some = points[:: max(1, len(points) // _REPLICATES)]
     drawn = replicate(subjects, some, generator(seed, Stream.CHECKED_STATISTICS))
     statistics = subjects.density.statistics

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _DRAWS, _TURNS = 8192, 16
 _MOST_NAMED = 5
 _SAME = (
-    "A and B are the same sessions: the table of their users, whose intervals are those of two samples of "
+    "A and B are the same sessions: the table of their users, whose intervals assume two samples of "
     "different people, is left out."
 )
 _CURVE_LABELS = ("environment", "kind", "method", "family")
@@ -132,7 +132,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
 
 
 def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
-    """How far the exact envelopes of B lie from those of A, over the frequencies that both study."""
+    """How far the exact envelopes of B lie from A's, over the frequencies that both study."""
     ranges = [study.frequencies.ends for study in (first, second)]
     lower, upper = max(low for low, _ in ranges), min(high for _, high in ranges)
     if not lower < upper:

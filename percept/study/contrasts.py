@@ -236,7 +236,7 @@ def within_model(sessions: Sessions, parameter: str, scene: Scene, levels: tuple
 
 
 def contrast_priors(scene: Scene) -> list[dict[str, Any]]:
-    """Priors that the model of two levels has besides those of the study's own, with their meaning."""
+    """Priors that the model of two levels adds to the study's own, with their meaning."""
     from percept.inference.hierarchy.priors import Priors
     from percept.study.fit import prior_rows
 

@@ -21,7 +21,7 @@ from percept.study.fit import Fit, RunStore, estimands_of, fit_model, prepare
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05
-#: Effects under so many standard errors, or smaller than these, are not named.
+#: Effects under this number of standard errors, or smaller than these, are not named.
 _ERRORS = 2.0
 _LEAST = {"log_width": 0.02, "centre": 0.05}
 _USERS = {"mean": "the average user", "user": "the next user", "share": "most users"}

@@ -132,7 +132,7 @@ def predict(
     name : str
         Of the environment.
     kinds : tuple of str, optional
-        Of the intervals; those of the study by default.
+        Of the intervals; the study's by default.
     curves : bool
         Whether boundaries are wanted.
 

@@ -19,7 +19,7 @@ from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
 
 def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFrame:
-    """Work out the intervals of a reduced study: those of `Study.intervals`, in one family."""
+    """Work out the intervals of a reduced study, as `Study.intervals` does, in one family."""
     scene = scene or Scene()
     if scene.study.factor:
         hint = "Read the files with read_sessions, or leave the key out to pool the levels."

@@ -1,4 +1,4 @@
-"""Frozen numbers against those of today."""
+"""Frozen numbers against today's."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ def test_one_coupling_for_all_needs_what_the_worst_needs(published, trade):
 
 
 def test_boundaries_are_of_the_next_user(published):
-    # Massless, undamped device at low ω: |Z_h| is k/Ω, and the limits are those of the lognormal prediction.
+    # Massless, undamped device at low ω: |Z_h| is k/Ω, and the limits are the lognormal prediction's.
     omega = np.array([1e-3])
     boundary = next_user_boundaries(published)[1]
     limits = boundary.stiffness, boundary.damping

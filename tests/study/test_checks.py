@@ -60,7 +60,7 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     assert "S04 set stiffness in VE1 to" in text
     assert "far above what the others predict" in text
     assert "report the intervals with and without them" in text
-    stays = [message for message in found.messages if "stays rough, though sampled anew" in message]
+    stays = [message for message in found.messages if "stays rough, though sampled again" in message]
     assert len(stays) == 1
     assert "S07" in stays[0]
     # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users should be.
@@ -260,7 +260,7 @@ def test_models_are_apart_by_their_sums_over_subjects():
     # Of a sum over three subjects.
     wanted = np.sqrt(3) * np.std([-0.5, -1.5, -0.25], ddof=1)
     assert found["difference_se"].tolist() == pytest.approx([0.0, wanted])
-    # One influential subject was sampled anew; the other stays rough.
+    # One influential subject was sampled again; the other stays rough.
     assert found["rough"].tolist() == [0, 1]
 
 

@@ -175,7 +175,7 @@ def interval_of(
     axis: int = -1,
     unit: str = "",
 ) -> Interval:
-    """Interval of any kind; the options are those of `t_interval` and `tolerance_interval`."""
+    """Interval of any kind; options as in `t_interval` and `tolerance_interval`."""
     check_option("kind", kind, ("mean", "user", "share"))
     check_option("joint", joint, ("marginal", "bonferroni"))
     check_option("side", side, ("both", "lower", "upper"))

@@ -156,7 +156,7 @@ class Moments(NotebookRecord):
         Returns
         -------
         Moments
-            Themselves, or those of the logarithms a lognormal with this mean and SD has: variance
+            Themselves, or moments of the logarithms that a lognormal with this mean and SD has: variance
             log(1 + SD²/mean²), mean log(mean) − variance/2.
 
         Raises
@@ -168,7 +168,7 @@ class Moments(NotebookRecord):
         """
         if family == "normal" and self.scale == "log":
             raise UsageError(
-                "These are moments of logarithms; the normal family needs those of the values.",
+                "These are moments of logarithms; the normal family needs moments of the values.",
                 hint='Use family="lognormal", or work the moments out with log=False.',
             )
         if family == "normal" or self.scale == "log":

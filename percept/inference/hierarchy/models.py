@@ -359,7 +359,7 @@ class NewEstimands(IntervalEstimands):
         return (*super().identity(), "new", tuple(self._x.tolist()), self._repeats, self._seed)
 
     def components(self, points: Array) -> Array:
-        """ConditionalMoments per draw, shape (W, 3 P R): those of every spread side by side."""
+        """ConditionalMoments per draw, shape (W, 3 P R): every spread side by side."""
         found = new_environment(self._model, points, self._x, repeats=self._repeats, rng=self._rng)
         return found.laws.pack().reshape(len(points), -1)
 

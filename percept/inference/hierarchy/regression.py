@@ -191,7 +191,7 @@ def _trend_columns(x: Array, layout: Layout, priors: Priors) -> list[Vector]:
 
 
 def _rows(pieces: list[Vector], *columns: int) -> list[Array]:
-    """Rows of every component of every piece, for each of so many columns: (*columns, rows, W)."""
+    """Rows of every component of every piece, for each column: (*columns, rows, W)."""
     return [np.reshape(c, (*columns, -1, c.shape[-1])) for piece in pieces for c in piece]
 
 

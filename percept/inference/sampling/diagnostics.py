@@ -79,7 +79,7 @@ def normal_scores(values: Array) -> Array:
     # A copy whatever the layout: of columns that lie together `ascontiguousarray` would give the values.
     columns = np.array(values.reshape(-1, values.shape[-1]).T, order="C")
     size = columns.shape[1]
-    # Of all ranks there may be, those of two tied values between them included.
+    # Of all ranks there may be, with the half ranks of two tied values.
     scores = special.ndtri((np.arange(1.0, size + 0.5, 0.5) - 0.375) / (size + 0.25))
     for column in columns:
         order = np.argsort(column)
@@ -92,7 +92,7 @@ def normal_scores(values: Array) -> Array:
 
 
 def some_walkers(series: Array, most: int = _MOST_VALUES) -> Array:
-    """Thin walkers evenly, for what takes long and needs no more than so many values of a quantity."""
+    """Thin walkers evenly, for what takes long and needs only `most` values of a quantity."""
     ensembles, length, walkers, _ = series.shape
     kept = max(_FEWEST_WALKERS, most // (ensembles * length))
     return series[:, :, :: math.ceil(walkers / kept)]

@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 #: Steps before any are kept, and of these the last, by which the shares of the moves are chosen.
 _BURN_IN, _LEARNING = 40, 24
 _FIRST_ROUND = 144
-#: A run predicted to take so many times its first round begins again, with a transport fitted to that round.
-#: Half as many are enough where that has so many times the effective draws of the transport's own sample.
+#: A run predicted to take this multiple of its first round begins again, with a transport fitted to it.
+#: Half as many are enough where that has this multiple of the effective draws of the transport's own sample.
 _WORTH_REFINING, _BETTER_SAMPLE = 3.0, 4.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
@@ -85,7 +85,7 @@ def sample(
 def _refined_size(run: Run, by_error: float) -> tuple[int, int]:
     """Walkers of an ensemble, and steps of the first round, of a run that begins again.
 
-    As many walkers as those of the run would need `by_error` steps for the tolerance.
+    As many walkers as the run's would need `by_error` steps for the tolerance.
     """
     settings, walkers, steps = run.settings, run.points.shape[2], _SHORTER * by_error
     if not settings.walkers:
@@ -193,7 +193,7 @@ class _Chain:
         return run
 
     def _with_closed(self, part: Judged, closed: Run) -> Judged:
-        """Average with the estimates of the parts before, by steps; errors are those of independent parts.
+        """Average with the estimates of the parts before, by steps; errors add as for independent parts.
 
         It costs a bias of the order of a part's squared Monte Carlo error.
         """

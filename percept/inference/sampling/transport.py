@@ -83,7 +83,7 @@ class Spline:
 
     @classmethod
     def fit(cls, points: Array) -> Self:
-        """Take standard normal quantiles to those of a sample (N, d)."""
+        """Take standard normal quantiles to the quantiles of a sample (N, d)."""
         values = np.quantile(points, special.ndtr(_KNOTS), axis=0).T
         # Tied quantiles would make the map flat.
         rise = np.maximum(np.diff(values, axis=1), 1e-6 * np.ptp(values, axis=1, keepdims=True) + 1e-300)
@@ -133,12 +133,12 @@ _ALIKE = 1e-9  # effects that differ by no more are the same
 _SHORT = 0.5  # most a coefficient of a log scale changes in one step of its fit
 _COLUMNS = 32  # points are mapped in multiples of, so that none depends on how many there are
 _PASS = 1024  # points mapped at a time: what is made on the way stays in the processor's cache
-_CLIP = 3.0  # beyond so many SDs a driver's effect stays what it is
+_CLIP = 3.0  # SDs beyond which a driver's effect stays what it is
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Transport:
-    """Map from standard coordinates to those of a target."""
+    """Map from standard coordinates to a target's."""
 
     drivers: NDArray[np.intp]
     others: NDArray[np.intp]

@@ -17,7 +17,7 @@ from matplotlib.textpath import text_to_path
 from numpy.typing import ArrayLike, NDArray
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them apart as well.
-# The names are those of the page's style sheet, where the dark page has its own values.
+# The names come from the page's style sheet, where the dark page has its own values.
 COLOURS = {
     "ink": "#1c2127",
     "quiet": "#667079",

@@ -2,7 +2,7 @@
 
 `percept` integrates the sample mean out last and sums the lower tail of chi-square. Here the sample SD is
 integrated last, against its density, and the upper form is used: with 20 digits nothing is lost by that.
-Run as a script to write `tolerance_factors.json` anew (a few minutes).
+Run as a script to write `tolerance_factors.json` again (a few minutes).
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def test_eight_schools():
 
 
 def test_eight_schools_reference_by_quadrature():
-    """The reference values above, worked out anew: theta and mu integrate out, tau is left."""
+    """The reference values above, worked out again: theta and mu integrate out, tau is left."""
     schools = EightSchools()
     u = np.linspace(-9.0, 9.0, 4001)  # tau's normal score; equal steps are exact for what dies out so fast
     points = np.zeros((u.size, 10))
