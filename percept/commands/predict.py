@@ -59,13 +59,12 @@ def _run(arguments: argparse.Namespace) -> int:
         print_json(
             {
                 "sentence": prediction.sentence,
-                "narrower": prediction.narrower,
                 "extrapolates": prediction.extrapolates,
                 **plain(prediction),
             }
         )
         return 0
-    print(" ".join(filter(None, (prediction.sentence, prediction.narrower))))
+    print(prediction.sentence)
     print(prediction.intervals[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
     for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
         print(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}")

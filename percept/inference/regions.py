@@ -35,15 +35,6 @@ class EllipseRegion(NotebookRecord):
     n: int  # Users
     joint: Literal["hotelling"] = "hotelling"
 
-    def __post_init__(self) -> None:
-        if self.centre.shape != (2,) or self.shape.shape != (2, 2):
-            raise UsageError(
-                f"An ellipse has a centre of shape (2,) and a shape of (2, 2); got {self.centre.shape} and "
-                f"{self.shape.shape}."
-            )
-        if not (self.shape[0, 0] > 0.0 and self.shape[1, 1] > 0.0 and abs(self.correlation) < 1.0):
-            raise UsageError("The shape of an ellipse must be a positive definite covariance.")
-
     @property
     def sd(self) -> NDArray[np.float64]:
         """SDs of stiffness and damping, shape (2,), on the family's scale."""

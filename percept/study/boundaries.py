@@ -16,7 +16,7 @@ from percept.errors import UsageError
 from percept.scene import Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup
-from percept.study.regions import Law, Region
+from percept.study.regions import Law, Region, labels_of
 
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
@@ -126,7 +126,7 @@ class Drawing:
         for shape in _shapes(region):
             lower, upper = self._setup.outline(region, shape, shared["omega"])
             yield Boundary(
-                lower=lower, upper=upper, shape=shape, joint=region.joint, **(shared | _labels(region))
+                lower=lower, upper=upper, shape=shape, joint=region.joint, **(shared | labels_of(region))
             )
 
     def _of_law(self, law: Law, shared: dict[str, Any]) -> Iterator[Boundary]:
@@ -137,11 +137,10 @@ class Drawing:
         if law.method == "classical":
             # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too little: 87 %
             # of users where 90 % is stated.
-            for region in self._regions:
-                if region.ellipse is not None and _labels(region) == _labels(law):
-                    lower, upper = self._setup.outline(region, "envelope", shared["omega"])
-                    ends = np.minimum(lower, limits.lower), np.maximum(upper, limits.upper)
-                    yield self._limits(law, "simultaneous", Limits(*ends, None), shared)
+            if (region := law.region) is not None:
+                lower, upper = self._setup.outline(region, "envelope", shared["omega"])
+                ends = np.minimum(lower, limits.lower), np.maximum(upper, limits.upper)
+                yield self._limits(law, "simultaneous", Limits(*ends, None), shared)
             return
         if law not in self._calibrated:
             grid = self.grid(law.environment)
@@ -161,15 +160,10 @@ class Drawing:
         error, largest = relative_error(shared["omega"], limits) or (None, None)
         return Boundary(
             lower=limits.lower, upper=limits.upper, errors=limits.errors, error=error, largest_error=largest,
-            shape=shape, joint="joint", **(shared | _labels(law)),
+            shape=shape, joint="joint", **(shared | labels_of(law)),
         )  # fmt: skip
 
 
 def _shapes(region: Region) -> tuple[Shape, ...]:
     """Say which curves go around a region: an ellipse has no corners."""
     return ("corner", "envelope") if region.ellipse is None else ("envelope",)
-
-
-def _labels(source: Region | Law) -> dict[str, Any]:
-    names = ("environment", "kind", "method", "family", "level")
-    return {name: getattr(source, name) for name in names}

@@ -1,15 +1,16 @@
-"""Checks of the hierarchical fit for the analyst, in the units of the quantities and with names."""
+"""Checks of the hierarchical fit for the analyst: its subjects, data and priors, and smaller models."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, predict_left_out
 from percept.inference.checks.predictive import (
@@ -22,14 +23,17 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.hierarchy.scales import Options
 from percept.inference.sampling.gate import Progress, Settings
 from percept.scene import Scene
+from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
 from percept.study.band import weber_trend
 from percept.study.basics import Array, Skipped, Stream, generator
-from percept.study.fit import Fit
+from percept.study.fit import Fit, RunStore, fit_model, prepare
 from percept.study.posterior import posterior_tree
 
+_Told = Callable[[Progress], None] | None
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is looked at.
 FALSE_ALARM = 0.05
 #: Sensitivity (a distance of distributions per doubling of the power) from which it is worth a look.
@@ -37,6 +41,19 @@ THRESHOLD = 0.05
 #: Accuracy of sampling without a subject, in SDs of the log density; and the error, in nats, above which the
 #: log of its mean stays rough.
 _ACCURACY, _ROUGH = 0.05, 0.2
+#: Models compared, by what they leave out of the full one. "Weber trend" keeps each environment's own spread
+#: about the trend, which takes up what the trend lacks: it seldom differs from "full". Weber's law itself is
+#: put to the test by "exact Weber" against "common spread".
+MODELS = {
+    "full": Options(),
+    "Weber trend": Options(weber=True),
+    "common spread": Options(common_spread=True),
+    "exact Weber": Options(weber=True, common_spread=True),
+    "no subject effect": Options(subject_effect=False),
+}
+#: Differences below this many nats are too small for their standard error to be believed
+#: (Sivula, Magnusson & Vehtari 2020, arXiv:2008.10296).
+_SMALL = 4.0
 _REPLICATES = 4000
 _PRIOR_DRAWS = 40_000
 _PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
@@ -68,9 +85,7 @@ class ModelChecks(NotebookRecord):
     weber: pd.DataFrame | None  # Trend of the log spread per decade of the reference
 
 
-def model_checks(
-    fit: Fit, scene: Scene, *, progress: Callable[[Progress], None] | None = None
-) -> ModelChecks | Skipped:
+def model_checks(fit: Fit, scene: Scene, *, progress: _Told = None) -> ModelChecks | Skipped:
     """Check a fit against its data, its priors and its own assumptions."""
     if isinstance(fit.subjects, Skipped):
         return fit.subjects
@@ -90,7 +105,7 @@ def model_checks(
 
 
 def check_subjects(
-    fit: Fit, subjects: SubjectDensity, scene: Scene, *, progress: Callable[[Progress], None] | None = None
+    fit: Fit, subjects: SubjectDensity, scene: Scene, *, progress: _Told = None
 ) -> SubjectChecks:
     """Leave every subject out: by reweighting, and where that fails and the scene says so by sampling."""
     loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
@@ -99,15 +114,11 @@ def check_subjects(
     refit = scene.checks is not None and scene.checks.refit
     if refit:
         loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress)
-    return subject_tables(fit, subjects, loo, predicted, refitted, refit=refit)
+    return subject_tables(fit, loo, predicted, refitted, refit=refit)
 
 
 def _refit(
-    subjects: SubjectDensity,
-    loo: Loo,
-    predicted: Predicted,
-    scene: Scene,
-    progress: Callable[[Progress], None] | None,
+    subjects: SubjectDensity, loo: Loo, predicted: Predicted, scene: Scene, progress: _Told
 ) -> tuple[Loo, Predicted, NDArray[np.bool_]]:
     """Replace what reweighting cannot tell; a run that fails its gate changes nothing."""
     from percept.inference.checks.left_out import sample_without
@@ -132,25 +143,20 @@ def _refit(
 
 
 def subject_tables(
-    fit: Fit,
-    subjects: SubjectDensity,
-    loo: Loo,
-    predicted: Predicted,
-    refitted: NDArray[np.bool_],
-    *,
-    refit: bool,
+    fit: Fit, loo: Loo, predicted: Predicted, refitted: NDArray[np.bool_], *, refit: bool
 ) -> SubjectChecks:
     """Name the subjects and cells that lie far from what the others predict."""
-    statistics = subjects.density.statistics
+    assert isinstance(fit.subjects, SubjectDensity)
+    statistics = fit.subjects.density.statistics
     table = pd.DataFrame(
         {
-            "subject": list(statistics.subjects),
+            "subject": statistics.subjects,
             "elpd": loo.pointwise,
             "pareto_k": loo.pareto_k,
             "influential": loo.influential,
             "refitted": refitted,
             "farther": predicted.farther,
-            "outlier": predicted.farther < FALSE_ALARM / subjects.subjects,
+            "outlier": predicted.farther < FALSE_ALARM / len(statistics.subjects),
         }
     )
     means = statistics.cell_means
@@ -311,3 +317,83 @@ def _diagnosis(values: dict[str, float]) -> str:
     if values["likelihood"] < THRESHOLD:
         return f"the priors (of {most} most) decide, the data hardly count"
     return f"the priors (of {most} most) count beside the data"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ModelChoice(NotebookRecord):
+    """Models in the order of their predictive density."""
+
+    table: pd.DataFrame  # A row per model, with its difference to the best
+    failed: tuple[str, ...]  # Models that failed the gate, with the reason
+    sentence: str  # What can be told
+
+
+def compare_models(
+    sessions: Sessions,
+    scene: Scene,
+    parameters: tuple[str, ...],
+    *,
+    models: tuple[str, ...] = tuple(MODELS),
+    progress: _Told = None,
+    store: RunStore | None = None,
+) -> ModelChoice:
+    """Fit models of `MODELS` and compare them by leave-one-subject-out predictive density."""
+    if len(sessions.environments) == 1:
+        raise RefusalError(
+            "with one environment there is one model only.",
+            hint="Models differ in how they join several environments.",
+        )
+    if unknown := [name for name in models if name not in MODELS]:
+        raise UsageError(f"no such model; there are {', '.join(MODELS)}.", key="models", value=unknown[0])
+    if sessions.form == "summary" or scene.model.pooling == "none":
+        raise RefusalError(
+            "models are compared on the sessions of subjects, pooled over environments.",
+            hint='Give sessions instead of published limits, and pooling = "partial".',
+        )
+    found, failed = dict[str, SubjectChecks](), list[str]()
+    for name in models:
+        model = scene.model.model_dump(exclude_none=True) | dataclasses.asdict(MODELS[name])
+        asked = scene.with_tables(model=model)
+        fit = fit_model(prepare(sessions, asked, parameters), asked.inference, progress=progress, store=store)
+        if fit.passed:
+            assert not isinstance(fit.subjects, Skipped)
+            found[name] = check_subjects(fit, fit.subjects, asked, progress=progress)
+        else:
+            failed.append(f"{name}: {fit.withheld}")
+    if not found:
+        raise RefusalError("no model passes the gate of the sampler.", hint=" ".join(failed))
+    table = ranked(found)
+    return ModelChoice(table, tuple(failed), sentence_of(table))
+
+
+def ranked(found: Mapping[str, SubjectChecks]) -> pd.DataFrame:
+    """Put models in the order of their density, with how far each lies behind the first."""
+    order = sorted(found, key=lambda name: -found[name].elpd)
+    best = found[order[0]].subjects["elpd"].to_numpy()
+    behind = {name: found[name].subjects["elpd"].to_numpy() - best for name in order}
+    return pd.DataFrame(
+        {
+            "model": name,
+            "elpd": found[name].elpd,
+            "se": found[name].se,
+            "difference": float(behind[name].sum()),
+            "difference_se": float(np.sqrt(best.size * behind[name].var(ddof=1))),
+            "rough": int((subjects["influential"] & ~subjects["refitted"]).sum()),
+        }
+        for name in order
+        for subjects in [found[name].subjects]
+    )
+
+
+def sentence_of(table: pd.DataFrame) -> str:
+    """Say which model is best, and which of the others are clearly worse."""
+    behind = table.iloc[1:]
+    clear = (behind["difference"] < -_SMALL) & (behind["difference"] < -2.0 * behind["difference_se"])
+    told = f'"{table["model"].iloc[0]}" predicts a subject left out best'
+    if not clear.all():
+        told += f", not distinguishable from {', '.join(behind.loc[~clear, 'model'])}"
+    if clear.any():
+        told += f"; {', '.join(behind.loc[clear, 'model'])} clearly worse"
+    rough = int(table["rough"].sum())
+    more = f" {rough} of the left-out densities are rough (Pareto index too high): use --refit to be sure."
+    return f"{told}.{more * bool(rough)}"

@@ -14,19 +14,15 @@ from percept.errors import PerceptError, RefusalError
 from percept.inference.classical.intervals import interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.classical.trials import check_normality, subject_means
-from percept.inference.record import Family, Interval, Kind
+from percept.inference.record import ROW, Family, Interval, Kind
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
-from percept.sessions.quantities import Quantity, is_impedance
+from percept.sessions.quantities import Quantity
 from percept.study.basics import FAMILIES, References, Skipped, claim_of
 
 Row = dict[str, Any]
-Limits = tuple[float, float]
 
-COLUMNS = [
-    "environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence",
-    "lower", "upper", "estimate", "n", "unit", "reference",
-]  # fmt: skip
+COLUMNS = ["environment", "parameter", *(name for name in ROW if name != "covers"), "reference"]
 KEYS = COLUMNS[:6]
 _PAIRED, _METHODS = ["environment", "parameter", "kind", "family"], ("classical", "bayesian")
 TOO_FEW = "it has fewer than two subjects"
@@ -183,20 +179,6 @@ def bayesian_row(
 
 def _row(interval: Interval, cell: tuple[str, str], reference: float) -> Row:
     return {"environment": cell[1], "parameter": cell[0], "reference": reference, **interval.as_dict()}
-
-
-def paired_limits(
-    intervals: pd.DataFrame, labels: Sequence[str]
-) -> Iterator[tuple[dict[str, Row], tuple[Limits, Limits]]]:
-    """Pair the rows of stiffness and damping that agree in all labels."""
-    pairs: dict[tuple[Any, ...], dict[str, Row]] = {}
-    for row in intervals.to_dict("records"):
-        one = {str(name): value for name, value in row.items()}
-        pairs.setdefault(tuple(one[label] for label in labels), {})[one["parameter"]] = one
-    for rows in pairs.values():
-        if is_impedance(rows):
-            k, b = ((float(rows[p]["lower"]), float(rows[p]["upper"])) for p in ("k", "b"))
-            yield rows, (k, b)
 
 
 def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:

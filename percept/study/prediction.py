@@ -24,7 +24,7 @@ from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.boundaries import Drawing
 from percept.study.fit import Fit, estimands_of, sampled
 from percept.study.intervals import bayesian_row, cell_moments, known_moments
-from percept.study.regions import Law, Region, law_ellipse, posterior_law, rectangles
+from percept.study.regions import Law, posterior_law, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
 if TYPE_CHECKING:
@@ -89,24 +89,6 @@ class Prediction(NotebookRecord):
         if outside:
             return f"Extrapolation: {' and '.join(outside)}; {nearest}."
         return f"Inside the tested range of each parameter; {nearest}."
-
-    @property
-    def narrower(self) -> str:
-        """Why the share interval of a parameter is narrower than its user interval; empty where none is."""
-        of = {(row["parameter"], row["kind"]): row for row in self.intervals.to_dict("records")}
-        found = []
-        for parameter in self.decades:
-            share, user = (of.get((parameter, kind)) for kind in ("share", "user"))
-            if share and user and user["lower"] < share["lower"] and share["upper"] < user["upper"]:
-                found.append(share)
-        if not found:
-            return ""
-        names = " and ".join(self.quantities[row["parameter"]].label for row in found)
-        return (
-            f"For {names}, the share interval is narrower than the user interval: it may miss "
-            f"{percent(1.0 - found[0]['confidence'], 3)} of the populations, the ones that scatter most, and "
-            "these widen the user interval."
-        )
 
 
 def predict(
@@ -198,10 +180,8 @@ def _predicted(
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds, name, known or {}))
     boundaries: tuple[Boundary, ...] = ()
     if curves and study.setup is not None and is_impedance(study.parameters):
-        regions: list[Region] = list(rectangles(intervals))
         laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked, name))
-        for law in laws:
-            regions += law_ellipse(law)
+        regions = regions_of(intervals, laws, None, asked)
         environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
         setup = dataclasses.replace(study.setup, references={name: environment})
         drawing = Drawing(setup, regions, laws, study.frequencies)
@@ -286,19 +266,13 @@ def _laws(
     fit: Fit, expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable, name: str
 ) -> Iterator[Law]:
     """Yield the laws of the average and the next user of the environment."""
-    batch = np.repeat(fit.run.batches(), _REPEATS)
-    labels: dict[str, Any] = {
-        "environment": name,
-        "method": "bayesian",
-        "family": asked.family,
-        "level": asked.level,
-    }
+    batch, n = np.repeat(fit.run.batches(), _REPEATS), int(fit.counts.max())
     for kind, every in (("mean", _REPEATS), ("user", 1)):
         if kind in asked.kinds:
             # The average does not depend on the spread, which takes the repeats.
             covariance = expected.covariance + (expected.population if kind == "user" else 0.0)
-            pair = posterior_law(scale, expected.mean[::every], covariance[::every], batch[::every])
-            yield Law(kind=kind, pair=pair, n=int(fit.counts.max()), **labels)
+            drawn = expected.mean[::every], covariance[::every], batch[::every]
+            yield posterior_law(name, kind, scale, *drawn, n, asked)
 
 
 def _native(scale: ResponseScale, response: Array) -> Array:

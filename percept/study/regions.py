@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
 from percept.study.basics import FAMILIES, Array, Skipped, results
-from percept.study.intervals import Limits, paired_limits
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 #: Of k and of b, each (N,), N/m and N·s/m, by environment.
 Pairs = dict[str, tuple[Array, Array]]
+Limits = tuple[float, float]
 # Where little is known a spread, and so a draw or a limit, may leave the range of doubles; beyond this many
 # N/m or N·s/m no curve of interest changes.
 _LARGEST = 1e40
@@ -56,9 +57,24 @@ class Law:
     kind: str
     method: str
     family: str
-    level: float  # Level of the bands
+    level: float  # Level of the bands and of the ellipse
     pair: PairLaw
-    n: int  # Subjects behind it
+    ellipse: EllipseRegion | None  # None where the subjects' values give none
+
+    @property
+    def region(self) -> Region | None:
+        """The ellipse as a region; None where its ends leave the range that curves are drawn for."""
+        if self.ellipse is None:
+            return None
+        reach = np.abs(self.ellipse.centre) + self.ellipse.radius * self.ellipse.sd
+        if self.family == "lognormal" and reach.max() >= np.log(_LARGEST):
+            return None
+        return Region(ellipse=self.ellipse, joint=self.ellipse.joint, **labels_of(self))
+
+
+def labels_of(source: Region | Law) -> dict[str, Any]:
+    """Return what a region or law has in common with the curves drawn for it."""
+    return {name: getattr(source, name) for name in ("environment", "kind", "method", "family", "level")}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,24 +93,23 @@ def displayable(values: Array) -> Array:
 
 
 def regions_of(
-    intervals: pd.DataFrame, sources: Sources, laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
+    intervals: pd.DataFrame, laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
 ) -> tuple[Region, ...]:
-    """Put together the regions of every method; ellipses of a fit go around its laws."""
-    found = [*rectangles(intervals), *classical_ellipses(sources, asked.level)]
+    """Put together the rectangles of every method, and the ellipses of its laws."""
+    found = list(rectangles(intervals))
     if fit is not None and is_impedance(fit.parameters):
         found += _bonferroni(fit, asked)
-        for law in laws:
-            if law.method == "bayesian":
-                found += law_ellipse(law)
-    return tuple(found)
+    return (*found, *(law.region for law in laws if law.region is not None))
 
 
 def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     """Pair the intervals of stiffness and damping."""
-    labels = ("environment", "kind", "method", "family", "joint", "level")
-    limits = {side: displayable(intervals[side].to_numpy(dtype=float)) for side in ("lower", "upper")}
-    for rows, pair in paired_limits(intervals.assign(**limits), labels):
-        yield Region(**{label: rows["k"][label] for label in labels}, limits=pair)
+    labels = ["environment", "kind", "method", "family", "joint", "level"]
+    of_k, of_b = (intervals.loc[intervals["parameter"] == p, [*labels, "lower", "upper"]] for p in ("k", "b"))
+    both = of_k.merge(of_b, on=labels, suffixes=("_k", "_b"))
+    ends = displayable(both[["lower_k", "upper_k", "lower_b", "upper_b"]].to_numpy(dtype=float)).tolist()
+    for own, (k_low, k_high, b_low, b_high) in zip(both[labels].to_dict("records"), ends, strict=True):
+        yield Region(limits=((k_low, k_high), (b_low, b_high)), **own)  # type: ignore[misc]
 
 
 def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
@@ -106,19 +121,12 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
     )
     halved = IntervalEstimands(fit.model, level=level, share=share, confidence=confidence)
     laws = fit.model.laws(fit.points)
+    labels: dict[str, Any] = {"method": "bayesian", "family": asked.family, "level": asked.level}
     for kind in asked.kinds:
         ends = displayable(fit.scale.native(np.stack(halved.limits(kind, laws)[:2])))
-        for environment, pair in fit.pairs(ends).items():
-            (k_low, k_high), (b_low, b_high) = (limits.tolist() for limits in pair)
-            yield Region(
-                environment=environment,
-                kind=kind,
-                method="bayesian",
-                family=asked.family,
-                joint="bonferroni",
-                level=asked.level,
-                limits=((k_low, k_high), (b_low, b_high)),
-            )
+        for environment, (k, b) in fit.pairs(ends).items():
+            limits = (float(k[0]), float(k[1])), (float(b[0]), float(b[1]))
+            yield Region(environment=environment, kind=kind, joint="bonferroni", limits=limits, **labels)
 
 
 def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, device: bool) -> Sources:
@@ -134,13 +142,13 @@ def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, d
     if sessions.form == "summary":
         why = "published limits hold no correlation of k and b"
         return Sources(skipped=[*skipped, Skipped("ellipses and curves through draws", why)])
-    classical, posterior = asked.method != "bayesian", asked.method != "classical"
+    posterior = asked.method != "classical"
     if posterior and scene.model.pooling == "none":
         posterior = False
         why = "cells without pooling hold no correlation of k and b"
         skipped.append(Skipped("Bayesian ellipses and curves through draws", why))
     pairs: dict[Family, Pairs] = {}
-    for family in FAMILIES if classical else ():
+    for family in FAMILIES if asked.method != "bayesian" else ():
         found = list(_subject_pairs(sessions, family))
         pairs[family] = dict(results(found))
         skipped += [part for part in found if isinstance(part, Skipped)]
@@ -167,37 +175,26 @@ def _subject_pairs(sessions: Sessions, family: Family) -> Iterator[tuple[str, tu
             yield environment, (k, b)
 
 
-def classical_ellipses(sources: Sources, level: float) -> Iterator[Region]:
-    """Hotelling's ellipses of the average and the next user, in both families."""
-    for family, values in sources.pairs.items():
-        for environment, (k, b) in values.items():
-            for kind in sources.kinds:
-                try:
-                    ellipse = ellipse_region(k, b, kind=kind, level=level, family=family)  # type: ignore[arg-type]
-                except RefusalError:
-                    continue
-                yield from _around(environment, ellipse)
-
-
-def law_ellipse(law: Law) -> Iterator[Region]:
-    """Yield the ellipse that holds the level of a posterior law."""
-    yield from _around(law.environment, law.pair.ellipse(kind=law.kind, level=law.level, n=law.n))  # type: ignore[arg-type]
-
-
-def _around(environment: str, ellipse: EllipseRegion) -> Iterator[Region]:
-    """Yield the region of an ellipse; none of one of logarithms that leaves the range of doubles."""
-    reach = np.abs(ellipse.centre) + ellipse.radius * ellipse.sd
-    if ellipse.family == "normal" or reach.max() < np.log(_LARGEST):
-        labels = {name: getattr(ellipse, name) for name in ("kind", "method", "family", "joint", "level")}
-        yield Region(environment=environment, ellipse=ellipse, **labels)
-
-
 def laws_of(sources: Sources, fit: Fit | None, asked: InferenceTable) -> tuple[Law, ...]:
     """Put together the laws of every method."""
     found = list(_classical_laws(sources, asked.level))
     if fit is not None and sources.posterior:
         found += _posterior_laws(fit, asked, sources.kinds)
     return tuple(found)
+
+
+def _classical_laws(sources: Sources, level: float) -> Iterator[Law]:
+    """Yield the laws behind the classical intervals in both families, with Hotelling's ellipses."""
+    for family, values in sources.pairs.items():
+        labels: dict[str, Any] = {"method": "classical", "family": family, "level": level}
+        for environment, (k, b) in values.items():
+            for kind in sources.kinds:
+                with suppress(RefusalError):
+                    pair, ellipse = confidence_law(k, b, kind=kind, family=family), None
+                    # Subjects on a line have a law, and no ellipse.
+                    with suppress(RefusalError):
+                        ellipse = ellipse_region(k, b, kind=kind, level=level, family=family)  # type: ignore[arg-type]
+                    yield Law(environment=environment, kind=kind, pair=pair, ellipse=ellipse, **labels)
 
 
 def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[str]) -> Iterator[Law]:
@@ -209,34 +206,25 @@ def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[str]) -> It
     for j, environment in enumerate(fit.environments):
         cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
         scale, n = fit.scale.of_cells(cells), int(fit.counts[cells[0]])
-        labels: dict[str, Any] = {
-            "environment": environment,
-            "method": "bayesian",
-            "family": asked.family,
-            "level": asked.level,
-            "n": n,
-        }
         for kind in kinds:
             covariance = own[:, j] if kind == "mean" else own[:, j] + users[:, j]
-            yield Law(kind=kind, pair=posterior_law(scale, mean[:, j], covariance, batch), **labels)
+            yield posterior_law(environment, kind, scale, mean[:, j], covariance, batch, n, asked)
 
 
-def posterior_law(scale: ResponseScale, mean: Array, covariance: Array, batch: NDArray[np.intp]) -> PairLaw:
-    """Return the law of (k, b) whose responses are normal given each draw, (S, 2) and (S, 2, 2)."""
+def posterior_law(
+    environment: str,
+    kind: str,
+    scale: ResponseScale,
+    mean: Array,
+    covariance: Array,
+    batch: NDArray[np.intp],
+    n: int,
+    asked: InferenceTable,
+) -> Law:
+    """Return the law of (k, b), responses being normal given each draw, (S, 2) and (S, 2, 2), of n users."""
     centre = np.log(scale.origin) if scale.log else scale.origin
     unit = np.multiply.outer(scale.unit, scale.unit)
-    family: Family = "lognormal" if scale.log else "normal"
-    return mixture_law(centre + scale.unit * mean, unit * covariance, batch, family)
-
-
-def _classical_laws(sources: Sources, level: float) -> Iterator[Law]:
-    """Yield the laws behind the classical intervals, in both families."""
-    for family, values in sources.pairs.items():
-        labels: dict[str, Any] = {"method": "classical", "family": family, "level": level}
-        for environment, (k, b) in values.items():
-            for kind in sources.kinds:
-                try:
-                    pair = confidence_law(k, b, kind=kind, family=family)
-                except RefusalError:
-                    continue
-                yield Law(environment=environment, kind=kind, pair=pair, n=k.size, **labels)
+    pair = mixture_law(centre + scale.unit * mean, unit * covariance, batch, asked.family)
+    ellipse = pair.ellipse(kind=kind, level=asked.level, n=n)  # type: ignore[arg-type]
+    labels: dict[str, Any] = {"method": "bayesian", "family": asked.family, "level": asked.level}
+    return Law(environment=environment, kind=kind, pair=pair, ellipse=ellipse, **labels)

@@ -47,10 +47,9 @@ from percept.study.views import StudyViews
 # What imports the hierarchical model is imported where it is needed: the classical method does without.
 if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
-    from percept.study.checks import ModelChecks
+    from percept.study.checks import ModelChecks, ModelChoice
     from percept.study.fit import Fit, RunStore
     from percept.study.ladder import Ladder
-    from percept.study.model_choice import ModelChoice
 
 
 class Study(StudyViews):
@@ -187,7 +186,7 @@ class Study(StudyViews):
     @cached_property
     def model_choice(self) -> ModelChoice:
         """Smaller models against the full one, by leave-one-subject-out; samples each of them."""
-        from percept.study.model_choice import compare_models
+        from percept.study.checks import compare_models
 
         return compare_models(
             self.sessions, self.scene, self.parameters, progress=self.progress, store=self.store
@@ -306,8 +305,7 @@ class Study(StudyViews):
     @cached_property
     def regions(self) -> tuple[Region, ...]:
         """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
-        asked = self.scene.inference
-        return regions_of(self.intervals, self._sources, self.curve_laws, self._passed, asked)
+        return regions_of(self.intervals, self.curve_laws, self._passed, self.scene.inference)
 
     @cached_property
     def _banded(self) -> list[Banded | Skipped]:

@@ -40,7 +40,11 @@ _CALLS = {
 
 
 class StudyViews:
-    """What `percept.Study` shows of its results."""
+    """What `percept.Study` shows of its results.
+
+    Every plot draws on the matplotlib axes `ax`, by default on those of a new figure, and returns them. It
+    raises UsageError for a name that the study does not have, RefusalError where there is nothing to plot.
+    """
 
     sessions: Sessions
     scene: Scene
@@ -61,24 +65,19 @@ class StudyViews:
             """Of `percept.Study`."""
 
     def summary(self, kind: str | None = "user") -> pd.DataFrame:
-        """Lay the intervals out wide, the methods side by side.
+        """Lay the intervals out wide: a row per environment, parameter and kind, the methods side by side.
 
         Parameters
         ----------
         kind : {"user", "mean", "share"} or None
-            Whose intervals; None for every kind the scene asks for.
+            Whose intervals; None for every kind the scene asks for. Another kind is a UsageError.
 
         Returns
         -------
         DataFrame
-            A row per environment, parameter and kind: `reference`, `unit`, `family`, and per method
-            `METHOD_estimate`, `METHOD_lower` and `METHOD_upper` in that unit. The family is the scene's, or
-            the other one where it has no interval. Limits hold for each parameter by itself.
-
-        Raises
-        ------
-        UsageError
-            A kind that the scene does not ask for.
+            `reference`, `unit`, `family`, and per method `METHOD_estimate`, `METHOD_lower` and
+            `METHOD_upper` in that unit. The family is the scene's, or the other one where it has no interval.
+            Limits hold for each parameter by itself.
         """
         return wide(
             self.intervals, select("kind", kind, self.scene.inference.kinds), self.scene.inference.family
@@ -96,7 +95,7 @@ class StudyViews:
 
     @property
     def contrasts(self) -> pd.DataFrame:
-        """Contrasts of the levels of `[study] factor`, of bias and of spread; empty without a factor.
+        """Contrasts of the levels of `[study] factor`; empty without a factor.
 
         A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or spread), kind
         and method. Limits are ratios under the lognormal family; of bias under the normal one they are
@@ -110,24 +109,10 @@ class StudyViews:
         return tidy(self.boundaries)
 
     def report(self, directory: str | Path, **options: Any) -> Path:
-        """Write the report: page, JSON, tables, figures and posterior.
+        """Write page, JSON, tables, figures and posterior into a folder, and return the page's path.
 
-        Parameters
-        ----------
-        directory : str or Path
-            Folder, made where it does not exist.
-        **options
-            As `percept.report.write_report` takes them, such as ``formats=("pdf",)``.
-
-        Returns
-        -------
-        Path
-            The page.
-
-        Raises
-        ------
-        UsageError
-            The folder cannot be written.
+        The folder is made where it does not exist; UsageError where it cannot be written. Options are those
+        of `percept.report.write_report`, such as ``formats=("pdf",)``.
         """
         page: Path = importlib.import_module("percept.report").write_report(self, directory, **options)
         return page
@@ -135,95 +120,19 @@ class StudyViews:
     def plot_intervals(
         self, parameter: str | None = None, *, kinds: Collection[str] | None = None, ax: Any = None
     ) -> Any:
-        """Plot intervals divided by their references.
-
-        Parameters
-        ----------
-        parameter : str, optional
-            Which quantity; all by default.
-        kinds : collection of str, optional
-            Whose intervals; every kind of the scene by default.
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        UsageError
-            A parameter or kind that the study does not have.
-        RefusalError
-            No interval has a reference to be divided by.
-        """
+        """Plot intervals divided by their references: of every parameter and kind, or of those named."""
         return _plots().plot_intervals(self, parameter, kinds=kinds, ax=ax)
 
     def plot_boundary(self, environment: str, *, kind: str | None = None, ax: Any = None) -> Any:
-        """Plot the boundaries of abs(Z_h), N·s/m, over omega, rad/s.
-
-        Parameters
-        ----------
-        environment : str
-            Around which reference.
-        kind : str, optional
-            Whose boundary; the next user's by default where the scene asks for it.
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        UsageError
-            An environment or kind that has no boundary.
-        RefusalError
-            The study has no boundary.
-        """
+        """Plot boundaries of abs(Z_h), N·s/m, over omega, rad/s: the next user's, or those of a kind."""
         return _plots().plot_boundary(self, environment, kind=kind, ax=ax)
 
     def plot_band(self, parameter: str | None = None, *, ax: Any = None) -> Any:
-        """Plot the width of the band against the environment's impedance, or a quantity's reference.
-
-        Parameters
-        ----------
-        parameter : str, optional
-            Which quantity, where bands are of quantities; the first by default.
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        UsageError
-            A parameter that has no band.
-        RefusalError
-            The study has no band.
-        """
+        """Plot bands and their laws against the environment's impedance, or a parameter's reference."""
         return _plots().plot_band(self, parameter, ax=ax)
 
     def plot_coupling(self, *, ax: Any = None) -> Any:
-        """Plot the stability criterion of the coupling (Eq. 10) over omega, rad/s.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        RefusalError
-            The scene has no device or no coupling.
-        """
+        """Plot the stability criterion of the coupling (Eq. 10) over omega, rad/s."""
         return _plots().plot_coupling(self, ax=ax)
 
     def plot_check(self, *, ax: Any = None) -> Any:
@@ -231,20 +140,6 @@ class StudyViews:
 
         In a model that holds, the probabilities of lying as far off are uniform. The shaded band holds each
         ordered probability of independent subjects with probability 0.99.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        RefusalError
-            The study has no hierarchical fit that can be checked.
         """
         return _plots().plot_check(self, ax=ax)
 

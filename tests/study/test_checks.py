@@ -13,8 +13,15 @@ import percept
 from percept import Scene, Study, UsageError, read_sessions
 from percept.inference.checks.left_out import Loo, Predicted
 from percept.study.basics import Skipped
-from percept.study.checks import SubjectChecks, correlation_table, power_scaling, subject_tables
-from percept.study.model_choice import compare_models, ranked, sentence_of
+from percept.study.checks import (
+    SubjectChecks,
+    compare_models,
+    correlation_table,
+    power_scaling,
+    ranked,
+    sentence_of,
+    subject_tables,
+)
 from percept.study.posterior import posterior_tree
 from tests import DATASETS
 from tests.study.checked import study_of, table_of
@@ -73,9 +80,7 @@ def test_false_alarms_are_shared_among_the_subjects(clean):
     farther = np.array([0.0049, 0.0051, *[0.5] * 8])
     loo = Loo(np.zeros(10), np.zeros(10), 0.7, np.zeros((1, 1)), np.ones((1, 10)))
     predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
-    found = subject_tables(
-        clean.fit, clean.fit.subjects, loo, predicted, np.zeros(10, dtype=bool), refit=False
-    )
+    found = subject_tables(clean.fit, loo, predicted, np.zeros(10, dtype=bool), refit=False)
     assert found.subjects["outlier"].tolist() == [True] + [False] * 9
 
 

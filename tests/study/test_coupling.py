@@ -62,7 +62,7 @@ def test_realism_throughout_is_that_of_a_fine_grid(fitted: Study) -> None:
     assert fitted.fit is not None
     assert fitted.setup is not None
     setup = fitted.setup
-    omega = np.geomspace(0.1, 100.0, 4000)
+    omega = np.union1d(np.geomspace(0.1, 100.0, 400), np.geomspace(28.0, 36.0, 600))
     for environment, users in populations(fitted.fit, fitted.scene.inference).items():
         limits = magnitude_envelope(
             omega[:, None], setup.device, users.stiffness, users.damping, setup.period

@@ -9,7 +9,7 @@ import pytest
 
 from percept import read_sessions
 from percept.sessions import Sessions
-from percept.study.intervals import adjustments, paired_limits
+from percept.study.intervals import adjustments
 from tests import DATASETS
 
 
@@ -51,19 +51,3 @@ def test_a_published_summary_has_none():
 def test_equal_values_have_no_scatter_and_are_described():
     found = list(adjustments(sessions_of([(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")])))
     assert [(one["mean"], one["sd"]) for one in found] == [(9.0, 0.0), (1.5, 0.0)]
-
-
-def test_pairs_stand_in_order_and_lone_rows_are_left_out() -> None:
-    rows = [("b", "VE2", 1.0, 2.0), ("k", "VE1", 3.0, 4.0), ("k", "VE2", 5.0, 6.0), ("b", "VE3", 7.0, 8.0)]
-    table = pd.DataFrame(rows, columns=["parameter", "environment", "lower", "upper"])
-    ((pair, limits),) = paired_limits(table, ["environment"])
-    assert limits == ((5.0, 6.0), (1.0, 2.0))
-    assert {name: row["environment"] for name, row in pair.items()} == {"k": "VE2", "b": "VE2"}
-    both = pd.concat([table, table.assign(parameter=["k", "b", "b", "k"])]).drop_duplicates(
-        ["parameter", "environment"]
-    )
-    assert [limits for _, limits in paired_limits(both, ["environment"])] == [
-        ((5.0, 6.0), (1.0, 2.0)),
-        ((3.0, 4.0), (3.0, 4.0)),
-        ((7.0, 8.0), (7.0, 8.0)),
-    ]

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError
-from percept.inference.classical.contrasts import paired_contrast, spread_ratio
+from percept.inference.classical.intervals import paired_contrast, spread_ratio
 
 CLAIM = {"level": 0.9, "share": 0.9, "confidence": 0.95}
 
