@@ -120,8 +120,6 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
     notes = [_SAME] if same else list(_in_common(first.sessions, second.sessions))
     notes += _unlike(first, second)
-    if not same:
-        notes += _other_trials(first.sessions, second.sessions)
     pair = [study.intervals[[*keys, "lower", "upper"]] for study in (first, second)]
     intervals = pair[0].merge(pair[1], on=keys, suffixes=("_a", "_b"))
     widths = [intervals[f"upper_{side}"] - intervals[f"lower_{side}"] for side in ("a", "b")]
@@ -161,41 +159,30 @@ def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
 
 
 def _unlike(first: Study, second: Study) -> Iterator[str]:
-    """Say what only one of the two has, and where intervals of kind share claim different things."""
+    """Say what only one of the two has, and what makes their intervals differ besides their users."""
     for what in ("environments", "parameters"):
         names = [[str(name) for name in getattr(study, what)] for study in (first, second)]
         for label, own, other in (("A", *names), ("B", *reversed(names))):
             if alone := [name for name in own if name not in other]:
                 yield f"Only {label} has {', '.join(alone)}: left out."
     asked = [study.scene.inference for study in (first, second)]
-    claims = [(one.held_share, one.confidence) for one in asked]
+    claims = [f"{one.held_share:g} of users with confidence {one.confidence:g}" for one in asked]
     if all("share" in one.kinds for one in asked) and claims[0] != claims[1]:
-        said = " and ".join(
-            f"{share:g} of users with confidence {confidence:g}" for share, confidence in claims
+        yield f"Intervals of kind share hold {' and '.join(claims)}: their widths differ for that reason too."
+    if {study.sessions.form for study in (first, second)} == {"trials"}:
+        a, b = (
+            study.sessions.table.groupby(["subject", "environment"], sort=False).size().median()
+            for study in (first, second)
         )
-        yield f"Intervals of kind share hold {said}: their widths differ for that reason too."
-
-
-def _other_trials(first: Sessions, second: Sessions) -> Iterator[str]:
-    """Say where subjects' means hold different amounts of trial noise."""
-    if {first.form, second.form} != {"trials"}:
-        return
-    usual = [
-        float(one.table.groupby(["subject", "environment"], sort=False).size().median())
-        for one in (first, second)
-    ]
-    if usual[0] != usual[1]:
-        made = f"{usual[0]:g} trials of an environment in A and {usual[1]:g} in B"
-        yield (
-            f"Subjects typically made {made}: more of the trial noise is left in the classical spreads of "
-            "the study with fewer."
-        )
+        if a != b:
+            yield (
+                f"Subjects typically made {a:g} trials of an environment in A and {b:g} in B: more of the "
+                "trial noise is left in the classical spreads of the study with fewer."
+            )
 
 
 def _same_sessions(first: Sessions, second: Sessions) -> bool:
-    if first.form != second.form:
-        return False
-    if first.quantities != second.quantities:
+    if first.form != second.form or first.quantities != second.quantities:
         return False
     columns = list(trial_columns(first.quantities) if first.form == "trials" else SUMMARY_COLUMNS)
     return first.table[columns].equals(second.table[columns])
@@ -301,18 +288,13 @@ def _row(
     above: float | None,
     spread: Sequence[float],
 ) -> dict[str, object]:
-    lower, value, upper = np.exp(ends).tolist() if family == "lognormal" else map(float, ends)
+    limits = np.exp(ends).tolist() if family == "lognormal" else map(float, ends)
     return {
         "environment": cell[1],
         "parameter": cell[0],
         "method": method,
         "family": family,
-        "lower": lower,
-        "value": value,
-        "upper": upper,
+        **dict(zip(("lower", "value", "upper"), limits, strict=True)),
         "probability_above": above,
-        **{
-            f"spread_{name}": float(end)
-            for name, end in zip(("lower", "value", "upper"), spread, strict=True)
-        },
+        **dict(zip(("spread_lower", "spread_value", "spread_upper"), map(float, spread), strict=True)),
     }
