@@ -109,7 +109,7 @@ def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     both = of_k.merge(of_b, on=labels, suffixes=("_k", "_b"))
     ends = displayable(both[["lower_k", "upper_k", "lower_b", "upper_b"]].to_numpy(dtype=float)).tolist()
     for own, (k_low, k_high, b_low, b_high) in zip(both[labels].to_dict("records"), ends, strict=True):
-        yield Region(limits=((k_low, k_high), (b_low, b_high)), **own)  # type: ignore[misc]
+        yield Region(limits=((k_low, k_high), (b_low, b_high)), **own)  # type: ignore[arg-type]
 
 
 def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
