@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import statistics
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -19,12 +20,15 @@ from percept.files import write_whole
 from percept.sessions import Sessions
 from percept.simulate.model import PARAMETERS, SOURCE, Design, Parameter, correlated_normal, session_table
 
-BETWEEN = 0.4
-CORRELATION = 0.3
+#: Correlation of one parameter in two environments, and of k and b in one.
+BETWEEN, CORRELATION = 0.4, 0.3
 # Ten subjects scatter widely about stated correlations; the nearest of many draws misses them by little.
 _CANDIDATES = 200
+# Significant digits of adjusted values: the fewest with which the table's limits come out.
+_DIGITS = 6, 10, 15
 # Limits with more digits were not printed: they come from means and SDs.
 _PRINTED_DIGITS = 12
+Array = NDArray[np.float64]
 _Rows = tuple[tuple[Decimal, ...], ...]
 
 
@@ -87,12 +91,12 @@ class PublishedLimits:
         return float(-stdtrit(self.n - 1, (1 - self.level) / 2) / np.sqrt(self.n))
 
     @property
-    def mean(self) -> NDArray[np.float64]:
+    def mean(self) -> Array:
         """Mean of the subjects, (J, P): the middle of the limits."""
         return (np.array(self.lower, dtype=float) + np.array(self.upper, dtype=float)) / 2
 
     @property
-    def sd(self) -> NDArray[np.float64]:
+    def sd(self) -> Array:
         """Standard deviation of the subjects, (J, P), backed out of the limits' distance."""
         return (np.array(self.upper, dtype=float) - np.array(self.lower, dtype=float)) / (2 * self.factor)
 
@@ -116,25 +120,15 @@ def _require_limits(row: object, cell: str, file: str | None) -> None:
         )
 
 
-def simulate_like(
-    published: Sessions,
-    *,
-    seed: int,
-    subjects: int | None = None,
-    between: float = BETWEEN,
-    correlation: float = CORRELATION,
-    digits: int = 6,
-) -> pd.DataFrame:
+def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None) -> pd.DataFrame:
     """Make a study with the means and standard deviations behind a table of published limits.
 
     Scores z are standard normal, a subject effect and an effect of the subject in one environment:
-    z = √between·u + √(1 − between)·w, with k and b correlated alike in both. Ten subjects scatter
-    widely about such correlations, so of many draws the one that comes nearest to them is kept.
+    z = √between·u + √(1 − between)·w, with k and b correlated alike in both.
 
     An environment's values are exp(a + c·z): positive whatever a and c, and skewed as their SD
     demands. Their coefficient of variation rises with c from 0 to √n, so the published one fixes c,
-    and the mean then fixes a. With the table's own number of subjects the t-intervals of the result
-    print as its limits.
+    and the mean then fixes a. The t-intervals of the result print as the table's limits.
     """
     limits = PublishedLimits.from_sessions(published)
     count = limits.n if subjects is None else subjects
@@ -150,71 +144,39 @@ def simulate_like(
     )
     environments, parameters = design.references.shape
     rng = np.random.default_rng(seed)
-    z = _scores(rng, (count, environments, parameters), between, correlation)
+    z = _scores(rng, (count, environments, parameters))
     adjusted = np.empty_like(z)
     for j, p in np.ndindex(environments, parameters):
         where = f"{limits.environments[j]}, {limits.parameters[p]}"
         exact = _match(z[:, j, p], float(limits.mean[j, p]), float(limits.sd[j, p]), where)
-        adjusted[:, j, p] = [float(f"{value:.{digits - 1}e}") for value in exact]
-        _require_print(adjusted[:, j, p], limits.factor, (limits.lower[j][p], limits.upper[j][p]), where)
+        adjusted[:, j, p] = _rounded(exact, limits.factor, (limits.lower[j][p], limits.upper[j][p]), where)
     i, j = np.indices((count, environments)).reshape(2, -1)
     return session_table(design, i, j, np.ones_like(i), adjusted.reshape(-1, parameters))
 
 
-@dataclass(frozen=True)
-class Correlations:
-    """Correlations of the logarithms of the adjusted values, each an average over equals."""
-
-    within: float | None  # Of k and b in one environment, over environments; None with one parameter
-    across: float | None  # Of one parameter in two environments, over pairs; None with one environment
-
-
-def realised_correlations(table: pd.DataFrame) -> Correlations:
-    """Return the correlations of a study of one trial a cell, to be set beside those asked for."""
-    parameters = [name for name in ("k_adj", "b_adj") if name in table]
-    if table.duplicated(["subject", "environment"]).any():
-        raise UsageError("a subject has two rows for one environment.", column="environment")
-    wide = table.pivot(index="subject", columns="environment", values=parameters)
-    values = wide.to_numpy(dtype=float)
-    if not (values > 0).all():
-        raise UsageError("every subject needs a positive value in every environment.", column="k_adj, b_adj")
-    scores = np.log(values).reshape(len(wide), len(parameters), -1)
-    return _correlations(np.swapaxes(scores, 1, 2))
-
-
-def _correlations(z: NDArray[np.float64]) -> Correlations:
-    """Average correlations of scores (subjects, environments, parameters)."""
-    count, environments, parameters = z.shape
-    shape = (environments, parameters, environments, parameters)
-    r = np.reshape(np.corrcoef(z.reshape(count, -1), rowvar=False), shape)
-    pairs = np.triu_indices(environments, 1)
-    across = [r[:, p, :, p][pairs] for p in range(parameters)]
-    return Correlations(
-        within=float(np.diagonal(r[:, 0, :, 1]).mean()) if parameters == 2 else None,
-        across=float(np.mean(across)) if environments > 1 else None,
-    )
-
-
-def _scores(
-    rng: np.random.Generator, shape: tuple[int, int, int], between: float, correlation: float
-) -> NDArray[np.float64]:
+def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
     """Draw scores (subjects, environments, parameters): of many draws the one nearest the correlations."""
-    subjects, _, parameters = shape
+    subjects, environments, parameters = shape
+    pairs = np.triu_indices(environments, 1)
 
-    def draw() -> NDArray[np.float64]:
-        u = correlated_normal(rng, (subjects, 1, parameters), correlation)
-        return math.sqrt(between) * u + math.sqrt(1 - between) * correlated_normal(rng, shape, correlation)
+    def draw() -> Array:
+        u = correlated_normal(rng, (subjects, 1, parameters), CORRELATION)
+        return math.sqrt(BETWEEN) * u + math.sqrt(1 - BETWEEN) * correlated_normal(rng, shape, CORRELATION)
 
-    def miss(z: NDArray[np.float64]) -> float:
-        found = _correlations(z)
-        within = 0.0 if found.within is None else found.within - correlation
-        across = 0.0 if found.across is None else found.across - between
-        return math.hypot(within, across)
+    def miss(z: Array) -> float:
+        """Distance of both average correlations from those wanted; one that does not exist is as wanted."""
+        r = np.corrcoef(z.reshape(subjects, -1), rowvar=False).reshape(shape[1:] * 2)
+        within, across = CORRELATION, BETWEEN
+        if parameters == 2:
+            within = float(np.diagonal(r[:, 0, :, 1]).mean())
+        if environments > 1:
+            across = float(np.mean([r[:, p, :, p][pairs] for p in range(parameters)]))
+        return math.hypot(within - CORRELATION, across - BETWEEN)
 
     return min((draw() for _ in range(_CANDIDATES)), key=miss)
 
 
-def _match(z: NDArray[np.float64], mean: float, sd: float, where: str) -> NDArray[np.float64]:
+def _match(z: Array, mean: float, sd: float, where: str) -> Array:
     """exp(a + c·z) with the given mean and SD."""
     if mean <= 0:
         raise RefusalError(
@@ -240,19 +202,17 @@ def _match(z: NDArray[np.float64], mean: float, sd: float, where: str) -> NDArra
     return mean / values.mean() * values
 
 
-def _require_print(
-    values: NDArray[np.float64], factor: float, printed: tuple[Decimal, Decimal], where: str
-) -> None:
-    """Refuse values whose interval does not print as the table's limits."""
-    mean = math.fsum(values) / len(values)
-    sd = math.sqrt(math.fsum((values - mean) ** 2) / (len(values) - 1))
-    for limit, wanted in zip((mean - factor * sd, mean + factor * sd), printed, strict=True):
-        if Decimal(limit).quantize(wanted) != wanted:
-            raise RefusalError(
-                f"{where}: values of so few digits give the limit {limit:.10g}, not the {wanted} published.",
-                key="digits",
-                hint="Ask for more digits.",
-            )
+def _rounded(exact: Array, factor: float, printed: tuple[Decimal, Decimal], where: str) -> list[float]:
+    """Round values to the fewest digits with which their interval prints as the table's limits."""
+    for digits in _DIGITS:
+        values = [float(f"{value:.{digits - 1}e}") for value in exact]
+        mean, half = statistics.fmean(values), factor * statistics.stdev(values)
+        if all(
+            Decimal(limit).quantize(wanted) == wanted
+            for limit, wanted in zip((mean - half, mean + half), printed, strict=True)
+        ):
+            return values
+    raise RefusalError(f"{where}: no values of {_DIGITS[-1]} digits give limits that print as published.")
 
 
 def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
@@ -262,24 +222,13 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     not at all, and never in place of one that was not simulated.
     """
     target = Path(path)
-    if "source" not in table or not (table["source"] == SOURCE).all():
-        raise UsageError(
-            f"every row of a simulated table must say {SOURCE!r} in its column 'source'.",
-            column="source",
-            hint="Write measured sessions with pandas instead.",
-        )
-    if not target.parent.is_dir():
-        raise UsageError("the folder to write to does not exist.", file=str(target), hint="Make it first.")
     if target.is_file() and not _simulated(target):
         raise UsageError(
             "is there already, and was not simulated.", file=str(target), hint="Choose another name."
         )
     text = table.copy()
     for name in table.select_dtypes("float").columns:
-        values = table[name].to_numpy()
-        if not np.isfinite(values).all():
-            raise RefusalError("a simulated value is not finite.", file=str(target), column=name)
-        text[name] = [np.format_float_positional(value, trim="-") for value in values]
+        text[name] = [np.format_float_positional(value, trim="-") for value in table[name]]
     try:
         write_whole(target, text.to_csv(index=False, lineterminator="\n").encode())
     except OSError as error:

@@ -8,6 +8,8 @@ from decimal import Decimal
 from fractions import Fraction
 
 import mpmath
+import numpy as np
+import pandas as pd
 import pytest
 
 Printer = Callable[[Iterable[str], str, tuple[str, str]], tuple[str, str]]
@@ -44,3 +46,19 @@ def printed_limits() -> Printer:
         return lower, upper
 
     return print_like
+
+
+def correlations(sessions: pd.DataFrame) -> tuple[float, float]:
+    """Average correlation of log k and log b in one environment, and of either in two, pair by pair."""
+    logs = {
+        (name, environment): np.log(group.sort_values("subject")[f"{name}_adj"].to_numpy())
+        for environment, group in sessions.groupby("environment")
+        for name in ("k", "b")
+    }
+    names = sorted({environment for _, environment in logs})
+    within = [np.corrcoef(logs["k", e], logs["b", e])[0, 1] for e in names]
+    across = [
+        np.corrcoef(logs[p, e], logs[p, f])[0, 1] for p in ("k", "b") for e in names for f in names if e < f
+    ]
+    assert len(across) == 20
+    return float(np.mean(within)), float(np.mean(across))

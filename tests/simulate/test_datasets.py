@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 
 from percept import read_sessions
-from percept.simulate.like import BETWEEN, CORRELATION, realised_correlations, simulate_like, write_sessions
+from percept.simulate.like import BETWEEN, CORRELATION, simulate_like, write_sessions
 from tests import DATASETS
+from tests.simulate.conftest import correlations
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"
 
@@ -76,12 +77,12 @@ def test_the_description_has_the_columns_and_the_correlations() -> None:
     for name in ("hbfd_table1.csv", "hbfd_sessions.csv"):
         for column in cells(DATASETS / name)[0]:
             assert f"`{column}`" in text, (name, column)
-    found = realised_correlations(pd.read_csv(SESSIONS))
-    assert f"| {CORRELATION} | {found.within:.4f} |" in text
-    assert f"| {BETWEEN} | {found.across:.4f} |" in text
+    within, across = correlations(pd.read_csv(SESSIONS))
+    assert f"| {CORRELATION} | {within:.4f} |" in text
+    assert f"| {BETWEEN} | {across:.4f} |" in text
     # One correlation of ten subjects has a standard error near 0.3; these averages are far nearer.
-    assert abs(found.within - CORRELATION) < 0.01
-    assert abs(found.across - BETWEEN) < 0.01
+    assert abs(within - CORRELATION) < 0.01
+    assert abs(across - BETWEEN) < 0.01
 
 
 def test_the_scene() -> None:
