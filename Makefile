@@ -75,8 +75,8 @@ reproduced: $(STAMP)  ## the example page, the paper and leave-one-out of report
 	@$(BIN)/percept predict datasets/hbfd_table1.csv --scene datasets/hbfd.toml --leave-one-out \
 	    --out reports/hbfd --quiet
 
-digits: $(STAMP)  ## digits, propagation, growth, skipping and workers of reports/benchmark (half an hour)
-	@for part in digits propagation growth skipping workers; do \
+digits: $(STAMP)  ## digits, propagation, growth and skipping of reports/benchmark (half an hour)
+	@for part in digits propagation growth skipping; do \
 	    $(BIN)/percept bench $$part --out reports/benchmark || exit 1; \
 	done
 

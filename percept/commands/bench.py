@@ -38,7 +38,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--peer", action=argparse.BooleanOptionalAction, default=True, help="nutpie beside designs (yes)"
     )
-    parser.add_argument("--studies", type=int, default=200, metavar="N", help="studies of workers (200)")
     parser.add_argument("--json", action="store_true", help="print as JSON")
     parser.add_argument(
         "--out",
@@ -136,7 +135,6 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "propagation": lambda _: _bench("propagation", "study_propagation")(_published()),
     "digits": _digits,
     "skipping": lambda _: _bench("skipping", "skipping_cost")(),
-    "workers": lambda given: _bench("growth", "batch_costs")(given.studies),
     "growth": lambda _: _bench("growth", "growth")(log=_log),
 }
 #: Parts run alone, which write their own files.

@@ -6,7 +6,7 @@ next user's boundary.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +16,10 @@ from percept.haptics import (
     CouplingDesign,
     Device,
     EnvironmentBoundary,
-    best_coupling_damping,
     corner_curves,
     design_couplings,
     magnitude_envelope,
-    max_coupling_stiffness,
 )
-from percept.haptics.design import softest_coupling
 from percept.haptics.search import section_minimum
 from percept.reproduce.published import Array, Published, Wall
 from percept.reproduce.squares import Square, felt_square
@@ -35,12 +32,7 @@ DAMPINGS = np.geomspace(0.05, 50.0, 61)
 _POINTS = 9  # Over a window of at most 13 % of its frequency
 _RIDGE = 801  # Masses one percent apart: the window of Fig. 7b, squared, is four times as wide
 _RANGE = 31  # Over the perceivable range
-# Dampings of the trade-off, N·s/m, and the least one looked at, found to a thousandth.
-_DAMPINGS = np.geomspace(0.5, 60.0, 11)
-_LEAST, _DIGITS = 1e-4, 1e-3
-# How often the damping is doubled in search of a device on which one coupling suits all.
-_DOUBLE, _DOUBLINGS = 2.0, 5
-_LINES = 17  # Values of b_c along which couplings are searched
+_NARROW = 1e-12  # Relative width to which a limit is halved
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,18 +162,11 @@ def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float |
     last = int(np.flatnonzero(true)[-1])
     if last == candidates.size - 1:
         return float("inf")
-    low, _ = _halved(lambda x: bool(true_at(np.array([x]))[0]), *candidates[last : last + 2], rtol=1e-12)
-    return low
-
-
-def _halved(
-    low_side: Callable[[float], bool], low: float, high: float, *, rtol: float
-) -> tuple[float, float]:
-    """Halve an interval on the logarithmic scale, keeping a change of side inside, until it is narrow."""
-    while high > low * (1 + rtol):
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if low_side(middle) else (low, middle)
-    return float(low), float(high)
+    low, high = candidates[last : last + 2]
+    while high > low * (1 + _NARROW):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if true_at(np.array([middle]))[0] else (low, middle)
+    return float(low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,18 +176,6 @@ class Adapted:
     device: Device
     design: CouplingDesign  # In the order of Table 1
     static: tuple[bool, ...]  # By environment, whether the paper's tuned coupling is among them
-
-
-@dataclass(frozen=True, eq=False)
-class TradeOff:
-    """Stability against realism: what k_c a device carries, and what k_c feels real."""
-
-    damping: Array  # (n,) b_d, N·s/m
-    stiffest: Array  # (n,) Largest stable k_c at the best b_c, N/m
-    softest: Array  # Smallest stable k_c that keeps each environment inside its boundary, N/m
-    least: tuple[float, ...]  # Smallest b_d with which each environment has a coupling, N·s/m
-    least_common: float  # Smallest b_d with which one coupling suits all
-    static: float  # The b_d that the paper's tuned coupling needs, N·s/m
 
 
 def next_user_boundaries(published: Published) -> tuple[EnvironmentBoundary, ...]:
@@ -217,66 +190,11 @@ def adapted_couplings(published: Published) -> Adapted:
     """Return the couplings that qualify on the device Fig. 4 implies."""
     device = Device(published.device.mass, published.needed())
     boundaries = next_user_boundaries(published)
-    design = design_couplings(device, boundaries, _range(published), published.period)
+    design = design_couplings(device, boundaries, published.span, published.period)
     line = np.array([float(published.tuned.damping)])
-    tuned = design_couplings(device, boundaries, _range(published), published.period, damping=line)
+    tuned = design_couplings(device, boundaries, published.span, published.period, damping=line)
     static = (
         any(low <= published.tuned.stiffness <= high for low, high in region.intervals[0].tolist())
         for region in tuned.each
     )
     return Adapted(device, design, tuple(static))
-
-
-def _range(published: Published) -> tuple[float, float]:
-    return published.scene.frequency.lower, published.scene.frequency.upper
-
-
-def trade_off(published: Published) -> TradeOff:
-    """Return what stability allows and what realism asks for, over the damping of the device."""
-    best = best_coupling_damping(1.0, published.period)
-    per_stiffness, per_damping = float(best.device_damping), float(best.coupling_damping)
-    stiffest = _DAMPINGS / per_stiffness
-    rows = range(len(published.walls))
-    softest = np.array([[_softest(published, float(b), [row]) for b in _DAMPINGS] for row in rows])
-    least = tuple(_least(published, [row], _bracket(softest[row])) for row in rows)
-    common = max(least)
-    if np.isfinite(common) and np.isnan(_softest(published, common, rows)):
-        enough = (common * _DOUBLE**i for i in range(1, _DOUBLINGS + 1))
-        high = next((b for b in enough if not np.isnan(_softest(published, b, rows))), np.inf)
-        common = _least(published, rows, (high / _DOUBLE, high))
-    return TradeOff(
-        damping=_DAMPINGS,
-        stiffest=np.asarray(
-            max_coupling_stiffness(_DAMPINGS, stiffest * per_damping * (1 - 1e-9), published.period)
-        ),
-        softest=softest,
-        least=least,
-        least_common=common,
-        static=published.needed(published.tuned),
-    )
-
-
-def _bracket(softest: Array) -> tuple[float, float]:
-    """Return a damping that is too small and one that will do; inf where none will."""
-    found = np.flatnonzero(np.isfinite(softest))
-    if not found.size:
-        return float(_DAMPINGS[-1]), float("inf")
-    first = int(found[0])
-    return (float(_DAMPINGS[first - 1]) if first else _LEAST), float(_DAMPINGS[first])
-
-
-def _softest(published: Published, damping: float, rows: Sequence[int]) -> float:
-    """Return the smallest k_c that suits some environments on a device of b_d, N/m; NaN without any."""
-    device = Device(published.device.mass, damping)
-    boundaries = next_user_boundaries(published)
-    lines = 8 * damping * np.sin(np.linspace(0.0, np.pi / 2, _LINES)) ** 2
-    some = [boundaries[row] for row in rows]
-    softest = softest_coupling(device, some, _range(published), published.period, damping=lines)
-    return float("nan") if softest is None else float(softest.stiffness)
-
-
-def _least(published: Published, rows: Sequence[int], bracket: tuple[float, float]) -> float:
-    """Return the smallest b_d with a coupling for some environments; inf without any."""
-    if not np.isfinite(bracket[1]):
-        return bracket[1]
-    return _halved(lambda b: bool(np.isnan(_softest(published, b, rows))), *bracket, rtol=_DIGITS)[1]

@@ -28,7 +28,7 @@ from percept.report.figures.canvas import (
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
 from percept.report.figures.marks import draw_design
 from percept.reproduce import devices
-from percept.reproduce.devices import DAMPINGS, MASSES, Adapted, TradeOff, over_devices
+from percept.reproduce.devices import DAMPINGS, MASSES, Adapted, over_devices
 from percept.reproduce.published import THEORETICAL, Array, Published, Wall
 
 _PAIR = (86.0, 72.0)
@@ -36,10 +36,9 @@ _WIDE = (0.1, 1000.0)  # rad/s; the paper's axes reach past the device's resonan
 _POINTS = 241
 _MAP_MASSES = np.geomspace(MASSES[0], MASSES[-1], 141)
 _MAP_DAMPINGS = np.geomspace(DAMPINGS[0], DAMPINGS[-1], 121)
-_ANY = 5.0  # N/m; what is drawn where every positive stiffness will do
 
 
-def drawings(published: Published, adapted: Adapted, trade: TradeOff) -> list[Drawing]:
+def drawings(published: Published, adapted: Adapted) -> list[Drawing]:
     """Return every figure of the page; nothing is drawn yet."""
     found = [_fig4(published), _fig5(published)]
     for panel, letter in zip(devices.panels(published), "ace", strict=True):
@@ -49,7 +48,6 @@ def drawings(published: Published, adapted: Adapted, trade: TradeOff) -> list[Dr
         *found,
         _fig7b_light(published),
         _maps(published),
-        _trade(published, trade),
         _design(published, adapted),
     ]
 
@@ -242,52 +240,6 @@ def _mark_devices(ax: Axes, published: Published) -> None:
     log_scale(ax, plain=True)
     ax.set_xlim(MASSES[0], MASSES[-1])
     ax.set_ylim(DAMPINGS[0], DAMPINGS[-1])
-
-
-def _trade(published: Published, trade: TradeOff) -> Drawing:
-    def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18, bottom=28, top=4)
-        ax.plot(
-            trade.damping, trade.stiffest / 1e3, color=COLOURS["ink"], linewidth=1.5, label="stiffest stable"
-        )
-        styles = ("-", (0, (6, 2)), (0, (3, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)))
-        for row, wall in enumerate(published.walls):
-            damping, softest = _from_least(trade, row)
-            ax.plot(
-                damping,
-                softest / 1e3,
-                color=COLOURS["coupled"],
-                linestyle=styles[row % len(styles)],
-                label=f"softest that feels real, {wall.name}",
-            )
-        _cross(ax, trade.static, float(published.tuned.stiffness) / 1e3, 6, "the paper’s tuned coupling")
-        log_scale(ax, plain=True)
-        ax.set_xlim(trade.damping[0], trade.damping[-1])
-        ax.set_ylim(bottom=_ANY / 1e3)
-        ax.set_xlabel("device damping (N·s/m)")
-        ax.set_ylabel("coupling stiffness (kN/m)")
-        legend_below(ax, columns=2)
-
-    return Drawing(
-        "trade-off",
-        "Stability against realism: the coupling each environment asks for",
-        "Between an environment’s line and the line of stability lie couplings that are stable and keep the "
-        "next user’s boundary over the whole perceivable range. Stiffer walls need stiffer couplings, and so "
-        "better damped devices.",
-        (140.0, 96.0),
-        draw,
-    )
-
-
-def _from_least(trade: TradeOff, row: int) -> tuple[Array, Array]:
-    """Return an environment's line from the first damping that will do; there both limits meet."""
-    kept = np.isfinite(trade.softest[row])
-    damping, softest = trade.damping[kept], np.maximum(trade.softest[row][kept], _ANY)
-    least = trade.least[row]
-    if kept.all() or not kept.any():
-        return damping, softest
-    met = float(np.exp(np.interp(np.log(least), np.log(trade.damping), np.log(trade.stiffest))))
-    return np.append(least, damping), np.append(met, softest)
 
 
 def _cross(ax: Axes, x: float, y: float, size: float, label: str) -> None:

@@ -24,12 +24,12 @@ from percept.report.plain import dumps, plain
 from percept.reproduce import claims_coupling as coupling
 from percept.reproduce import claims_figures as figures
 from percept.reproduce import claims_table as table
-from percept.reproduce.devices import Adapted, TradeOff, adapted_couplings, trade_off
+from percept.reproduce.devices import Adapted, adapted_couplings
 from percept.reproduce.published import Claim, Published, Verdict, unjudged
 from percept.sessions.quantities import IMPEDANCE
 
 PAGE = "reproduction.html"
-SCHEMA = "percept-reproduction/2"
+SCHEMA = "percept-reproduction/3"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
 
@@ -106,8 +106,8 @@ def write_reproduction(
     from percept.reproduce.figures import drawings
 
     claims = judge_all(published)
-    adapted, trade = adapted_couplings(published), trade_off(published)
-    document = _document(published, claims, adapted, trade)
+    adapted = adapted_couplings(published)
+    document = _document(published, claims, adapted)
     with filled_folder(out_dir, last=PAGE) as folder:
         texts = {
             "claims.json": dumps(document),
@@ -119,7 +119,7 @@ def write_reproduction(
         page = render_standalone(
             "percept.reproduce",
             "reproduction.html.j2",
-            draw_all(drawings(published, adapted, trade), folder / "figures"),
+            draw_all(drawings(published, adapted), folder / "figures"),
             digits=5,
             symbols=symbols,
             styles=("reproduction.css",),
@@ -142,9 +142,7 @@ def symbols(text: str) -> Markup:
     return Markup(found.replace("k_cT", "k<sub>c</sub>T"))
 
 
-def _document(
-    published: Published, claims: Sequence[Claim], adapted: Adapted, trade: TradeOff
-) -> dict[str, Any]:
+def _document(published: Published, claims: Sequence[Claim], adapted: Adapted) -> dict[str, Any]:
     """Put everything together as plain values, as claims.json holds it."""
     verdicts = [claim.verdict for claim in claims]
     document = {
@@ -166,7 +164,7 @@ def _document(
         "counts": {verdict: verdicts.count(verdict) for verdict in get_args(Verdict)},
         "claims": [{"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)],
         "table": _table(published),
-        "future": _future(published, adapted, trade),
+        "future": _future(published, adapted),
         "misprints": _sentences()["misprint"],
     }
     return dict(plain(document))
@@ -199,29 +197,24 @@ def _table(published: Published) -> list[dict[str, Any]]:
     return rows
 
 
-def _future(published: Published, adapted: Adapted, trade: TradeOff) -> dict[str, Any]:
-    regions = zip(published.walls, adapted.design.each, adapted.static, trade.least, strict=True)
+def _future(published: Published, adapted: Adapted) -> dict[str, Any]:
+    rows = [
+        *zip((wall.name for wall in published.walls), adapted.design.each, adapted.static, strict=True),
+        ("one for all", adapted.design.common, all(adapted.static)),
+    ]
     return {
         "device": {"mass": adapted.device.mass, "damping": adapted.device.damping},
         "family": published.scene.inference.family,
         "environments": [
             {
-                "environment": wall.name,
+                "environment": name,
                 "softest": region.softest,
                 "stiffest": region.largest,
-                "tuned_qualifies": static,
-                "least_damping": least,
+                "tuned_qualifies": qualifies,
             }
-            for wall, region, static, least in regions
+            for name, region, qualifies in rows
         ],
-        "common": {
-            "softest": adapted.design.common.softest,
-            "stiffest": adapted.design.common.largest,
-            "tuned_qualifies": all(adapted.static),
-            "least_damping": trade.least_common,
-        },
-        "tuned_damping": trade.static,
-        "trade_off": {"damping": trade.damping, "stiffest": trade.stiffest, "softest": trade.softest},
+        "tuned_damping": published.needed(published.tuned),
     }
 
 

@@ -8,13 +8,13 @@ import sys
 import pytest
 
 from percept.bench.digits import Digits
-from percept.bench.growth import BatchCost, Growth
+from percept.bench.growth import Growth
 from percept.bench.measure import described, measurement, measurement_markdown
 from percept.bench.propagation import PropagationCost
 from percept.bench.skipping import Saving
 from percept.cli import main
 
-RECORDS = (PropagationCost, Digits, Saving, BatchCost, Growth)
+RECORDS = (PropagationCost, Digits, Saving, Growth)
 
 
 @pytest.mark.parametrize("record", RECORDS)

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from percept.haptics import Coupling, Device, magnitude_envelope, required_damping
-from percept.haptics.design import softest_coupling
 from percept.reproduce import devices
-from percept.reproduce.devices import adapted_couplings, next_user_boundaries, trade_off
+from percept.reproduce.devices import adapted_couplings, next_user_boundaries
 
 
 def felt(s, zoh, device, k, b, coupling=None):
@@ -104,11 +103,6 @@ def adapted(published):
     return adapted_couplings(published)
 
 
-@pytest.fixture(scope="module")
-def trade(published):
-    return trade_off(published)
-
-
 def stays_inside(published, device, row, coupling):
     """Eqs 11 and 12 as they stand against the exact envelope, and effective k and b against their limits."""
     omega = published.omega(3001)
@@ -160,42 +154,6 @@ def test_the_tuned_coupling_suits_those_it_suits(published, adapted):
     found = [stays_inside(published, adapted.device, row, published.tuned) for row in range(5)]
     assert list(adapted.static) == found
     assert found == [True, True, True, False, False]
-
-
-def test_stiffest_stable_is_what_theory_says(trade):
-    # The cheapest coupling needs b_d = 0.10695·k_cT.
-    np.testing.assert_allclose(trade.stiffest * 0.10695e-3, trade.damping, rtol=5e-5)
-    assert trade.static == pytest.approx(15.8384, abs=5e-5)
-
-
-def test_below_the_least_damping_nothing_stiff_enough_is_stable(published, trade):
-    # An environment's softest real coupling against the stiffest stable one: they meet at the least damping.
-    for row, least in enumerate(trade.least):
-        known = np.isfinite(trade.softest[row])
-        if least <= trade.damping[0] or not known.any():
-            continue
-        assert (trade.damping[known] >= least).all()
-        assert (trade.damping[~known] < least).all()
-        stiffest = least / 0.10695e-3
-        # The softest is searched along 17 lines of b_c, which costs it up to some tenths of a percent.
-        assert trade.softest[row][known][0] <= stiffest * 1.005
-
-
-def test_one_coupling_for_all_needs_what_the_worst_needs(published, trade):
-    assert trade.least_common >= max(trade.least) * (1 - 1e-12)
-    lines = 8 * trade.least_common * np.sin(np.linspace(0.0, np.pi / 2, 17)) ** 2
-    for factor, found in ((1.0, True), (0.998, False)):
-        device = Device(published.device.mass, factor * trade.least_common)
-        boundaries = next_user_boundaries(published)
-        coupling = softest_coupling(
-            device, boundaries, (0.1, 100.0), published.period, damping=factor * lines
-        )
-        assert (coupling is not None) == found
-        if coupling is not None:
-            assert required_damping(
-                Coupling(coupling.stiffness, coupling.damping), published.period
-            ).damping <= (device.damping * (1 + 1e-9))
-            assert all(stays_inside(published, device, row, coupling) for row in range(5))
 
 
 def test_boundaries_are_of_the_next_user(published):
