@@ -165,7 +165,7 @@ def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
 
     def miss(z: Array) -> float:
         """Distance of both average correlations from those wanted; one that does not exist is as wanted."""
-        r = np.corrcoef(z.reshape(subjects, -1), rowvar=False).reshape(shape[1:] * 2)
+        r = np.reshape(np.corrcoef(z.reshape(subjects, -1), rowvar=False), shape[1:] * 2)
         within, across = CORRELATION, BETWEEN
         if parameters == 2:
             within = float(np.diagonal(r[:, 0, :, 1]).mean())
