@@ -8,7 +8,7 @@ import math
 import re
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -203,15 +203,27 @@ def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
     return None if folder is None else PosteriorCache(folder)
 
 
+def in_words_of(scene: Scene) -> Callable[[str], str]:
+    """Return what puts a text into the study's words for environments and subjects, fit for a terminal."""
+    from percept.report.select import worded
+
+    words = {"environment": scene.environment_noun, "subject": scene.study.subject}
+    return lambda text: printable(worded(text, words))
+
+
 def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
         why = next((why for what, why in study.skipped if what == "Bayesian intervals"), "")
-        print(f"percept: there are no Bayesian intervals: {printable(why)}", file=sys.stderr)
+        say = in_words_of(study.scene)
+        print(f"percept: there are no Bayesian intervals: {say(why)}", file=sys.stderr)
         return RefusalError.exit_code
     if fit is not None and not fit.run.gate.passed:
-        print(f"percept: Bayesian intervals are withheld: {printable(fit.withheld)}", file=sys.stderr)
+        print(
+            f"percept: Bayesian intervals are withheld: {in_words_of(study.scene)(fit.withheld)}",
+            file=sys.stderr,
+        )
         return RefusalError.exit_code
     tell_error(study)
     return 0

@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 from percept.commands import Command
-from percept.commands.analysis import Working, read_scene
+from percept.commands.analysis import Working, in_words_of, read_scene
 from percept.errors import UsageError
 
 
@@ -23,9 +23,9 @@ def _validate(arguments: argparse.Namespace) -> int:
     """Validate; the exit code is 0 without problems, otherwise the problems' own."""
     from percept.sessions import format_validation, validate
 
-    _, options = read_scene(arguments)
+    scene, options = read_scene(arguments)
     found = validate(*arguments.sessions, options=options)
-    print(found.to_json() if arguments.json else format_validation(found))
+    print(found.to_json() if arguments.json else format_validation(found, say=in_words_of(scene)))
     return found.exit_code
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from percept.commands import Command
@@ -11,6 +12,7 @@ from percept.commands.analysis import (
     Working,
     add_analysis_arguments,
     add_check_arguments,
+    in_words_of,
     open_study,
     verdict,
 )
@@ -43,10 +45,11 @@ def _fit(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
         return verdict(study)
+    say = in_words_of(study.scene)
     _print_intervals(study, every=arguments.all)
     for row in json.loads(path.read_text(encoding="utf-8"))["skipped"]:
-        print(printable(f"Left out: {row['what']} ({row['why'].removesuffix('.')})."))
-    _print_checks(study)
+        print(say(f"Left out: {row['what']} ({row['why'].removesuffix('.')})."))
+    _print_checks(study, say)
     print(path)
     return verdict(study)
 
@@ -66,26 +69,27 @@ def _print_intervals(study: Study, *, every: bool) -> None:
                 "–" if low != low else f"{low:.5g} to {high:.5g}" for low, high in zip(low, high, strict=True)
             ]
             del table[f"{method}_estimate"]
+    table = table.rename(columns={"environment": study.scene.environment_noun[0]})
     print(table.to_string(index=False, float_format="{:.6g}".format))
     if not every:
         print(f"--all prints all {count} intervals: both families, and those that hold together.")
 
 
-def _print_checks(study: Study) -> None:
+def _print_checks(study: Study, say: Callable[[str], str]) -> None:
     """Print what the checks say in words, where they were asked for."""
     options = study.scene.checks
     if options is None or study.checks is None:
         return
     loo = study.checks.loo
-    print(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats.")
+    print(say(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats."))
     for message in loo.messages or ("No subject is influential or an outlier.",):
-        print(message)
+        print(say(message))
     sensitivity = study.checks.sensitivity
     for row in sensitivity[sensitivity["diagnosis"] != ""].itertuples():
         print(f"{row.environment} {row.parameter}, {row.quantity}: {row.diagnosis} ({row.prior:.2f}).")
     if options.compare and len(study.environments) > 1:
         print(study.model_choice.table.to_string(index=False, float_format="{:.1f}".format))
-        print(study.model_choice.sentence)
+        print(say(study.model_choice.sentence))
 
 
 def _add_report(parser: argparse.ArgumentParser) -> None:
@@ -119,7 +123,7 @@ def _report(arguments: argparse.Namespace) -> int:
         # What `verdict` says stands on standard error.
         told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
         warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
-        print("\n".join(map(printable, [*summary["overview"]["sentences"], *warnings])))
+        print("\n".join(map(in_words_of(study.scene), [*summary["overview"]["sentences"], *warnings])))
     print(page)
     return verdict(study)
 

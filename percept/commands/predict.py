@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.commands import Command
-from percept.commands.analysis import Working, add_analysis_arguments, open_study, print_json, tell_error
+from percept.commands.analysis import (
+    Working,
+    add_analysis_arguments,
+    in_words_of,
+    open_study,
+    print_json,
+    tell_error,
+)
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
@@ -38,7 +45,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print as JSON, with the boundaries")
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> None:
     """Print how far the environment lies from the tested ones, its intervals, and what was left out."""
     from percept.report.plain import plain
     from percept.study.prediction import predict
@@ -50,24 +57,21 @@ def _run(arguments: argparse.Namespace) -> int:
     with Working("predicting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         if arguments.leave_one_out:
-            return _left_out(study, arguments)
+            _left_out(study, arguments)
+            return
         prediction = predict(
             study, stiffness=arguments.k, damping=arguments.b, at=references_of(arguments.at)
         )
     tell_error(study)
     if arguments.json:
-        print_json(
-            {
-                "sentence": prediction.sentence,
-                "extrapolates": prediction.extrapolates,
-                **plain(prediction),
-            }
-        )
-        return 0
-    print(prediction.sentence)
+        said = {"sentence": prediction.sentence, "extrapolates": prediction.extrapolates}
+        print_json({**said, **plain(prediction)})
+        return
+    say = in_words_of(study.scene)
+    print(say(prediction.sentence))
     print(prediction.intervals[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
     for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
-        print(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}")
+        print(say(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}"))
     worst, asked = float(prediction.intervals["monte_carlo"].max()), study.scene.inference.tolerance
     if worst > asked:
         print(
@@ -77,7 +81,6 @@ def _run(arguments: argparse.Namespace) -> int:
         )
     if prediction.boundaries:
         print(f"{len(prediction.boundaries)} boundaries of abs(Z_h) were drawn too: see --json.")
-    return 0
 
 
 def references_of(texts: Sequence[str]) -> dict[str, float]:
@@ -94,7 +97,7 @@ def references_of(texts: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _left_out(study: Study, arguments: argparse.Namespace) -> int:
+def _left_out(study: Study, arguments: argparse.Namespace) -> None:
     from percept.files import filled_folder
     from percept.provenance import made_by
     from percept.report.left_out import left_out_document, left_out_markdown
@@ -106,12 +109,11 @@ def _left_out(study: Study, arguments: argparse.Namespace) -> int:
     texts = {"leave_one_out.json": dumps(document), "leave_one_out.md": page}
     if not arguments.out:
         print(texts["leave_one_out.json" if arguments.json else "leave_one_out.md"], end="")
-        return 0
+        return
     with filled_folder(arguments.out, last="leave_one_out.md") as folder:
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="utf-8")
     print(Path(arguments.out) / "leave_one_out.md")
-    return 0
 
 
 PREDICT = Command(

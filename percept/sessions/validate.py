@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -117,10 +117,12 @@ def _understood(sessions: Sessions) -> Iterator[dict[str, Any]]:
         }
 
 
-def _table(record: Validation) -> list[str]:
+def _table(record: Validation, say: Callable[[str], str]) -> list[str]:
     """Lay out what was understood, a line per environment."""
-    rows = [["environment", *(f"{p}_ref ({unit})".replace(" ()", "") for p, unit in record.units.items())]]
-    rows[0] += ["subjects", "trials per subject"]
+    rows = [
+        [say("environment"), *(f"{p}_ref ({unit})".replace(" ()", "") for p, unit in record.units.items())]
+    ]
+    rows[0] += [say("subjects"), say("trials per subject")]
     for one in record.environments:
         trials = "published" if one["trials"] is None else " to ".join(map(str, dict.fromkeys(one["trials"])))
         references = [one["references"].get(p) for p in record.units]
@@ -130,11 +132,22 @@ def _table(record: Validation) -> list[str]:
     return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows] if record.environments else []
 
 
-def format_validation(record: Validation) -> str:
-    """Plain text of a validation, one finding per line, each beginning with its file:row:column."""
+def format_validation(record: Validation, *, say: Callable[[str], str] = str) -> str:
+    """Plain text of a validation, one finding per line, each beginning with its file:row:column.
+
+    Parameters
+    ----------
+    record : Validation
+    say : callable, optional
+        What puts percept's words for environments and subjects into the study's.
+
+    Returns
+    -------
+    str
+    """
     lines = [f"{s.name}: {s.rows} rows, sha256 {s.sha256}" for s in record.sources]
-    lines += [f"  {number:>9}  {reason}" for reason, number in record.counts.items()]
-    lines += _table(record)
+    lines += [f"  {number:>9}  {say(reason)}" for reason, number in record.counts.items()]
+    lines += _table(record, say)
     lines += [f"notice: {notice}" for notice in record.notices]
     for e in record.exclusions:
         lines.append(f"left out: {f'{e.file}:{e.row}: ' if e.file else ''}subject {e.who}, {e.what}: {e.why}")

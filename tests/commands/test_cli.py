@@ -158,6 +158,24 @@ def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, c
     assert len([line for line in lines if line.split()[3:5] == ["classical", "normal"]]) == 48
 
 
+def test_the_study_s_words_are_the_terminal_s(tmp_path, capsys):
+    rows = [f"{s},{e},{x},{x + 10 * s}" for e, x in (("short", 400), ("long", 800)) for s in (1, 2, 3)]
+    path = write(tmp_path, rows, "subject,environment,duration_ref,duration_adj\n")
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[quantities]\nduration = { unit = "ms" }\n[study]\nenvironment = "standard"\nsubject = "listener"\n'
+    )
+    words = [path, "--scene", str(scene)]
+    classical = ["--method", "classical", "--out", str(tmp_path / "out")]
+    for command in (["validate", *words], ["fit", *words, *classical], ["report", *words, *classical]):
+        assert main(command) == 0
+        printed = capsys.readouterr().out
+        assert "standard" in printed
+        assert "environment" not in printed
+        assert "subject" not in printed
+    assert "warning: 3 listeners are few" in printed
+
+
 def test_simulate_reproduces_the_committed_sessions(tmp_path):
     out = tmp_path / "sessions.csv"
     code = main(["simulate", "--like", str(DATASETS / "hbfd_table1.csv"), "--seed", "1", "--out", str(out)])
