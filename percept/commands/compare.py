@@ -47,7 +47,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> None:
     """Print the methods' comparison for one path, the difference of the studies for two."""
-    from percept.sessions.levels import by_level
+    from percept.sessions.read import by_level
     from percept.study.compare import compare_studies, split_by, within_subjects
 
     paths, column = arguments.sessions, arguments.by

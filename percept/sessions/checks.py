@@ -82,14 +82,14 @@ def settle_references(
         table[column] = expected
 
 
-def in_order(environments: Sequence[str], references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
+def in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
     """Order environments as the scene lists them, and the rest by references, the first quantity first."""
     ranks = {name: at for at, name in enumerate(listed)}
     keys = {
-        name: (ranks.get(name, len(ranks)), *(np.inf if v != v else v for v in row))
-        for name, row in zip(environments, references.to_numpy(dtype=float).tolist(), strict=True)
+        str(name): (ranks.get(str(name), len(ranks)), *(np.inf if v != v else v for v in row))
+        for name, *row in references.itertuples()
     }
-    return tuple(sorted(environments, key=keys.__getitem__))
+    return tuple(sorted(keys, key=keys.__getitem__))
 
 
 def check_duplicates(
@@ -271,12 +271,12 @@ def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> Counter[str]:
 
 
 def screen(
-    table: pd.DataFrame, parameters: Iterable[str], place: Place, pooled: Iterable[str] = ()
+    table: pd.DataFrame, parameters: Iterable[str], place: Place, pooled: Iterable[str], family: str
 ) -> Iterator[Notice]:
     """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
     for p in parameters:
         yield from _gross_errors(table, p, place)
-        yield from _without_logarithm(table, p, place)
+        yield from _without_logarithm(table, p, place, family)
         yield from _at_the_end(table, p, place)
         yield from _never_moved(table, p)
     pairs = table[["subject", "environment"]].drop_duplicates()
@@ -310,25 +310,30 @@ def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator
         yield Notice(f"and {rest} of {parameter} as far from the median there", column=column)
 
 
-def _without_logarithm(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
-    column = f"{parameter}_adj"
+def _without_logarithm(table: pd.DataFrame, parameter: str, place: Place, family: str) -> Iterator[Notice]:
+    """Say which way out fits zeros and negative values; the normal family takes them."""
+    column, lognormal = f"{parameter}_adj", family == "lognormal"
     values = table[column].dropna()
     low = values[values <= 0]
-    if low.empty:
+    few_zeros = bool((low == 0).all()) and len(low) <= _FEW * len(values)
+    no_ratio = bool((table.loc[low.index, f"{parameter}_ref"] <= 0).any())
+    if low.empty or not (lognormal or (few_zeros and not no_ratio)):
         return
     what = f"{_counted_share(len(low), len(values), parameter)} {'is' if len(low) == 1 else 'are'}"
-    text = f"{what} zero or negative, here the first. The lognormal family, the default, takes none. "
+    text = f"{what} zero or negative, here the first. "
     normal = 'family = "normal" in [inference]'
-    if (table.loc[low.index, f"{parameter}_ref"] <= 0).any():
+    if lognormal:
+        text += "The lognormal family, the default, takes none. "
+    if no_ratio:
         text += (
             f"References of zero or below have no ratio: use {normal} with scale in [model]. Where the zero "
             f"of the scale is arbitrary, add one offset to {parameter}_ref and {column} in [columns]."
         )
-    elif (low == 0).all() and len(low) <= _FEW * len(values):
+    elif few_zeros:
         least = float(values[values > 0].min())
         rule = f'{{ column = "{column}", below = {least!r}, why = "no adjustment" }}'
         text += f"So few zeros may be failed trials: [sessions] exclude = [{rule}] leaves them out and logs "
-        text += f"them. If people meant them, use {normal}."
+        text += f"them.{f' If people meant them, use {normal}.' if lognormal else ''}"
     else:
         text += f"Leaving out this many biases what is left: use {normal}."
     yield Notice(text, column=column, **place(low.index[0]))

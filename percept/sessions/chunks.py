@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import RefusalError, UsageError
@@ -110,23 +110,23 @@ class _Cells:
     """Counts, means and scatters of every visit (a subject's session in an environment) so far."""
 
     def __init__(self, reading: Reading, family: _Family) -> None:
-        self.reading = reading
+        self.reading, self.options = reading, reading.options
         self.family: _Family = family
-        self.parameters: Sequence[str] = ()
+        self.parameters: tuple[str, ...] = ()
         self.references: dict[str, dict[str, float]] = {}
         self.numbered = False
         self.visits = pd.DataFrame()
         self.sample: list[pd.DataFrame] = []
         self.stride = 1
         # By visit, its trials as the bits of a whole number.
-        self.seen: dict[tuple[str, ...], int] = {}
+        self.seen: dict[Hashable, int] = {}
 
     def measure(self, table: FileTable) -> None:
         """Hold every file to trials of the same parameters."""
         if table.form != "trials":
             hint = "Read it with read_sessions."
             raise UsageError("a published summary is not reduced.", file=table.name, hint=hint)
-        parameters = tuple(p for p in self.reading.options.quantities if p in table.parameters)
+        parameters = tuple(p for p in self.options.quantities if p in table.parameters)
         if self.parameters and self.parameters != parameters:
             hint = "Reduce them one by one."
             raise UsageError("the files do not have the same parameters.", file=table.name, hint=hint)
@@ -136,21 +136,18 @@ class _Cells:
         """Check and add one block."""
         problems, rows = self.reading.problems, frame["row"].to_numpy()
         place = lambda at: {"file": file, "row": int(rows[at])}  # noqa: E731
-        declared = self.reading.options.environments
+        declared = self.options.environments
         checks.settle_references(frame, declared, self.references, self.parameters, place, problems)
         self._sample(frame)
-        visits = frame.groupby(list(IDS), sort=False)
-        if self.reading.options.trial != "order":
-            self._check_trials(frame, visits.indices, place)
+        if self.options.trial != "order":
+            self._check_trials(frame, place)
         problems.raise_if_any()
-        responses = {p: self._response(p, frame, place) for p in self.parameters}
-        complete = ~np.isnan(list(responses.values())).any(axis=0)
-        parts = frame[list(IDS)].assign(rows=1.0, n=complete.astype(float))
-        for p, response in responses.items():
-            parts[f"mean_{p}"] = np.where(complete, response, 0.0)
-        parts[[_scatter(*pair) for pair in _pairs(self.parameters)]] = 0.0
-        block = self._sums(parts, list(IDS), visits.ngroup().to_numpy())
-        self.visits = self._sums(pd.concat([self.visits, block]), list(IDS))
+        responses = pd.DataFrame({f"mean_{p}": self._response(p, frame, place) for p in self.parameters})
+        complete = responses.notna().all(axis=1)
+        parts = frame[list(IDS)].assign(rows=1, n=complete.astype(int))
+        parts = pd.concat([parts, responses.where(complete, 0.0)], axis=1)
+        parts = parts.assign(**dict.fromkeys(_products(self.parameters), 0.0))
+        self.visits = self._merged(pd.concat([self.visits, self._merged(parts, IDS)]), IDS)
 
     def _sample(self, frame: pd.DataFrame) -> None:
         """Keep the rows of a block, and fewer of all where they have become too many."""
@@ -161,10 +158,9 @@ class _Cells:
 
     def _thinned(self, part: pd.DataFrame) -> pd.DataFrame:
         """Take rows evenly, and the first of every visit, which else would seem not to have been tried."""
-        even = part["row"].to_numpy() % self.stride == 0
-        return part if self.stride == 1 else part[even | ~part.duplicated(list(IDS)).to_numpy()]
+        return part[(part["row"] % self.stride == 0) | ~part.duplicated(list(IDS))]
 
-    def _check_trials(self, frame: pd.DataFrame, visits: Mapping[Any, Any], place: Place) -> None:
+    def _check_trials(self, frame: pd.DataFrame, place: Place) -> None:
         """Find trials that stand twice, in this block or in an earlier one."""
         trials, problems = frame["trial"].to_numpy(), self.reading.problems
         wrong = (trials < 0) | (trials >= _TRIALS)
@@ -177,7 +173,7 @@ class _Cells:
             checks.check_duplicates(frame, place, problems, numbered=self.numbered)
             return
         again: list[int] = []
-        for visit, rows in visits.items():
+        for visit, rows in frame.groupby(list(IDS), sort=False).indices.items():
             bits = np.zeros(int(trials[rows].max()) + 1, dtype=np.uint8)
             bits[trials[rows]] = 1
             own = int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
@@ -187,44 +183,55 @@ class _Cells:
         where = lambda at: "an earlier row"  # noqa: E731
         checks.tell_duplicates(frame, sorted(again), where, place, problems, numbered=self.numbered)
 
-    def _response(self, p: str, frame: pd.DataFrame, place: Place) -> npt.NDArray[np.float64]:
-        adjusted, reference = (frame[f"{p}_{kind}"].to_numpy(dtype=float) for kind in ("adj", "ref"))
-        log = self.family == "lognormal"
-        bad = (reference <= 0) | (adjusted <= 0 if log else False)
+    def _response(self, p: str, frame: pd.DataFrame, place: Place) -> pd.Series[float]:
+        adjusted, reference, log = frame[f"{p}_adj"], frame[f"{p}_ref"], self.family == "lognormal"
+        bad = (reference <= 0) | ((adjusted <= 0) & log)
         if bad.any():
             at = int(np.argmax(bad))
             message = f"no response in the family {self.family!r}."
             hint = "Zero and negative adjustments need the normal family; references are positive."
-            raise RefusalError(message, column=f"{p}_adj", value=float(adjusted[at]), hint=hint, **place(at))
-        return np.log(adjusted / reference) if log else (adjusted - reference) / reference
+            value = float(adjusted.iloc[at])
+            raise RefusalError(message, column=f"{p}_adj", value=value, hint=hint, **place(at))
+        return pd.Series(np.log(adjusted / reference)) if log else (adjusted - reference) / reference
+
+    def _merged(self, parts: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+        """Merge counts, means and scatters of parts of the same cell, cells in order of first appearance."""
+        n, names, products = parts["n"], [f"mean_{p}" for p in self.parameters], _products(self.parameters)
+        weighted = parts[[*by, "rows", "n"]].assign(**{name: n * parts[name] for name in names})
+        groups = weighted.groupby(list(by), sort=False)
+        merged, cell = groups.sum().reset_index(), groups.ngroup().to_numpy()
+        some = merged["n"].clip(lower=1)
+        merged[names] = merged[names].div(some, axis=0)
+        gaps = {p: parts[f"mean_{p}"] - merged[f"mean_{p}"].to_numpy()[cell] for p in self.parameters}
+        # Scatters are about the means, and pandas compensates its sums: an offset costs neither any digits.
+        scatters = {name: parts[name] + n * gaps[p] * gaps[q] for name, (p, q) in products.items()}
+        merged[list(products)] = pd.DataFrame(scatters).groupby(cell).sum()
+        return merged
 
     def reduced(self) -> Reduced:
         """Check what needs the whole study, and lay the cells out."""
-        reading = self.reading
+        reading, names = self.reading, list(self.options.quantities)
         reading.refuse_nothing([self.visits])
-        names = list(reading.options.quantities)
-        environments = self.visits["environment"].unique().tolist()
+        environments = self.visits["environment"].unique()
         warnings = self._look()
-        cells = self._sums(reading.settled(self.visits), ["subject", "environment"])
+        cells = self._merged(reading.settled(self.visits), ("subject", "environment"))
         reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())
-        measures = [*(f"mean_{p}" for p in names), *(_scatter(*pair) for pair in _pairs(names))]
+        measures = [*(f"mean_{p}" for p in names), *_products(names)]
         # Zeros of a cell that holds no trial would read as data.
         measured = cells.reindex(columns=measures).where(cells["n"] > 0)
-        found = [cells[["subject", "environment"]], cells["n"].astype(np.int64), measured]
-        columns = [f"{p}_ref" for p in names]
-        known = [[self.references.get(c, {}).get(e, np.nan) for c in columns] for e in environments]
-        references = pd.DataFrame(known, index=environments, columns=columns)
-        order = checks.in_order(environments, references, reading.options.environments)
-        references = references.loc[list(order)].rename_axis("environment").reset_index()
+        known = {f"{p}_ref": self.references.get(f"{p}_ref", {}) for p in names}
+        references = pd.DataFrame({c: [own.get(e, np.nan) for e in environments] for c, own in known.items()})
+        references = references.set_axis(environments).rename_axis("environment")
+        order = checks.in_order(references, self.options.environments)
         return Reduced(
-            cells=pd.concat(found, axis=1),
-            references=references,
+            cells=pd.concat([cells[["subject", "environment", "n"]], measured], axis=1),
+            references=references.loc[list(order)].reset_index(),
             family=self.family,
             sources=tuple(reading.sources),
             notices=tuple(dict.fromkeys(reading.notices)),
             warnings=warnings,
             counts=dict(reading.counts),
-            quantities=reading.options.quantities,
+            quantities=self.options.quantities,
         )
 
     def _look(self) -> tuple[Notice, ...]:
@@ -233,40 +240,12 @@ class _Cells:
         if self.stride > 1:
             reading.notices.append(Notice(f"units and warnings are of {len(table):,} rows, an even sample"))
         place = reading.place(table)
-        known, units = [reading.options.quantities[p] for p in self.parameters], reading.declared_units
+        known, units = [self.options.quantities[p] for p in self.parameters], reading.declared_units
         reading.notices += checks.check_plausible(table, known, units, place, reading.problems)
         reading.problems.raise_if_any()
-        return tuple(checks.screen(table, self.parameters, place, reading.pooled(table)))
-
-    def _sums(self, parts: pd.DataFrame, by: list[str], code: Any = None) -> pd.DataFrame:
-        """Merge counts, means and scatters of parts of the same cell, cells in order of first appearance."""
-        code = parts.groupby(by, sort=False).ngroup().to_numpy() if code is None else code
-        first = np.flatnonzero(~pd.Series(code).duplicated().to_numpy())
-
-        def total(values: Any) -> npt.NDArray[np.float64]:
-            return np.bincount(code, weights=values, minlength=len(first)).astype(np.float64)
-
-        merged = parts[by].iloc[first].reset_index(drop=True)
-        n = parts["n"].to_numpy()
-        merged["rows"], merged["n"] = total(parts["rows"]), total(n)
-        some, gaps = np.maximum(merged["n"].to_numpy(), 1.0), {}
-        for p in self.parameters:
-            values = parts[f"mean_{p}"].to_numpy()
-            mean = total(n * values) / some
-            # Once more about that mean: it loses nothing to an offset, and neither do the scatters.
-            mean += total(n * (values - mean[code])) / some
-            merged[f"mean_{p}"], gaps[p] = mean, values - mean[code]
-        for pair in _pairs(self.parameters):
-            inside = parts[_scatter(*pair)].to_numpy()
-            merged[_scatter(*pair)] = total(inside + n * gaps[pair[0]] * gaps[pair[1]])
-        return merged
+        return tuple(checks.screen(table, self.parameters, place, reading.pooled(table), self.family))
 
 
-def _pairs(parameters: Sequence[str]) -> list[tuple[str, str]]:
-    """Pairs of parameters that have a product, each with itself too, in order."""
-    return [(p, q) for at, p in enumerate(parameters) for q in parameters[at:]]
-
-
-def _scatter(p: str, q: str) -> str:
-    """Name the column of a pair's products about their means."""
-    return f"scatter_{p}{q}"
+def _products(parameters: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Name the scatter of each pair of parameters, of each with itself too."""
+    return {f"scatter_{p}{q}": (p, q) for p, q in combinations_with_replacement(parameters, 2)}

@@ -332,9 +332,12 @@ class ReadOptions(SessionsTable, DataTables):
         Sheet of an Excel workbook; the first by default.
     split : tuple of str
         Columns of groups that the analysis tells apart; of the others a warning says that they are pooled.
+    family : str
+        That of the analysis; the normal one takes zeros and negative values.
     """
 
     split: Texts = ()
+    family: str = "lognormal"
 
     def __init__(self, /, **options: Any) -> None:
         try:
@@ -355,7 +358,7 @@ class ReadOptions(SessionsTable, DataTables):
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
-        """Build from a scene's tables on data, and the column of `study.factor`; others are not looked at.
+        """Build from a scene's tables on data, `study.factor` and `inference.family`.
 
         Raises
         ------
@@ -367,7 +370,14 @@ class ReadOptions(SessionsTable, DataTables):
         except ValidationError as error:
             raise said(_Tables, error, file=file) from error
         kept = {name: getattr(checked, name) for name in DataTables.model_fields}
-        options = cls(**kept, **dict(checked.sessions))
-        study = tables.get("study") or {}
-        factor = study.get("factor") if isinstance(study, Mapping) else getattr(study, "factor", None)
-        return options.with_groups([factor]) if isinstance(factor, str) else options
+        asked = {key: _key(tables, *key) for key in (("study", "factor"), ("inference", "family"))}
+        options = cls(**kept, **dict(checked.sessions), family=asked["inference", "family"] or "lognormal")
+        factor = asked["study", "factor"]
+        return options.with_groups([factor]) if factor else options
+
+
+def _key(tables: Mapping[str, Any], table: str, key: str) -> str | None:
+    """Look up a text in a table of a scene, checked or as it was written."""
+    found = tables.get(table) or {}
+    value = found.get(key) if isinstance(found, Mapping) else getattr(found, key, None)
+    return value if isinstance(value, str) else None

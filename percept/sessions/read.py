@@ -5,16 +5,17 @@ from __future__ import annotations
 import csv
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
-from percept.errors import UsageError
+from percept.errors import UsageError, counted
 from percept.sessions import checks
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import IMPEDANCE, Quantities, trial_columns
@@ -26,8 +27,8 @@ from percept.sessions.records import (
     Exclusion,
     Factor,
     Notice,
-    Place,
     Source,
+    shown,
 )
 from percept.sessions.table import FileTable
 
@@ -68,6 +69,8 @@ class Sessions:
         What may be adjusted, by name.
     factor : Factor, optional
         The factor within subjects whose levels `environment` tells apart.
+    family : str
+        That of the analysis; the normal one takes zeros and negative values.
     """
 
     table: pd.DataFrame
@@ -81,6 +84,7 @@ class Sessions:
     pooled: tuple[str, ...] = ()
     quantities: Quantities = field(default_factory=lambda: IMPEDANCE)
     factor: Factor | None = None
+    family: str = "lognormal"
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
@@ -129,14 +133,17 @@ class Sessions:
     @cached_property
     def environments(self) -> tuple[str, ...]:
         """Environment ids as the scene lists them, then by their references."""
-        names = tuple(self.table["environment"].unique())
-        if self.form == "summary":
-            keyed = self.table.pivot_table(index="environment", columns="parameter", values="reference")
-            references = keyed.reindex(index=names, columns=list(self.quantities))
-        else:
-            keyed = self.table.drop_duplicates("environment").set_index("environment")
-            references = keyed.loc[list(names), [f"{p}_ref" for p in self.quantities]]
-        return checks.in_order(names, references, self.listed)
+        groups = self.table.groupby("environment", sort=False)
+        references = (
+            groups[[f"{p}_ref" for p in self.quantities]].first()
+            if self.form == "trials"
+            else (
+                self.table.pivot_table(
+                    index="environment", columns="parameter", values="reference", sort=False
+                )
+            ).reindex(columns=list(self.quantities))
+        )
+        return checks.in_order(references, self.listed)
 
     @property
     def masses(self) -> dict[str, float]:
@@ -162,7 +169,7 @@ class Sessions:
             known = index in self.provenance.index
             return dict(zip(("file", "row"), self.locate(index), strict=True)) if known else {}
 
-        return tuple(checks.screen(self.table, self.parameters, place, self.pooled))
+        return tuple(checks.screen(self.table, self.parameters, place, self.pooled, self.family))
 
     def locate(self, index: int) -> tuple[str, int]:
         """File name and physical row (the header being 1) of an observation, by its label in `table`."""
@@ -247,37 +254,45 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
     """Merge the files by column name and check them together."""
     frames: list[pd.DataFrame] = []
     forms: dict[str, str] = {}
-    parameters: set[str] = set()
+    present: set[str] = set()
+    options, problems = reading.options, reading.problems
+    quantities = options.quantities
     with closing(tables):
         for table in tables:
-            with reading.problems.collecting():
+            with problems.collecting():
                 forms.setdefault(table.form, table.name)
-                parameters |= table.parameters
-                for frame in table.frames():
-                    frame["file"] = len(reading.sources)
-                    frames.append(frame)
+                present |= table.parameters
+                frames += [frame.assign(file=len(reading.sources)) for frame in table.frames()]
     if len(forms) > 1:
         message = "trials and a published summary cannot be read together."
-        reading.problems.add(message, file=list(forms.values())[1], hint="Read them one by one.")
+        problems.add(message, file=list(forms.values())[1], hint="Read them one by one.")
     reading.refuse_nothing(frames)
     merged = pd.concat(frames, ignore_index=True)
     place = reading.place(merged)
-    quantities = reading.options.quantities
+    columns, groups = list(SUMMARY_COLUMNS), list[str]()
     if "summary" in forms:
-        checks.check_summary(merged, reading.options.quantities, place, reading.problems)
-        reading.problems.raise_if_any()
+        checks.check_summary(merged, quantities, place, problems)
+        problems.raise_if_any()
         merged["n"] = merged["n"].astype(np.int64)
         reading.counts["observations"] = len(merged)
-        columns, groups = list(SUMMARY_COLUMNS), list[str]()
     else:
-        merged = _checked_trials(reading, merged, [p for p in quantities if p in parameters], place)
-        known = trial_columns(quantities)
-        columns = [*known, *(str(c) for c in merged if c not in (*known, "row", "file"))]
-        groups = [c for c in columns if c not in (*known, MASS)]
-    tidy = merged[columns].copy()
-    for column in groups:
-        # A file that lacks a group column leaves blanks, never the text "nan".
-        tidy[column] = tidy[column].fillna("").astype(str)
+        parameters = [p for p in quantities if p in present]
+        if options.trial == "order":
+            merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1
+        checks.settle_references(merged, options.environments, {}, parameters, place, problems)
+        split = [name for name in options.split if name in merged]
+        checks.check_duplicates(merged, place, problems, numbered=reading.numbered, split=split)
+        known = [quantities[p] for p in parameters]
+        reading.notices += checks.check_plausible(merged, known, reading.declared_units, place, problems)
+        problems.raise_if_any()
+        merged = reading.settled(merged)
+        reading.counts.update({f"rows without {p}": int(merged[f"{p}_adj"].isna().sum()) for p in parameters})
+        columns = [*trial_columns(quantities)]
+        columns += [str(c) for c in merged if c not in (*columns, "row", "file")]
+        groups = [c for c in columns if c not in (*trial_columns(quantities), MASS)]
+    tidy = merged[columns]
+    # A file that lacks a group column leaves blanks, never the text "nan".
+    tidy = tidy.assign(**{column: tidy[column].fillna("").astype("str") for column in groups})
     return Sessions(
         table=tidy,
         form="summary" if "summary" in forms else "trials",
@@ -286,26 +301,45 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         exclusions=tuple(reading.exclusions),
         counts=dict(reading.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
-        listed=tuple(reading.options.environments),
+        listed=tuple(options.environments),
         pooled=reading.pooled(tidy),
         quantities=quantities,
+        family=options.family,
     )
 
 
-def _checked_trials(
-    reading: Reading, table: pd.DataFrame, parameters: list[str], place: Place
-) -> pd.DataFrame:
-    """Run the checks that need all files."""
-    options, problems = reading.options, reading.problems
-    if options.trial == "order":
-        table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
-    checks.settle_references(table, options.environments, {}, parameters, place, problems)
-    split = [name for name in options.split if name in table]
-    checks.check_duplicates(table, place, problems, numbered=reading.numbered, split=split)
-    reading.notices += checks.check_plausible(
-        table, [options.quantities[p] for p in parameters], reading.declared_units, place, problems
-    )
-    problems.raise_if_any()
-    table = reading.settled(table)
-    reading.counts.update({f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters})
-    return table
+def refuse_gaps(sessions: Sessions, column: str) -> None:
+    """Refuse a column that does not put every row of trials into a group."""
+    if sessions.form == "summary":
+        message, hint = "published limits hold no subjects to divide.", "Give sessions, or two studies."
+        raise UsageError(message, column=column, hint=hint)
+    table = sessions.table
+    if column not in table:
+        message = f"there is no such column; the columns are {', '.join(map(str, table))}."
+        hint = f'A column that is no part of the format is kept by [sessions] groups = ["{column}"].'
+        raise UsageError(message, column=column, hint=hint)
+    blank = table[column].astype(str).str.strip() == ""
+    if blank.any():
+        file, row = sessions.locate(int(table.index[blank][0]))
+        message = f"{counted(int(blank.sum()), 'row')} without a value, of no group."
+        hint = "Fill them in, or leave such rows out with [sessions] exclude."
+        raise UsageError(message, file=file, row=row, column=column, hint=hint)
+    if table[column].nunique() < 2:
+        raise UsageError("all rows have one value: there is nothing to compare.", column=column)
+
+
+def by_level(sessions: Sessions, column: str) -> Sessions:
+    """Make each environment at each level of a column an environment of its own, such as "VE1, left"."""
+    if sessions.factor is not None:
+        return sessions
+    refuse_gaps(sessions, column)
+    names, levels = sessions.table["environment"], sessions.table[column].astype(str)
+    factor = Factor(column, tuple(levels.unique()), {})
+    present = set(zip(names, levels, strict=True))
+    ordered = [pair for pair in product(sessions.environments, factor.levels) if pair in present]
+    cells = {factor.cell(*pair): pair for pair in ordered}
+    if len(cells) < len(ordered):
+        hint = "Name environments or levels without a comma and a space."
+        raise UsageError(f"two cells would have one name: {shown(list(cells))}.", column=column, hint=hint)
+    table = sessions.table.assign(environment=names.str.cat(levels, sep=", "))
+    return replace(sessions, table=table, listed=tuple(cells), factor=replace(factor, cells=cells))

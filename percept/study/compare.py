@@ -13,8 +13,8 @@ from scipy import special
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
 from percept.sessions import Sessions
-from percept.sessions.levels import filled
 from percept.sessions.quantities import trial_columns
+from percept.sessions.read import refuse_gaps
 from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
 from percept.study.intervals import cell_moments, known_moments
@@ -62,7 +62,7 @@ class PairComparison(NotebookRecord):
 
 def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
     """Split a study by a column of the sessions, such as a group of subjects."""
-    filled(sessions, column)
+    refuse_gaps(sessions, column)
     return {
         str(value): dataclasses.replace(sessions, table=rows)
         for value, rows in sessions.table.groupby(column, sort=False)
@@ -71,7 +71,7 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
 
 def within_subjects(sessions: Sessions, column: str) -> bool:
     """Whether some subjects are in more than one group, and can be paired; refuse where none can."""
-    filled(sessions, column)
+    refuse_gaps(sessions, column)
     cells = sessions.table.groupby(["subject", "environment"], sort=False)[column].nunique()
     groups = sessions.table.groupby("subject", sort=False)[column].nunique()
     shared = [str(subject) for subject in groups.index[groups > 1]]

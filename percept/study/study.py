@@ -18,8 +18,8 @@ from percept.errors import UsageError
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.sessions.levels import by_level
 from percept.sessions.quantities import is_impedance
+from percept.sessions.read import by_level
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
 from percept.study.boundaries import JOINTS, Drawing, Range, zoom_windows

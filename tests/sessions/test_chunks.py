@@ -346,7 +346,7 @@ def unlike(records):
 @pytest.mark.usefixtures("blocks")
 def test_blocks_warn_of_what_the_reader_warns_of(tmp_path, monkeypatch):
     file = write(tmp_path / "f.csv", unlike(rows(trials=15)), header=f"{HEAD},group")
-    warnings = whole(monkeypatch, file).warnings
+    warnings = whole(monkeypatch, file, ReadOptions(family="normal")).warnings
     assert {notice.column for notice in warnings} == {"k_adj", "b_adj", "group", None}
     assert reduce_sessions(file, family="normal").warnings == warnings
     monkeypatch.setattr(chunks, "_SCREENED", 80)

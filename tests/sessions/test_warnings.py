@@ -14,10 +14,11 @@ CLEAN = [f"{s},{e},{k},{b},{k * (1 + s / 10)},{b * (1 - s / 20)}" for s in (1, 2
     ("soft", 100.0, 1.0), ("hard", 2000.0, 10.0))]  # fmt: skip
 
 
-def warnings_of(tmp_path, rows):
+def warnings_of(tmp_path, rows, options=None):
     path = tmp_path / "s.csv"
     path.write_text("\n".join([HEADER, *rows]) + "\n")
-    return [str(warning).removeprefix(f"{tmp_path}/") for warning in read_sessions(path).warnings]
+    found = read_sessions(path, options=options).warnings
+    return [str(warning).removeprefix(f"{tmp_path}/") for warning in found]
 
 
 def test_ordinary_studies_raise_none(tmp_path):
@@ -123,9 +124,10 @@ def test_sessions_put_together_by_hand_have_no_places(tmp_path):
     assert slip.text.startswith("subject '0' set k to 90000 in 'A', ")
 
 
-def zeros(tmp_path, values, reference="100"):
+def zeros(tmp_path, values, reference="100", family="lognormal"):
     rows = [f"{s},soft,{reference},1,{value},{1 + s / 100}" for s, value in enumerate(values)]
-    return [text for text in warnings_of(tmp_path, rows) if "zero or negative" in text]
+    options = ReadOptions.from_mapping({"inference": {"family": family}})
+    return [text for text in warnings_of(tmp_path, rows, options) if "zero or negative" in text]
 
 
 def test_the_way_out_of_values_without_a_logarithm_fits_them(tmp_path):
@@ -139,6 +141,15 @@ def test_the_way_out_of_values_without_a_logarithm_fits_them(tmp_path):
     (arbitrary,) = zeros(tmp_path, [-3.0, -2.5, 4.0], reference="-2")
     assert 'family = "normal" in [inference] with scale in [model]' in arbitrary
     assert "add one offset to k_ref and k_adj in [columns]" in arbitrary
+
+
+def test_the_normal_family_is_not_advised_where_it_is_chosen(tmp_path):
+    some = [100 + s / 8 for s in range(30)]
+    (few,) = zeros(tmp_path, [*some, 0], family="normal")
+    assert few.endswith('why = "no adjustment" }] leaves them out and logs them.')
+    assert "family" not in few
+    assert zeros(tmp_path, [*some, *range(-5, 1)], family="normal") == []
+    assert zeros(tmp_path, [-3.0, -2.5, 4.0], reference="-2", family="normal") == []
 
 
 def test_many_equal_extremes_are_the_end_of_the_knob(tmp_path):

@@ -9,7 +9,7 @@ from percept.report.document import build_document
 from percept.report.page import render_page
 from percept.report.tables import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
-from percept.sessions.levels import by_level
+from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
 from percept.study.reduced import reduced_intervals
 from tests import DATASETS
