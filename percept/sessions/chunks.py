@@ -23,7 +23,7 @@ from percept.sessions.table import FileTable
 #: Each trial of a subject, session and environment takes a bit, so that its number is bounded.
 _TRIALS = 1 << 24
 #: Rows that warnings and units are looked for in, at most; of more every second, fourth … one.
-_SCREENED = 1 << 18
+_SCREENED = 1 << 16
 _Family = Literal["lognormal", "normal"]
 
 
@@ -45,7 +45,7 @@ class Reduced:
     sources : tuple of Source
     notices : tuple of Notice
     warnings : tuple of Notice
-        As of :class:`Sessions`; of more than 262,144 rows an even sample is looked at.
+        As of :class:`Sessions`; of more than 65,536 rows an even sample is looked at.
     counts : mapping of str to int
         Rows by what became of them.
     quantities : mapping of str to Quantity
@@ -115,7 +115,7 @@ class _Cells:
         self.parameters: tuple[str, ...] = ()
         self.references: dict[str, dict[str, float]] = {}
         self.numbered = False
-        self.visits = pd.DataFrame()
+        self.visits: list[pd.DataFrame] = []
         self.sample: list[pd.DataFrame] = []
         self.stride = 1
         # By visit, its trials as the bits of a whole number.
@@ -138,16 +138,19 @@ class _Cells:
         place = lambda at: {"file": file, "row": int(rows[at])}  # noqa: E731
         declared = self.options.environments
         checks.settle_references(frame, declared, self.references, self.parameters, place, problems)
-        self._sample(frame)
+        frame = frame.assign(visit=frame.groupby(list(IDS), sort=False).ngroup())
+        self._sample(frame.assign(first=~frame.duplicated("visit")))
         if self.options.trial != "order":
             self._check_trials(frame, place)
         problems.raise_if_any()
         responses = pd.DataFrame({f"mean_{p}": self._response(p, frame, place) for p in self.parameters})
         complete = responses.notna().all(axis=1)
-        parts = frame[list(IDS)].assign(rows=1, n=complete.astype(int))
-        parts = pd.concat([parts, responses.where(complete, 0.0)], axis=1)
+        parts = responses.where(complete, 0.0).assign(visit=frame["visit"], rows=1, n=complete.astype(int))
         parts = parts.assign(**dict.fromkeys(_products(self.parameters), 0.0))
-        self.visits = self._merged(pd.concat([self.visits, self._merged(parts, IDS)]), IDS)
+        ids = frame[[*IDS, "visit"]].drop_duplicates("visit")
+        self.visits.append(ids.merge(self._merged(parts, ["visit"]), on="visit").drop(columns="visit"))
+        if sum(map(len, self.visits)) > _SCREENED:
+            self.visits = [self._merged(pd.concat(self.visits), list(IDS))]
 
     def _sample(self, frame: pd.DataFrame) -> None:
         """Keep the rows of a block, and fewer of all where they have become too many."""
@@ -158,7 +161,7 @@ class _Cells:
 
     def _thinned(self, part: pd.DataFrame) -> pd.DataFrame:
         """Take rows evenly, and the first of every visit, which else would seem not to have been tried."""
-        return part[(part["row"] % self.stride == 0) | ~part.duplicated(list(IDS))]
+        return part[(part["row"] % self.stride == 0) | part["first"]]
 
     def _check_trials(self, frame: pd.DataFrame, place: Place) -> None:
         """Find trials that stand twice, in this block or in an earlier one."""
@@ -169,11 +172,12 @@ class _Cells:
             message = "trial numbers are negative or too large to be checked in blocks."
             hint = "Number the trials of each subject and environment 1, 2, 3 …"
             raise UsageError(message, column="trial", value=int(trials[at]), hint=hint, **place(at))
-        if frame.duplicated(checks.TRIAL).any():
+        if frame.duplicated(["visit", "trial"]).any():
             checks.check_duplicates(frame, place, problems, numbered=self.numbered)
             return
         again: list[int] = []
-        for visit, rows in frame.groupby(list(IDS), sort=False).indices.items():
+        names = frame.drop_duplicates("visit")[list(IDS)].itertuples(index=False, name=None)
+        for visit, rows in zip(names, frame.groupby("visit").indices.values(), strict=True):
             bits = np.zeros(int(trials[rows].max()) + 1, dtype=np.uint8)
             bits[trials[rows]] = 1
             own = int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
@@ -194,11 +198,11 @@ class _Cells:
             raise RefusalError(message, column=f"{p}_adj", value=value, hint=hint, **place(at))
         return pd.Series(np.log(adjusted / reference)) if log else (adjusted - reference) / reference
 
-    def _merged(self, parts: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
+    def _merged(self, parts: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         """Merge counts, means and scatters of parts of the same cell, cells in order of first appearance."""
         n, names, products = parts["n"], [f"mean_{p}" for p in self.parameters], _products(self.parameters)
         weighted = parts[[*by, "rows", "n"]].assign(**{name: n * parts[name] for name in names})
-        groups = weighted.groupby(list(by), sort=False)
+        groups = weighted.groupby(by, sort=False)
         merged, cell = groups.sum().reset_index(), groups.ngroup().to_numpy()
         some = merged["n"].clip(lower=1)
         merged[names] = merged[names].div(some, axis=0)
@@ -211,10 +215,11 @@ class _Cells:
     def reduced(self) -> Reduced:
         """Check what needs the whole study, and lay the cells out."""
         reading, names = self.reading, list(self.options.quantities)
-        reading.refuse_nothing([self.visits])
-        environments = self.visits["environment"].unique()
+        reading.refuse_nothing(self.visits)
+        visits = self._merged(pd.concat(self.visits), list(IDS))
+        environments = visits["environment"].unique()
         warnings = self._look()
-        cells = self._merged(reading.settled(self.visits), ("subject", "environment"))
+        cells = self._merged(reading.settled(visits), ["subject", "environment"])
         reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())
         measures = [*(f"mean_{p}" for p in names), *_products(names)]
         # Zeros of a cell that holds no trial would read as data.

@@ -32,8 +32,8 @@ LIMIT = 1 << 30
 _BROKEN = (
     zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, EOFError, RuntimeError, ValueError,
 )  # fmt: skip
-#: Larger files are read in blocks of about this many characters.
-BLOCK = 4 << 20
+#: Files are read in blocks of about this many characters; from a sixteenth of it on by pandas' parser.
+BLOCK = 8 << 20
 #: Files of experiment software show early what they are; the bound keeps the search short.
 _EARLY = 20_000
 
@@ -192,7 +192,7 @@ def load(name: str) -> Iterator[Input]:
         else:
             with Path(name).open("rb") as stream:
                 data = stream.read(4)
-                large = os.fstat(stream.fileno()).st_size > BLOCK
+                large = os.fstat(stream.fileno()).st_size > BLOCK // 16
                 if not large or data.startswith((b"\x1f\x8b", b"PK\x03\x04", b"PAR1")):
                     large, data = False, data + stream.read()
     except OSError as error:

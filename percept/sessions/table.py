@@ -308,14 +308,17 @@ class FileTable:
         if self._mark is None and texts:
             columns = [(self._place(c)["column"], cells) for c, cells in texts.items()]
             self._mark = values.decimal_mark(columns, rows, file=self.name, problems=self.problems)
-        numbers: dict[str, npt.NDArray[Any]] = {c: data[c].to_numpy() for c in names if c not in texts}
-        for c, cells in texts.items():
-            numbers[c] = values.parse_numbers(cells, rows, self._mark, self.problems, _MEND, **self._place(c))
+        numbers: dict[str, npt.NDArray[Any]] = {
+            c: values.parse_numbers(cells, rows, self._mark, self.problems, _MEND, **self._place(c))
+            for c, cells in texts.items()
+        }
         quantities = with_mass(self.options.quantities)
-        for c, rule in ((c, self._rules[c]) for c in self._numbers if c in numbers):
+        for c, rule in ((c, self._rules[c]) for c in self._numbers if c in data):
             if rule.unit is not None or rule.offset:
-                numbers[c] = convert(numbers[c] + rule.offset, rule.unit, quantities[quantity_of(c)])
-        if (trial := numbers.get("trial")) is not None:
+                found = numbers.get(c, data[c].to_numpy()) + rule.offset
+                numbers[c] = convert(found, rule.unit, quantities[quantity_of(c)])
+        if "trial" in data:
+            trial = numbers.get("trial", data["trial"].to_numpy())
             whole = (np.abs(trial) < _WHOLE) & (trial == np.round(trial))
             for at in np.flatnonzero(~whole & ~np.isnan(trial)).tolist():
                 place = self._place("trial", rows[at]) | {"value": float(trial[at])}

@@ -50,17 +50,10 @@ def decimal_mark(
     problems: Problems,
 ) -> DecimalMark | None:
     """Find the decimal mark from all the number cells that are used; None where no cell has one."""
-    points, commas = (
-        [
-            (int(row), name, text)
-            for name, cells in columns
-            for row, cell in zip(rows, cells, strict=True)
-            if sign in cell and _NUMBER[sign].fullmatch(text := cell.strip(_SPACE))
-        ]
-        for sign in _WORDS
-    )
+    commas = _with_mark(",", columns, rows)
     if not commas:
-        return DecimalMark(".") if points else None
+        return DecimalMark(".") if any("." in cell for _, cells in columns for cell in cells) else None
+    points = _with_mark(".", columns, rows)
     if points:
         return _settled(",", commas) if _weight(commas) > _weight(points) else _settled(".", points)
     if all(_TWO_READINGS.fullmatch(cell) for _, _, cell in commas):
@@ -69,6 +62,18 @@ def decimal_mark(
         for row, name, cell in commas:
             problems.add(f"{_readings(cell)}.", file=file, row=row, column=name, value=cell, hint=hint)
     return DecimalMark(",")
+
+
+def _with_mark(
+    sign: str, columns: Sequence[tuple[str, Sequence[str]]], rows: npt.NDArray[np.int64]
+) -> list[_Cell]:
+    """Row, column and text of each number that has a mark."""
+    return [
+        (int(row), name, text)
+        for name, cells in columns
+        for row, cell in zip(rows, cells, strict=True)
+        if sign in cell and _NUMBER[sign].fullmatch(text := cell.strip(_SPACE))
+    ]
 
 
 def _settled(sign: Mark, cells: Sequence[_Cell]) -> DecimalMark:
