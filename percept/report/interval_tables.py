@@ -43,6 +43,7 @@ def intervals(document: Record) -> Section | None:
         ],
         "panels": [f"intervals_{name}" for name in distinct(marginal, "parameter")],
         "tables": tables,
+        "widened": any(table["joint"] != "marginal" for table in tables),
         "sentences": _sentences(rows),
     }
     return Section("intervals", "Intervals of the adjustments", values)

@@ -173,18 +173,24 @@ def coupling(document: Record) -> Section | None:
     if not record:
         return None
     realism = pointed(record.get("realism"), "/coupling/realism")
+    probability = pointed(record.get("probability"), "/coupling/probability")
+    admissible = {
+        row["environment"]: {**row, "broken": ", ".join(_BINDS[name] for name in row["breaks"])}
+        for row in pointed(document["summary"]["overview"]["realism"], "/summary/overview/realism")
+    }
+    pointers: dict[str, dict[str, str]] = {}
+    for row in probability:
+        side = "coupled" if row["coupled"] else "directly"
+        pointers.setdefault(row["environment"], {})[side] = row["pointer"]
     values = {
         "coupling": record,
         "realism": _realism(realism, family_of(document)),
-        "admissible": [
-            {**row, "broken": ", ".join(_BINDS[name] for name in row["breaks"])}
-            for row in pointed(document["summary"]["overview"]["realism"], "/summary/overview/realism")
+        "judged": [
+            {"environment": name, "admissible": admissible.get(name), "pointers": pointers.get(name, {})}
+            for name in {**admissible, **pointers}
         ],
+        "rendered": list(next(iter(pointers.values()), {})),
         "effective": list({row["environment"]: row for row in realism}.values()),
-        "probability": _probability(pointed(record.get("probability"), "/coupling/probability")),
-        "rendered": ["directly", "coupled"][
-            : 1 + any(row["coupled"] for row in record.get("probability") or ())
-        ],
         "summary": document["data"]["form"] == "summary",
     }
     return Section("coupling", "The virtual coupling", values)
@@ -210,20 +216,6 @@ def _realism(records: list[dict[str, Any]], family: str) -> dict[str, Any] | Non
     return {"family": family, "columns": columns, "rows": rows}
 
 
-def _probability(records: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return a row per environment, with the pointers of what is rendered directly and coupled."""
-    return [
-        {
-            "environment": environment,
-            "pointers": {
-                "coupled" if row["coupled"] else "directly": row["pointer"]
-                for row in matching(records, environment=environment)
-            },
-        }
-        for environment in distinct(records, "environment")
-    ]
-
-
 def _by_method(records: list[Record]) -> list[dict[str, Any]]:
     """Return a row per environment and kind, with the pointer of each method's record."""
     return [
@@ -239,17 +231,19 @@ def design(document: Record) -> Section | None:
     record = document["design"]
     if not record:
         return None
-    couplings = [
-        {
-            "name": region["name"],
-            "method": by_method["method"],
-            "pointer": region["pointer"],
-            "found": region["largest"] is not None,
-            "binds": ", ".join(_BINDS[one] for one in (region["largest"] or {"binds": []})["binds"]),
-        }
+    couplings = {
+        by_method["method"]: [
+            {
+                "name": region["name"],
+                "pointer": region["pointer"],
+                "found": region["largest"] is not None,
+                "binds": ", ".join(_BINDS[one] for one in (region["largest"] or {"binds": []})["binds"]),
+            }
+            for region in pointed(by_method["environments"], f"{by_method['pointer']}/environments")
+        ]
         for by_method in pointed(record["maps"], "/design/maps")
-        for region in pointed(by_method["environments"], f"{by_method['pointer']}/environments")
-    ]
+    }
+    couplings = {method: couplings[method] for method in METHODS[::-1] if method in couplings}
     return Section("design", "Admissible couplings", {"family": record["family"], "couplings": couplings})
 
 

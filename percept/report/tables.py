@@ -41,8 +41,13 @@ def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
         heads |= {**_with_unit((size, "band"), unit), "relative": "relative"}
         name = "band" if parameter is None else f"band_{parameter}"
         tables[name] = _table(heads, matching(band["rows"], parameter=parameter))
-    for name in ("contrast", "comparison"):
-        if rows := document[name]:
+    records = {
+        "contrast": document["contrast"],
+        "comparison": document["comparison"],
+        "realism": (document["coupling"] or {}).get("realism"),
+    }
+    for name, rows in records.items():
+        if rows:
             tables[name] = _table({head: head for head in rows[0]}, rows)
     return {f"{name}.csv": text for name, text in tables.items()}
 
@@ -81,7 +86,7 @@ def _cell(value: Any) -> Any:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
-        value = "; ".join(value)
+        value = "; ".join(map(str, value))
     return neutralised(value) if isinstance(value, str) and value not in ("inf", "-inf") else value
 
 

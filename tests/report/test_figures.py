@@ -10,11 +10,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from percept import haptics
-from percept.errors import UsageError
 from percept.report.figures.canvas import COLOURS, Drawing, common_range, panels
 from percept.report.figures.curves import Limits, draw_magnitude, draw_ratio, draw_stability, ratio_range
-from percept.report.figures.from_curves import boundary_drawings
 from percept.report.figures.from_document import (
+    boundary_drawings,
     design_drawings,
     drawings,
     interval_drawings,
@@ -22,6 +21,7 @@ from percept.report.figures.from_document import (
 )
 from percept.report.figures.marks import Bar, Widths, beyond_range, draw_band, draw_design, draw_intervals
 from percept.report.figures.output import draw_all, drawn
+from percept.report.select import KINDS
 
 SVG = "{http://www.w3.org/2000/svg}"
 HOSTILE = '<script>alert("$x$")</script>'
@@ -140,7 +140,7 @@ def renamed(document, names):
 )
 def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apart(both, pattern):
     names = {name: pattern.format(name) for name in ("VE1", "VE2", "VE4")}
-    drawing, _ = interval_drawings(renamed(both, names))
+    drawing, _ = interval_drawings(renamed(both, names), "intervals", KINDS)
     figure = Figure(figsize=[side / 25.4 for side in drawing.size])
     drawing.draw(figure)
     FigureCanvasAgg(figure).draw()
@@ -157,14 +157,14 @@ def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apa
 
 
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
-    _, two = interval_drawings(both)
-    assert "; each classical above Bayesian; below them the subjects. " in two.description
+    _, two = interval_drawings(both, "intervals", KINDS)
+    assert " Each classical bar stands above the Bayesian one. Ticks: the subjects. " in two.description
     assert " Classical limits are lognormal." in two.description
     document = copy.deepcopy(classical)
     for row in (*document["intervals"], *document["data"]["cells"]):
         if (row["environment"], row["parameter"]) == ("VE1", "b"):
             row["reference"] = 0.0
-    k, b = interval_drawings(document)
+    k, b = interval_drawings(document, "intervals", KINDS)
     assert "Bayesian" not in k.description
     assert "reference is 0" not in k.description
     assert "Only in the tables, since their reference is 0: VE1." in b.description
@@ -173,7 +173,7 @@ def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     (legend,) = figure.legends
     # The first environment, which has no bars, is not the one that names them.
     assert [text.get_text() for text in legend.get_texts()] == [
-        "average user, classical", "next user, classical", "share of users, classical", "one subject",
+        "classical", "average user", "next user", "share of users", "one subject",
     ]  # fmt: skip
 
 
@@ -495,19 +495,3 @@ def test_binding_frequency_is_marked_and_named():
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
     for text, (label, verdict) in zip(texts[1:], verdicts.items(), strict=True):
         assert text == f"{label}: {verdict.smallest_margin:.3g} × bound at {verdict.binding_omega:.4g} rad/s"
-
-
-@pytest.mark.parametrize(
-    ("omega", "change", "message"),
-    [
-        (RANGE[1:], {}, "'bound' and omega differ in length"),
-        (RANGE - 1.0, {}, "positive and increasing"),
-        (RANGE[::-1], {}, "positive and increasing"),
-        (RANGE, {"binding": {"30 kN/m": 100.0}}, "names a coupling that is not drawn"),
-        (RANGE, {"binding": {"50 kN/m": 0.5}}, "outside the range drawn"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(omega, change, message):
-    bound, reached = stability_curves()
-    with pytest.raises(UsageError, match=message):
-        draw_stability(axes(), omega, bound, reached, **change)

@@ -60,8 +60,8 @@ def test_realism_stands_where_its_pointers_say(document):
 
 def test_the_scene_s_coupling_is_judged_for_every_environment(document):
     values = section(document, "coupling")
-    assert [row["environment"] for row in values["admissible"]] == document["data"]["environments"]
-    for row in values["admissible"]:
+    assert [row["environment"] for row in values["judged"]] == document["data"]["environments"]
+    for row in (judged["admissible"] for judged in values["judged"]):
         assert ("stability" in row["breaks"]) == (document["coupling"]["verdict"] != "stable")
         assert ("|Z_h|" in row["broken"]) == (row["coupled"]["verdict"] == "outside")
         assert ("k and b" in row["broken"]) == (row["coupled"]["plane_departure"] > 0)
@@ -71,8 +71,8 @@ def test_the_scene_s_coupling_is_judged_for_every_environment(document):
 def test_probabilities_stand_where_their_pointers_say(both):
     values = section(both, "coupling")
     assert values["rendered"] == ["directly", "coupled"]
-    assert [row["environment"] for row in values["probability"]] == both["data"]["environments"]
-    for row in values["probability"]:
+    assert [row["environment"] for row in values["judged"]] == both["data"]["environments"]
+    for row in values["judged"]:
         for name, pointer in row["pointers"].items():
             found = at(both, pointer)
             assert (found["environment"], found["coupled"]) == (row["environment"], name == "coupled")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib import rcParams
@@ -105,6 +106,11 @@ def mark(ax: Axes, artists: Iterable[Artist], method: str, kind: str = "") -> No
         artist.set_gid(f"mark-{method}-{kind}-{count}")
 
 
+def brief(value: float) -> str:
+    """Write what lies beyond an axis: two digits, or a whole number."""
+    return "∞" if not np.isfinite(value) else f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
+
+
 def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:
     """Make axes logarithmic, without minor ticks; powers of ten on request as plain numbers."""
     for name in axes:
@@ -117,18 +123,31 @@ def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:
 
 def legend_below(ax: Axes, *, columns: int = 2) -> None:
     """Put the legend of some axes at the lower edge of their figure, each label once."""
+    _legend(ax, loc="lower left", ncols=columns)
+
+
+def legend_beside(ax: Axes) -> None:
+    """Put the legend of some axes at the right edge of their figure, each label once."""
+    _legend(ax, loc="center right")
+
+
+def _legend(ax: Axes, **place: Any) -> None:
     handles, labels = ax.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
     figure = ax.get_figure(root=True)
     if figure is not None and named:
-        figure.legend(
-            named.values(),
-            named.keys(),
-            loc="lower left",
-            bbox_to_anchor=(0.0, 0.0),
-            ncols=columns,
-            borderaxespad=0.2,
-        )
+        figure.legend(named.values(), named.keys(), borderaxespad=0.2, **place)
+
+
+def outer_labels(axes: Sequence[Axes], columns: int) -> None:
+    """Keep the labels of the left and the lowest panels of a grid that shares its axes."""
+    for index, ax in enumerate(axes):
+        if index % columns:
+            ax.tick_params(labelleft=False)
+            ax.set_ylabel("")
+        if index + columns < len(axes):
+            ax.tick_params(labelbottom=False)
+            ax.set_xlabel("")
 
 
 def row_labels(names: Sequence[str], *, most: float) -> tuple[list[str], float]:
@@ -144,14 +163,10 @@ def row_labels(names: Sequence[str], *, most: float) -> tuple[list[str], float]:
 
 
 def _shortened(name: str, most: float) -> str:
-    width = _width(name)
-    if width <= most:
-        return name
-    label = name
-    for kept in range(max(int(len(name) * most / width), 2), 1, -1):
+    label, kept = name, len(name)
+    while _width(label) > most and kept > 2:
+        kept -= 1
         label = f"{name[: kept - kept // 2]}…{name[len(name) - kept // 2 :]}"
-        if _width(label) <= most:
-            break
     return label
 
 

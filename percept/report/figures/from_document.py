@@ -2,24 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import Drawing, legend_below, panels, row_labels
-from percept.report.figures.from_curves import boundary_drawings, stability_drawings
-from percept.report.figures.marks import Bar, Widths, beyond_range, draw_band, draw_design, draw_intervals
+from percept.report.figures.canvas import (
+    Drawing,
+    legend_below,
+    legend_beside,
+    outer_labels,
+    panels,
+    row_labels,
+)
+from percept.report.figures.curves import Limits, draw_magnitude, draw_ratio, draw_stability, ratio_range
+from percept.report.figures.marks import (
+    Bar,
+    Widths,
+    beyond_range,
+    design_ends,
+    draw_band,
+    draw_design,
+    draw_intervals,
+)
 from percept.report.select import (
+    KIND_NAMES,
     KINDS,
     METHOD_NAMES,
     METHODS,
     Record,
     array,
     distinct,
+    each_by_itself,
     families_of,
     first,
     matching,
@@ -27,25 +44,30 @@ from percept.report.select import (
 )
 
 FloatArray = NDArray[np.float64]
+_WIDE = 175.0  # mm, a figure as wide as the page
 _BARS = {
-    "mean": "average user (thick bar, mark at the estimate)",
-    "user": "next user",
-    "share": "share of users (thin)",
+    "mean": "Thick: the average user, with a mark at the estimate",
+    "user": "thin: the next user",
+    "share": "thinnest: a share of users",
 }
+_WHOM = {"mean": "the average user", "user": "the next user", "share": "a share of all users"}
+#: The next user's boundary decides what feels real.
+_SHOWN_FIRST = ("user", "mean", "share")
 _LAWS = {"weber": "Weber", "offset": "Weber with offset", "power": "power law"}
 # Left margin of intervals, mm: at least that of short names, at most what leaves the bars half of the width.
-_LEAST_MARGIN, _MOST_MARGIN = 18.0, 52.0
+_LEAST_MARGIN, _MOST_MARGIN = 12.0, 26.0
 # Between a label and the axis, and to the edge of the figure, mm; other viewers' lettering may be wider.
 _MARGIN_BESIDE = 4.0
-_MAP_TITLE = 38.0  # width, mm
-_MAP_COLUMNS = 3
+_COLUMNS = 5  # most panels side by side
+_STRIPS = 8  # environments in one figure of ratios
+_STRIP_TITLE = 14.0  # width, mm
 
 
 def drawings(document: Record) -> list[Drawing]:
     """Return every figure of a document in the order of the page; nothing is drawn yet."""
     return [
-        *overview_drawings(document),
-        *interval_drawings(document),
+        *interval_drawings(document, "overview", ("mean", "user")),
+        *interval_drawings(document, "intervals", KINDS),
         *boundary_drawings(document),
         *stability_drawings(document["coupling"]),
         *design_drawings(document),
@@ -53,46 +75,72 @@ def drawings(document: Record) -> list[Drawing]:
     ]
 
 
-def overview_drawings(document: Record) -> list[Drawing]:
-    """Return the figure of the first screen, a panel per quantity: the average and the next user."""
-    intervals = matching(document["intervals"], joint="marginal")
-    bars = {name: bars_of(document, name, ("mean", "user")) for name in distinct(intervals, "parameter")}
-    bars = {name: some for name, some in bars.items() if some}
-    environments = distinct(intervals, "environment")
-    families = families_of(document)
-    both = len({bar.method for some in bars.values() for bar in some}) == 2
+def interval_drawings(document: Record, name: str, kinds: Sequence[str]) -> list[Drawing]:
+    """Return a figure per quantity: kinds and methods in the study's family over the reference.
 
-    def panel(name: str, figure: Figure) -> None:
-        labels, width = row_labels(environments, most=_MOST_MARGIN / 2)
-        (ax,) = panels(figure, left=max(12.0, width + _MARGIN_BESIDE), bottom=21)
-        draw_intervals(ax, environments, bars[name], [], log=families[0] == "lognormal", labels=labels)
-        ax.set_title(quantities_of(document)[name].head, loc="left")
+    With every kind it shows each subject too.
+    """
+    return [
+        _interval_drawing(document, parameter, name, bars, subjects="share" in kinds)
+        for parameter in distinct(document["intervals"], "parameter")
+        if (bars := bars_of(document, parameter, kinds))
+    ]
+
+
+def _interval_drawing(
+    document: Record, parameter: str, name: str, bars: list[Bar], *, subjects: bool
+) -> Drawing:
+    rows = matching(document["intervals"], parameter=parameter, joint="marginal")
+    environments, families = distinct(rows, "environment"), families_of(document)
+    values = [values_of(document, one, parameter) for one in environments] if subjects else []
+    subject = document["data"]["words"]["subject"][0]
+    kinds, methods = ({getattr(bar, field) for bar in bars} for field in ("kind", "method"))
+    columns = len(kinds) + len(methods) + any(some.size for some in values)
+    columns = columns if columns < 5 else 3
+
+    def draw(figure: Figure) -> None:
+        labels, width = row_labels(environments, most=_MOST_MARGIN)
+        bottom = 12.0 + 4.2 * (2 if subjects else 1)
+        (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), bottom=bottom)
+        log = families[0] == "lognormal"
+        draw_intervals(ax, environments, bars, values, log=log, labels=labels, subject=subject)
+        ax.set_title(quantities_of(document)[parameter].head, loc="left")
         ax.set_xlabel("adjusted / reference")
-        legend_below(ax)
+        legend_below(ax, columns=columns)
 
-    description = (
-        "Thick: the average user, with a mark at the estimate. Thin: the next user."
-        + (" Each classical bar stands above the Bayesian one." if both else "")
-        + f" Dashed: the reference.{_classical(intervals, families)}{_cut(bars.values())}"
-    )
-    size = (86.0, 30.0 + (9.0 if both else 6.5) * len(environments))
-    title = "What users set, divided by the reference"
-    return [Drawing(f"overview_{name}", title, description, size, partial(panel, name)) for name in bars]
-
-
-def _cut(groups: Iterable[Sequence[Bar]]) -> str:
-    """Say that an arrow ends a bar, where one does."""
-    return " An arrow with a value ends a bar that leaves the axis." * any(
-        beyond_range(bars) for bars in groups
+    row = 0.7 + 1.7 * len(kinds) * len(methods) + 2.1 * subjects
+    return Drawing(
+        f"{name}_{parameter}",
+        "Every kind of interval, and each subject"
+        if subjects
+        else "What users set, divided by the reference",
+        _interval_caption(rows, bars, values, families),
+        (86.0, 26.0 + max(row, 5.5) * len(environments)),
+        draw,
     )
 
 
-def interval_drawings(document: Record) -> list[Drawing]:
-    """Return one figure per parameter: every kind and method in the study's family, over the reference."""
-    figures = (
-        _interval_drawing(document, parameter) for parameter in distinct(document["intervals"], "parameter")
-    )
-    return [drawing for drawing in figures if drawing is not None]
+def _interval_caption(
+    rows: list[Record], bars: list[Bar], values: list[FloatArray], families: Sequence[str]
+) -> str:
+    kinds = [text for kind, text in _BARS.items() if any(bar.kind == kind for bar in bars)]
+    classical = matching(rows, method="classical")
+    present = {
+        best["family"]
+        for name in distinct(classical, "environment")
+        if (best := first(matching(classical, environment=name), family=families))
+    }
+    of = ", where there are none ".join(family for family in families if family in present)
+    empty = distinct(matching(rows, reference=0), "environment")
+    sentences = [
+        f"{'; '.join(kinds)}; dashed: the reference",
+        "Each classical bar stands above the Bayesian one" * (len({bar.method for bar in bars}) == 2),
+        "Ticks: the subjects" * any(some.size for some in values),
+        f"Classical limits are {of}" if of else "",
+        "An arrow with a value ends a bar that leaves the axis" * beyond_range(bars),
+        f"Only in the tables, since their reference is 0: {', '.join(empty)}" if empty else "",
+    ]
+    return " ".join(f"{sentence}." for sentence in sentences if sentence)
 
 
 def bars_of(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]:
@@ -107,32 +155,6 @@ def bars_of(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]
         if (row := first(matching(rows, environment=environment, kind=kind, method=method), family=families))
         and (bar := _bar(row)) is not None
     ]
-
-
-def _interval_drawing(document: Record, parameter: str) -> Drawing | None:
-    rows = matching(document["intervals"], parameter=parameter, joint="marginal")
-    environments = distinct(rows, "environment")
-    families, bars = families_of(document), bars_of(document, parameter, KINDS)
-    if not bars:
-        return None
-    values = [values_of(document, environment, parameter) for environment in environments]
-    name, log = quantities_of(document)[parameter].words, families[0] == "lognormal"
-    subject = document["data"]["words"]["subject"][0]
-
-    def draw(figure: Figure) -> None:
-        labels, width = row_labels(environments, most=_MOST_MARGIN / 2)
-        (ax,) = panels(figure, left=max(12.0, width + _MARGIN_BESIDE), top=3, bottom=25)
-        draw_intervals(ax, environments, bars, values, log=log, labels=labels, subject=subject)
-        ax.set_xlabel(f"adjusted {name} / reference")
-        legend_below(ax)
-
-    return Drawing(
-        f"intervals_{parameter}",
-        f"Intervals of {name}, divided by the reference",
-        _interval_caption(rows, bars, values, families) + _cut([bars]),
-        (86.0, 32.0 + 13.0 * len(environments)),
-        draw,
-    )
 
 
 def _bar(row: Record) -> Bar | None:
@@ -150,29 +172,152 @@ def values_of(document: Record, environment: str, parameter: str) -> FloatArray:
     return array(cells[0]["values"]) / cells[0]["reference"]
 
 
-def _interval_caption(
-    rows: list[Record], bars: list[Bar], values: list[FloatArray], families: Sequence[str]
-) -> str:
-    kinds = [text for kind, text in _BARS.items() if any(bar.kind == kind for bar in bars)]
-    order = "In each environment from top to bottom: " + ", ".join(kinds)
-    if len({bar.method for bar in bars}) == 2:
-        order += "; each classical above Bayesian"
-    if any(subjects.size for subjects in values):
-        order += "; below them the subjects"
-    empty = distinct(matching(rows, reference=0), "environment")
-    left_out = f" Only in the tables, since their reference is 0: {', '.join(empty)}." if empty else ""
-    return f"{order}. The dashed line is the reference.{_classical(rows, families)}{left_out}"
-
-
-def _classical(rows: list[Record], families: Sequence[str]) -> str:
-    """Say of which family the classical limits are: they are worked out in both."""
-    classical = matching(rows, method="classical")
-    present = {
-        first(matching(classical, environment=name), family=families)["family"]  # type: ignore[index]
-        for name in distinct(classical, "environment")
+def boundary_drawings(document: Record) -> list[Drawing]:
+    """Return the boundaries over ω, limits over the reference, and close views that the scene asks for."""
+    families = families_of(document)
+    rows = {
+        name: [row for row in matching(document["boundaries"], environment=name) if each_by_itself(row)]
+        for name in distinct(document["boundaries"], "environment")
     }
-    said = ", where there are none ".join(family for family in families if family in present)
-    return f" Classical limits are {said}." if said else ""
+    if not rows:
+        return []
+    kind = next(kind for kind in _SHOWN_FIRST if any(matching(some, kind=kind) for some in rows.values()))
+    near = {
+        name: found
+        for name in document["zoom"]
+        if (found := matching(document["close"], environment=name, kind=kind))
+    }
+    names = list(rows)
+    groups = [names[start : start + _STRIPS] for start in range(0, len(names), _STRIPS)]
+    return [
+        _curves_drawing("boundaries", rows, kind, families, log=True),
+        *(
+            _ratio_drawing({name: rows[name] for name in group}, index if len(groups) > 1 else 0, families)
+            for index, group in enumerate(groups, start=1)
+        ),
+        *([_curves_drawing("boundaries_close", near, kind, families, log=False)] if near else []),
+    ]
+
+
+def _curves_drawing(
+    name: str, rows: Mapping[str, list[Record]], kind: str, families: Sequence[str], *, log: bool
+) -> Drawing:
+    """Draw the boundary of each environment in a panel of its own; close views have axes of their own."""
+    limits = {environment: like_limits(some, kind, families) for environment, some in rows.items()}
+    coupled = any(record.get("coupled") is not None for some in rows.values() for record in some)
+    shape = next(pair.label for pairs in limits.values() for pair in pairs).partition(", ")[2]
+    columns, gap = (min(max(len(rows), 3), _COLUMNS), 6.0 if log else 12.0)
+
+    def draw(figure: Figure) -> None:
+        axes = panels(figure, len(rows), columns=columns, bottom=17, gap=gap, line=8 if log else 14)
+        titles, _ = row_labels(list(rows), most=(_WIDE - 17.0) / columns - gap)
+        for ax, title, (environment, some) in zip(axes, titles, rows.items(), strict=True):
+            draw_magnitude(ax, array(some[0]["omega"]), limits[environment], *reference_of(some[0]), log=log)
+            ax.set_title(title, loc="left")
+            ax.set_xlabel("ω (rad/s)")
+        if log:
+            ends = np.array([ax.get_ylim() for ax in axes])
+            for ax in axes:
+                ax.set_ylim(ends.min(), ends.max())
+            outer_labels(axes, columns)
+        for index, ax in enumerate(axes):
+            ax.set_ylabel("" if index % columns else "|Zₕ| (N·s/m)")
+        legend_below(axes[0], columns=4)
+
+    return Drawing(
+        name,
+        f"Boundaries of |Z_h| for {_WHOM[kind]}" + ("" if log else ", close views"),
+        f"What {_WHOM[kind]} takes for the reference lies between the limits ({shape}). "
+        f"Dashed: the reference.{' Dotted: the reference through the coupling.' * coupled}",
+        (_WIDE, 15.0 + 42.0 * -(-len(rows) // columns)),
+        draw,
+    )
+
+
+def _ratio_drawing(rows: Mapping[str, list[Record]], index: int, families: Sequence[str]) -> Drawing:
+    """Draw limits over the reference: a row of panels per environment, a column per kind, axes shared."""
+    kinds = [kind for kind in KINDS if any(like_limits(some, kind, families) for some in rows.values())]
+    cells = {
+        (name, kind): pairs
+        for name, some in rows.items()
+        for kind in kinds
+        if (pairs := like_limits(some, kind, families))
+    }
+    limits = ratio_range(list(cells.values()))
+
+    def draw(figure: Figure) -> None:
+        axes = panels(figure, len(rows) * len(kinds), columns=len(kinds), left=20, bottom=17, gap=6, line=2.5)
+        names, _ = row_labels(list(rows), most=_STRIP_TITLE)
+        for position, ax in enumerate(axes):
+            line, column = divmod(position, len(kinds))
+            name, kind = list(rows)[line], kinds[column]
+            row = rows[name][0]
+            draw_ratio(
+                ax, array(row["omega"]), cells.get((name, kind), []), *reference_of(row), limits=limits
+            )
+            ax.set_ylabel(names[line])
+            if line == 0:
+                ax.set_title(f"{kind}: {KIND_NAMES[kind]}", loc="left")
+        outer_labels(axes, len(kinds))
+        legend_below(axes[0], columns=4)
+
+    coupled = any(row.get("coupled") is not None for some in rows.values() for row in some)
+    return Drawing(
+        f"ratios_{index}" if index else "ratios",
+        "Limits divided by the reference’s |Z_h|",
+        "One family and one shape for each kind. Dashed, at 1: the reference"
+        + ("; dotted: the reference through the coupling." if coupled else ".")
+        + " An arrow with a value marks a curve that leaves the axis.",
+        (_WIDE, 21.0 + 15.5 * len(rows)),
+        draw,
+    )
+
+
+def like_limits(rows: list[Record], kind: str, families: Sequence[str]) -> list[Limits]:
+    """Return the boundaries of both methods in one family and one shape."""
+    for shape in ("envelope", "pointwise"):
+        alike = matching(rows, kind=kind, shape=shape)
+        chosen = [first(matching(alike, method=method), family=families) for method in reversed(METHODS)]
+        if limits := [_limits(row) for row in chosen if row is not None]:
+            return limits
+    return []
+
+
+def _limits(row: Record) -> Limits:
+    label = f"{METHOD_NAMES[row['method']]}, {row['shape']} ({row['family']})"
+    curves = (array(row[name]) for name in ("omega", "lower", "upper", "reference"))
+    return Limits(label, row["method"], *curves)
+
+
+def reference_of(row: Record) -> tuple[FloatArray, FloatArray | None]:
+    """Return a boundary's reference, and it through the coupling where there is one."""
+    coupled = row.get("coupled")
+    return array(row["reference"]), None if coupled is None else array(coupled)
+
+
+def stability_drawings(coupling: Record | None) -> list[Drawing]:
+    """Return the stability criterion over ω (Fig. 4)."""
+    if not coupling or not coupling.get("bound"):
+        return []
+    label = "this coupling"
+    omega, binding = array(coupling["omega"]), coupling["binding_omega"]
+    inside = binding is not None and omega[0] <= float(binding) <= omega[-1]
+
+    def draw(figure: Figure) -> None:
+        (ax,) = panels(figure, left=18, top=3)
+        admittance = {label: array(coupling["admittance"])}
+        marks = {label: float(binding)} if inside else None
+        draw_stability(ax, omega, array(coupling["bound"]), admittance, binding=marks)
+
+    return [
+        Drawing(
+            "stability",
+            "Stability of the coupling over the angular frequency",
+            "The real part of the coupling’s admittance 1/Z_c has to stay above the lower bound.",
+            (120.0, 50.0),
+            draw,
+        )
+    ]
 
 
 def design_drawings(document: Record) -> list[Drawing]:
@@ -182,38 +327,44 @@ def design_drawings(document: Record) -> list[Drawing]:
         return []
     best = first(design["maps"], method=METHODS[::-1])
     assert best is not None
-    environments, edge = best["environments"], design["stable"]
+    regions, edge, damping = best["environments"], design["stable"], array(best["damping"])
+    columns = min(max(len(regions), 3), _COLUMNS + 1)
 
     def draw(figure: Figure) -> None:
-        axes = panels(figure, len(environments), columns=_MAP_COLUMNS, bottom=17)
-        titles, _ = row_labels([region["name"] or "all together" for region in environments], most=_MAP_TITLE)
-        for ax, region, title in zip(axes, environments, titles, strict=True):
-            draw_design(
-                ax,
-                array(best["damping"]),
-                [np.array(segments, dtype=float).reshape(-1, 2) for segments in region["intervals"]],
-                stable=(array(edge["stiffness"]), array(edge["damping"])) if edge else None,
-                coupling=(used["stiffness"], used["damping"]) if used else None,
-            )
+        axes = panels(figure, len(regions), columns=columns, bottom=17, gap=3, line=8)
+        titles, _ = row_labels([region["name"] or "all together" for region in regions], most=24.0)
+        maps = [[np.array(some, dtype=float).reshape(-1, 2) for some in r["intervals"]] for r in regions]
+        marks: dict[str, Any] = {
+            "stable": (array(edge["stiffness"]), array(edge["damping"])) if edge else None,
+            "coupling": (used["stiffness"], used["damping"]) if used else None,
+        }
+        ends = design_ends(damping, maps, **marks)
+        for ax, segments, title in zip(axes, maps, titles, strict=True):
+            draw_design(ax, damping, segments, **marks, ends=ends)
             ax.set_title(title, loc="left")
-        for ax in axes[::_MAP_COLUMNS]:
-            ax.set_ylabel("coupling damping (N·s/m)")
-        legend_below(max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0])), columns=3)
+            ax.set_xlabel("stiffness (kN/m)")
+            ax.set_ylabel("damping (N·s/m)")
+        outer_labels(axes, columns)
+        legend_below(max(axes, key=_entries), columns=3)
 
-    marks = ["the line is the edge of what is stable"] * bool(edge)
-    marks += ["the cross is the coupling in use"] * bool(used)
-    said = ", ".join(marks)
+    marked = ["the line is the edge of what is stable"] * bool(edge)
+    marked += ["the cross is the coupling in use"] * bool(used)
+    said = ", ".join(marked)
     return [
         Drawing(
             "design",
-            "Couplings that qualify, by environment",
-            "Shaded: stable with this device, and inside the next user's boundary "
+            "Couplings that qualify, by stiffness and damping of the coupling",
+            "Shaded: stable with this device, and inside the next user’s boundary "
             f"({METHOD_NAMES[best['method']]}, {design['family']}), by |Z_h| and by effective stiffness and "
             "damping, at every ω, to 0.1 %." + (f" {said[0].upper()}{said[1:]}." if said else ""),
-            (175.0, 16.0 + 52.0 * -(-len(environments) // _MAP_COLUMNS)),
+            (_WIDE, 15.0 + 42.0 * -(-len(regions) // columns)),
             draw,
         )
     ]
+
+
+def _entries(ax: Axes) -> int:
+    return len(ax.get_legend_handles_labels()[0])
 
 
 def _band_drawings(document: Record) -> list[Drawing]:
@@ -233,11 +384,10 @@ def band_series(
     kind = next(kind for kind in KINDS if matching(rows, kind=kind))
     sizes = array([row[_size(row)] for row in rows])
     grid = np.geomspace(sizes.min() / 1.5, sizes.max() * 1.5, 80)
-    families = families_of(document)
     series = [
         _widths(band, row, grid)
         for method in METHODS
-        if (row := first(matching(rows, method=method, kind=kind), family=families))
+        if (row := first(matching(rows, method=method, kind=kind), family=families_of(document)))
     ]
     if parameter is None:
         return kind, grid, series, {"axis": "environment impedance |Zₑ|", "unit": "N·s/m"}
@@ -247,24 +397,24 @@ def band_series(
 
 def _band_drawing(document: Record, parameter: str | None) -> Drawing:
     """Return the figure of bands and laws."""
-    band = document["band"]
     kind, grid, series, words = band_series(document, parameter)
-    name, title = "band", f"Band against impedance, kind {kind}"
-    said = f"abs(Z_e) against the environment's own impedance at {band['omega'] or 0.0:g} rad/s"
+    name, title = "band", f"Band against impedance, {KIND_NAMES[kind]}"
+    said = f"|Z_e| against the environment’s own impedance at {document['band']['omega'] or 0.0:g} rad/s"
     if parameter is not None:
         quantity = quantities_of(document)[parameter]
-        name, title = f"band_{parameter}", f"Band of {quantity.words} against its reference, kind {kind}"
+        name, title = (
+            f"band_{parameter}",
+            f"Band of {quantity.words} against its reference, {KIND_NAMES[kind]}",
+        )
         said = f"{quantity.label} against its reference"
 
     def draw(figure: Figure) -> None:
-        entries = sum(1 + len(widths.laws) for widths in series)
-        (ax,) = panels(figure, left=16, top=3, bottom=13 + 4.2 * -(-entries // 2))
+        (ax,) = panels(figure, left=16, top=3, right=48)
         draw_band(ax, grid, series, **words)
-        legend_below(ax)
+        legend_beside(ax)
 
     with_laws = ", with the fitted laws" if any(widths.laws for widths in series) else ""
-    caption = f"Width of the band of {said}{with_laws}. The numbers are in the table."
-    return Drawing(name, title, caption, (120.0, 80.0), draw)
+    return Drawing(name, title, f"Width of the band of {said}{with_laws}.", (150.0, 58.0), draw)
 
 
 def _size(row: Record) -> str:

@@ -12,11 +12,20 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from percept.report.figures.canvas import COLOURS, MM, common_range, log_scale, mark, row_labels, shade_boxes
+from percept.report.figures.canvas import (
+    COLOURS,
+    brief,
+    common_range,
+    log_scale,
+    mark,
+    row_labels,
+    shade_boxes,
+)
 from percept.report.select import KIND_NAMES, KINDS, METHOD_NAMES, METHODS
 
 FloatArray = NDArray[np.float64]
-Box = tuple[float, float, float, float]
+#: Keeps names and values readable over lines.
+_GROUND = {"facecolor": COLOURS["paper"], "edgecolor": "none", "pad": 0.4}
 _MARKERS = {"classical": "o", "bayesian": "D"}
 
 
@@ -51,6 +60,11 @@ def draw_intervals(
     kinds = [kind for kind in KINDS if any(bar.kind == kind for bar in bars)]
     log = log and any(bar.upper > 0 for bar in bars)
     left, right = _ends(bars, log=log)
+    # Marks of no length stand for methods and kinds in the legend.
+    for method in present:
+        ax.plot([], [], color=COLOURS[method], linewidth=3, label=METHOD_NAMES[method])
+    for kind in kinds:
+        ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=KIND_NAMES[kind])
     for bar in bars:
         y = row[bar.environment] + _offset(kinds.index(bar.kind), bar.method, len(kinds), present)
         drawn: list[Artist] = []
@@ -59,7 +73,6 @@ def draw_intervals(
             [y, y],
             color=COLOURS[bar.method],
             linewidth=_THICKNESS[bar.kind],
-            label=f"{KIND_NAMES[bar.kind]}, {METHOD_NAMES[bar.method]}",
         )
         for value, edge, side in ((bar.lower, left, "left"), (bar.upper, right, "right")):
             if value != min(max(value, left), right):
@@ -128,12 +141,11 @@ def beyond_range(bars: Sequence[Bar], *, log: bool = True) -> bool:
 
 def _point_beyond(ax: Axes, edge: float, y: float, value: float, side: str, colour: str) -> list[Artist]:
     """Mark a bar that goes on beyond the axis, with the value it ends at."""
-    said = "∞" if not np.isfinite(value) else f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
     arrow = {"left": "<", "right": ">"}[side]
     over = {"left": 3, "right": -3}[side]
     text = ax.annotate(
-        said, (edge, y), xytext=(over, 0), textcoords="offset points", ha=side, va="center", fontsize=5.4,
-        bbox={"facecolor": COLOURS["paper"], "edgecolor": "none", "pad": 0.4},
+        brief(value), (edge, y), xytext=(over, 0), textcoords="offset points", ha=side, va="center",
+        fontsize=5.2, bbox=_GROUND,
     )  # fmt: skip
     return [*ax.plot([edge], [y], marker=arrow, markersize=3, color=colour, clip_on=False), text]
 
@@ -158,15 +170,12 @@ class Widths:
 
 _LAW_DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)))
 _NAME_WIDTH = 26.0  # mm
-# Names on the figure, points: size, height, distance from the point, and heights they may stand at.
-_SIZE, _TALL, _BESIDE = 6.5, 7.0, 4.0
-_HEIGHTS = (-8.0, 3.0, -16.0, 11.0, -24.0, 19.0)
 
 
 def draw_band(ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str, unit: str) -> None:
     """Draw band against size on logarithmic axes, with the fitted laws."""
     for widths in series:
-        colour = COLOURS[widths.method]
+        colour, method = COLOURS[widths.method], METHOD_NAMES[widths.method]
         ax.plot(
             widths.size,
             widths.band,
@@ -177,64 +186,38 @@ def draw_band(ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str
             label=widths.label,
         )
         for (name, curve), dashes in zip(widths.laws.items(), _LAW_DASHES, strict=False):
-            label = f"{widths.label}: {name}"
+            label = f"{method}: {name}"
             ax.plot(size, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
     log_scale(ax)
-    _name(ax, series)
+    first = series[0]
+    names, _ = row_labels(first.environments, most=_NAME_WIDTH)
+    middle = float(np.sqrt(size[0] * size[-1]))
+    for name, x, y in zip(names, first.size, first.band, strict=True):
+        # Bands grow with the size: what lies below a point on the left, and above it on the right, is free.
+        over, up, side = (4, -8, "left") if x < middle else (-4, 4, "right")
+        ax.annotate(
+            name, (x, y), xytext=(over, up), textcoords="offset points", ha=side, fontsize=6.5, bbox=_GROUND
+        )
     of = f" ({unit})" if unit else ""
     ax.set_xlabel(f"{axis}{of}")
     ax.set_ylabel(f"band{of}")
-
-
-def _name(ax: Axes, series: Sequence[Widths]) -> None:
-    """Name the first method's points where there is room: beside them, clear of points and other names."""
-    first = series[0]
-    names, _ = row_labels(first.environments, most=_NAME_WIDTH)
-    # Limits are settled when they are asked for, and places follow from them.
-    ax.get_xlim(), ax.get_ylim()
-    points = 72.0 / ax.figure.dpi
-    left, right = ax.bbox.x0 * points, ax.bbox.x1 * points
-
-    def placed(widths: Widths) -> list[list[float]]:
-        at = ax.transData.transform(np.column_stack([widths.size, widths.band]))
-        return [[x * points, y * points] for x, y in np.asarray(at).tolist()]
-
-    taken: list[Box] = [(x - 3, y - 3, x + 3, y + 3) for widths in series for x, y in placed(widths)]
-    data = zip(first.size, first.band, strict=True)
-    for name, at, (x, y) in zip(names, data, placed(first), strict=True):
-        long = row_labels([name], most=_NAME_WIDTH)[1] * MM * 72.0
-        beside = {"left": x + _BESIDE, "right": x - _BESIDE - long}
-        boxes: dict[tuple[str, float], Box] = {
-            (side, up): (start, y + up, start + long, y + up + _TALL)
-            for up in _HEIGHTS
-            for side, start in beside.items()
-        }
-        free = (
-            place
-            for place, box in boxes.items()
-            if left <= box[0] and box[2] <= right and not any(_overlap(box, other) for other in taken)
-        )
-        side, up = next(free, ("left", _HEIGHTS[0]))
-        taken.append(boxes[side, up])
-        over = _BESIDE if side == "left" else -_BESIDE
-        ax.annotate(name, at, xytext=(over, up), textcoords="offset points", ha=side, fontsize=_SIZE)
-
-
-def _overlap(box: Box, other: Box) -> bool:
-    return box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
 
 
 #: The axes of a map show at most this many times what qualifies.
 _BEYOND = 4.0
 
 
+Segments = Sequence[FloatArray]  # Per line of coupling damping: (n, 2) intervals of stiffness, N/m
+
+
 def draw_design(
     ax: Axes,
     damping: FloatArray,
-    intervals: Sequence[FloatArray],
+    intervals: Segments,
     *,
     stable: tuple[FloatArray, FloatArray] | None = None,
     coupling: tuple[float, float] | None = None,
+    ends: tuple[float, float] | None = None,
 ) -> None:
     """Draw the couplings that are stable and stay inside a boundary, by stiffness and damping."""
     if stable is not None:
@@ -246,23 +229,15 @@ def draw_design(
             linewidth=0.8,
             label="edge of the stable region",
         )
-    # One bar per line of b_c, up to half way to its neighbours; unlike a polygon, bars may split and join.
-    edges = np.concatenate([damping[:1], (damping[1:] + damping[:-1]) / 2, damping[-1:]])
-    bars = [
-        (low / 1e3, high / 1e3, edges[line], edges[line + 1])
-        for line, segments in enumerate(intervals)
-        for low, high in segments
-    ]
-    if bars:
+    boxes = _boxes(damping, intervals)
+    if len(boxes):
         label = "stable and inside the boundary"
-        shade_boxes(ax, np.array(bars), color=COLOURS["coupled"], alpha=0.35, label=label)
+        shade_boxes(ax, boxes, color=COLOURS["coupled"], alpha=0.35, label=label)
     else:
         ax.text(0.5, 0.5, "none qualifies", ha="center", color=COLOURS["quiet"], transform=ax.transAxes)
-    marks = [(coupling[0] / 1e3, coupling[1])] if coupling is not None else []
-    edge = [(float(stable[0].max()) / 1e3, float(stable[1].max()))] if stable is not None else []
-    right = _end([bar[1] for bar in bars], [mark[0] for mark in marks + edge])
-    top = _end([bar[3] for bar in bars], [mark[1] for mark in marks + edge])
-    for x, y in marks:
+    right, top = ends or design_ends(damping, [intervals], stable=stable, coupling=coupling)
+    if coupling is not None:
+        x, y = coupling[0] / 1e3, coupling[1]
         at = (min(x, right), min(y, top))
         ax.plot(
             [at[0]],
@@ -284,8 +259,32 @@ def draw_design(
     ax.set_xlabel("coupling stiffness (kN/m)")
 
 
-def _end(qualifying: Sequence[float], marked: Sequence[float]) -> float:
-    """Where an axis ends: behind what qualifies, and behind what is marked unless that is far out."""
-    most = max(qualifying, default=0.0)
-    shown = [min(value, _BEYOND * most) for value in marked] if most else marked
-    return 1.05 * max([most, *shown], default=1.0) or 1.0
+def design_ends(
+    damping: FloatArray,
+    maps: Sequence[Segments],
+    *,
+    stable: tuple[FloatArray, FloatArray] | None,
+    coupling: tuple[float, float] | None,
+) -> tuple[float, float]:
+    """Return where the axes of maps end: behind what qualifies, and behind what is marked if it is near."""
+    boxes = np.concatenate([np.zeros((1, 4)), *(_boxes(damping, intervals) for intervals in maps)])
+    most = boxes[:, [1, 3]].max(axis=0)
+    marks = [(coupling[0] / 1e3, coupling[1])] if coupling is not None else []
+    if stable is not None:
+        marks.append((float(stable[0].max()) / 1e3, float(stable[1].max())))
+    marked = np.array([*marks, (0.0, 0.0)]).max(axis=0)
+    if most.all():
+        marked = np.minimum(marked, _BEYOND * most)
+    right, top = 1.05 * np.maximum(most, marked)
+    return float(right or 1.0), float(top or 1.0)
+
+
+def _boxes(damping: FloatArray, intervals: Segments) -> FloatArray:
+    """Return a box per line of b_c, up to half way to its neighbours; boxes may split and join."""
+    edges = np.concatenate([damping[:1], (damping[1:] + damping[:-1]) / 2, damping[-1:]])
+    boxes = [
+        (low / 1e3, high / 1e3, edges[line], edges[line + 1])
+        for line, segments in enumerate(intervals)
+        for low, high in segments
+    ]
+    return np.array(boxes, dtype=float).reshape(-1, 4)

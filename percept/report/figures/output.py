@@ -53,6 +53,8 @@ _STYLE: Any = {
     "ytick.major.width": 0.6,
     "legend.fontsize": 6.8,
     "legend.frameon": False,
+    "legend.handlelength": 1.5,
+    "legend.columnspacing": 1.4,
     "lines.linewidth": 1.2,
     "lines.solid_capstyle": "butt",
     "path.simplify": True,
