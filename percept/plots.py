@@ -15,12 +15,10 @@ from scipy import stats
 from percept.errors import RefusalError, UsageError
 from percept.report.document import data_of, provenance
 from percept.report.figures.canvas import COLOURS
-from percept.report.figures.curves import draw_magnitude, draw_stability
+from percept.report.figures.curves import draw_magnitude, draw_stability, like_limits, reference_of
 from percept.report.figures.from_document import (
     band_series,
     bars_of,
-    like_limits,
-    reference_of,
     values_of,
 )
 from percept.report.figures.marks import draw_band, draw_intervals

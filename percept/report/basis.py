@@ -19,6 +19,7 @@ from percept.report.select import (
     distinct,
     escaped,
     family_of,
+    listed,
     makes_impedance,
     pointed,
     quantities_of,
@@ -260,7 +261,7 @@ def methods(document: Record) -> Section:
         "family": family_of(document),
         "kinds": kinds,
         "classical": "classical" in used,
-        "classical_kinds": _listed([_CLASSICAL[kind] for kind in kinds]),
+        "classical_kinds": listed([_CLASSICAL[kind] for kind in kinds]),
         "share_pointer": _SHARE if "share" in scene["inference"] else _LEVEL,
         "bayesian": "bayesian" in used,
         "model": _model(document),
@@ -306,10 +307,6 @@ def _model(document: Record) -> str:
         scatter += ", in proportion to the reference but for each environment’s own deviation"
     by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""
     return f"{', '.join(parts)}, and {scatter}{by_itself}"
-
-
-def _listed(texts: list[str]) -> str:
-    return " and ".join(text for text in (", ".join(texts[:-1]), *texts[-1:]) if text)
 
 
 @dataclass(frozen=True)

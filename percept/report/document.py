@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from percept.haptics import Device, stable_region
-from percept.report.findings import findings
+from percept.report.overview import findings
 from percept.report.plain import plain
 from percept.report.select import EACH_BY_ITSELF, distinct
 from percept.study.intervals import adjustments, design_counts, normality_tests

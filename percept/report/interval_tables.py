@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from percept.report.overview import digits_of
+from percept.report.numbers import digits_of
 from percept.report.select import (
     KINDS,
     METHODS,

@@ -92,3 +92,13 @@ def _written(value: float, digits: int, style: str) -> str:
         return f"{bare(rounded(100 * value, 1))}\u202f%"
     text = rounded(float(value), digits)
     return text if style == "fixed" else bare(text)
+
+
+def digits_of(value: float | str | None, lower: float | str | None, upper: float | str | None) -> int:
+    """Return the significant digits worth reading: to about a hundredth of an interval's half-width."""
+    limits = [float(limit) for limit in (lower, upper) if limit is not None]
+    width = max(limits, default=0.0) - min(limits, default=0.0)
+    size = abs(float(value)) if value is not None else 0.0
+    if not (0.0 < width < math.inf and 0.0 < size < math.inf):
+        return 4
+    return min(max(math.ceil(math.log10(size / (0.005 * width))), 2), 6)

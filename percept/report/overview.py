@@ -1,20 +1,21 @@
-"""The answer first: the findings in a few sentences, and a row for every quantity of every environment."""
+"""The answer first: the findings in a few sentences, a row per quantity and environment, and cautions."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from percept.report.numbers import bare, rounded
+from percept.errors import counted
+from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import (
-    KINDS,
     METHODS,
     Record,
     Section,
     distinct,
     families_of,
     first,
+    listed,
     makes_impedance,
     matching,
     pointed,
@@ -24,6 +25,29 @@ from percept.report.select import (
 #: More names than this are counted, not listed.
 _NAMED = 5
 _KIND = "user"  # whose boundary decides whether an environment feels real
+#: Fewer subjects than this are called few.
+_FEW = 5
+#: Of the reader's warnings the summary repeats the first.
+_WARNINGS = 4
+
+
+def findings(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Work out what the first screen says from the rest of the document."""
+    intervals = document["intervals"]
+    return {
+        "overview": overview(document),
+        "references": list(_references(intervals)),
+        "cautions": [
+            *_levels(document.get("contrast")),
+            *_left_out(document.get("skipped") or ()),
+            *_inaccurate(document.get("diagnostics")),
+            *_few(intervals),
+            *_below_zero(intervals, document["data"]["quantities"]),
+            *_active(document["passivity"]),
+            *_misfits(document.get("checks")),
+            *_warnings(document["data"]["doubts"]),
+        ],
+    }
 
 
 def overview(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -32,32 +56,25 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
     A row's numbers come from the Bayesian intervals of the study's family where there are any. `bias` is the
     estimate over the reference, less one; a reference of zero has none.
     """
-    rows = [row for cell in _cells(document) if (row := _row(document, *cell))]
-    realism = _realism(document)
+    intervals = matching(document["intervals"], joint="marginal")
+    best = {"method": METHODS[::-1], "family": families_of(document)}
+    rows = [
+        row
+        for environment in distinct(intervals, "environment")
+        for parameter in distinct(intervals, "parameter")
+        if (row := _row(matching(intervals, environment=environment, parameter=parameter), best))
+    ]
+    realism = _realism(document, best)
     labels = {name: quantity.label for name, quantity in quantities_of(document).items()}
     sentences = [*_biases(rows, labels), *_feelings(realism), *_stability(document)]
     sentences += _next_users(rows, labels)
     # The next user's ranges answer where no device lets percept judge what feels real.
-    return {"rows": rows, "realism": realism, "sentences": sentences[: max(3, len(_parameters(rows)) + 2)]}
+    most = max(3, len(distinct(rows, "parameter")) + 2)
+    return {"rows": rows, "realism": realism, "sentences": sentences[:most]}
 
 
-def _cells(document: Record) -> list[tuple[str, str]]:
-    intervals = document["intervals"]
-    return [
-        (environment, parameter)
-        for environment in distinct(intervals, "environment")
-        for parameter in distinct(intervals, "parameter")
-    ]
-
-
-def _parameters(rows: Iterable[Record]) -> list[str]:
-    return distinct(rows, "parameter")
-
-
-def _row(document: Record, environment: str, parameter: str) -> dict[str, Any] | None:
+def _row(alike: Sequence[Record], best: Mapping[str, Sequence[str]]) -> dict[str, Any] | None:
     """Return what the table says of one quantity of one environment."""
-    alike = matching(document["intervals"], environment=environment, parameter=parameter, joint="marginal")
-    best = {"method": METHODS[::-1], "family": families_of(document)}
     mean, user = (first(matching(alike, kind=kind), **best) for kind in ("mean", _KIND))
     shown = mean or user
     if shown is None:
@@ -84,7 +101,7 @@ def _over(interval: Record | None, name: str) -> float | None:
     return None if ratio is None else ratio - 1.0
 
 
-def _realism(document: Record) -> list[dict[str, Any]]:
+def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
     """Return whether each reference stays inside the next user's boundary at every ω, directly and coupled.
 
     The boundary is the exact envelope in the study's family, Bayesian where there is one. A departure is the
@@ -92,9 +109,7 @@ def _realism(document: Record) -> list[dict[str, Any]]:
     stiffness and damping, in widths of their limits. `breaks` names what an inadmissible coupling breaks.
     """
     coupling = document["coupling"] or {}
-    records = matching(coupling.get("realism") or (), kind=_KIND, shape="envelope")
-    records = [record for record in records if record["joint"] == "marginal"]
-    best = {"method": METHODS[::-1], "family": families_of(document)}
+    records = matching(coupling.get("realism") or (), kind=_KIND, shape="envelope", joint="marginal")
     chosen = [first(matching(records, environment=name), **best) for name in distinct(records, "environment")]
     return [
         {"environment": record["environment"], "method": record["method"], "family": record["family"]}
@@ -127,17 +142,19 @@ def _biases(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
     """Say for every quantity where users set too much and where too little."""
     several = len(distinct(rows, "environment")) > 1
     sentences = []
-    for parameter in _parameters(rows):
-        known = [row for row in matching(rows, parameter=parameter) if row["bias"] is not None]
-        clear = [row for row in known if row["bias_lower"] is not None and row["bias_upper"] is not None]
-        high = [row for row in clear if row["bias_lower"] > 0]
-        low = [row for row in clear if row["bias_upper"] < 0]
-        name = labels[parameter][:1].upper() + labels[parameter][1:]
+    for parameter in distinct(rows, "parameter"):
+        clear = [
+            row for row in matching(rows, parameter=parameter) if None not in (row["bias"], row["bias_lower"])
+        ]
         parts = [
             f"{_sizes(found)} too {word}{f' in {_names(found, clear)}' if several else ''}"
-            for word, found in (("high", high), ("low", low))
+            for word, found in (
+                ("high", [row for row in clear if row["bias_lower"] > 0]),
+                ("low", [row for row in clear if row["bias_upper"] is not None and row["bias_upper"] < 0]),
+            )
             if found
         ]
+        name = labels[parameter][:1].upper() + labels[parameter][1:]
         if parts:
             sentences.append(f"{name} is set {' and '.join(parts)}.")
         elif clear:
@@ -170,11 +187,6 @@ def _size(size: float) -> str:
 def _names(rows: Sequence[Record], of: Sequence[Record]) -> str:
     names = distinct(rows, "environment")
     return listed(names) if len(names) <= _NAMED else f"{len(names)} of {len(distinct(of, 'environment'))}"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Join names with commas and a final "and"."""
-    return " and ".join(text for text in (", ".join(names[:-1]), *names[-1:]) if text)
 
 
 def _feelings(realism: Sequence[Record]) -> list[str]:
@@ -211,12 +223,9 @@ def _stability(document: Record) -> list[str]:
 def _next_users(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
     """Say between which multiples of the reference the next user's settings lie."""
     sentences = []
-    for parameter in _parameters(rows):
-        known = [
-            row
-            for row in matching(rows, parameter=parameter)
-            if row["user_lower_ratio"] is not None and row["user_upper_ratio"] is not None
-        ]
+    for parameter in distinct(rows, "parameter"):
+        alike = matching(rows, parameter=parameter)
+        known = [row for row in alike if None not in (row["user_lower_ratio"], row["user_upper_ratio"])]
         if not known:
             continue
         by_width = sorted(known, key=lambda row: row["user_upper_ratio"] - row["user_lower_ratio"])
@@ -237,88 +246,146 @@ def summary(document: Record) -> Section:
     realism = {
         record["environment"]: record for record in pointed(shown["realism"], "/summary/overview/realism")
     }
-    rendered = [name for name in ("directly", "coupled") if any(name in row for row in realism.values())]
+    rendered = ("directly", "coupled") if realism else ()
     rows = [
         {
             **row,
             "digits": digits_of(row["estimate"], row["user_lower"], row["user_upper"]),
             "rows": len(matching(shown["rows"], environment=row["environment"])),
-            "real": [_rendered(realism.get(row["environment"]), name) for name in rendered],
+            "real": [
+                (found := realism.get(row["environment"]))
+                and {**found[name], "pointer": f"{found['pointer']}/{name}"}
+                for name in rendered
+            ],
         }
         for row in pointed(shown["rows"], "/summary/overview/rows")
     ]
     values = {
         "sentences": shown["sentences"],
         "rows": rows,
-        "panels": [f"overview_{name}" for name in _parameters(rows)],
+        "panels": [f"overview_{name}" for name in distinct(rows, "parameter")],
         "rendered": rendered,
-        "realism": bool(rendered),
         "method": rows[0]["method"] if rows else None,
         "family": rows[0]["family"] if rows else None,
         "data": document["data"],
         "quantities": quantities_of(document),
         "impedance": makes_impedance(document),
-        "references": _references(document),
-        "widths": _widths(document),
-        "laws": _laws(document),
+        "references": pointed(document["summary"]["references"], "/summary/references"),
         "cautions": document["summary"]["cautions"],
         "gate": (document["diagnostics"] or {}).get("gate"),
     }
     return Section("summary", "Summary", values)
 
 
-def _rendered(record: Record | None, name: str) -> dict[str, Any] | None:
-    if record is None or name not in record:
-        return None
-    return {**record[name], "pointer": f"{record['pointer']}/{name}"}
-
-
-def digits_of(value: float | str | None, lower: float | str | None, upper: float | str | None) -> int:
-    """Return the significant digits worth reading: to about a hundredth of an interval's half-width."""
-    limits = [float(limit) for limit in (lower, upper) if limit is not None]
-    width = max(limits, default=0.0) - min(limits, default=0.0)
-    size = abs(float(value)) if value is not None else 0.0
-    if not (0.0 < width < math.inf and 0.0 < size < math.inf):
-        return 4
-    return min(max(math.ceil(math.log10(size / (0.005 * width))), 2), 6)
-
-
-def _widths(document: Record) -> list[Record]:
-    """Return, per parameter, the widths of one kind and method: the next user's, Bayesian if there is one."""
-    rows = pointed(document["summary"]["widths"], "/summary/widths")
-    quantities = quantities_of(document)
-    preferred = (
-        first(
-            matching(rows, parameter=parameter),
-            kind=("user", "mean", "share"),
-            method=("bayesian", "classical"),
-            family=families_of(document),
+def _levels(contrast: list[Record] | None) -> Iterator[str]:
+    """Say what the levels of a factor are to everything but the contrasts."""
+    if contrast:
+        yield (
+            f"Each level of {contrast[0]['factor']} stands as a condition of its own. Only the section on "
+            f"{contrast[0]['factor']} compares levels within subjects."
         )
-        for parameter in quantities
-    )
-    return [{**row, "name": quantities[row["parameter"]].label} for row in preferred if row is not None]
 
 
-def _references(document: Record) -> list[dict[str, Any]]:
-    """Return the counts of references inside their intervals; families that agree share a sentence."""
-    sentences: dict[Any, dict[str, Any]] = {}
-    for row in pointed(document["summary"]["references"], "/summary/references"):
-        outside = tuple((cell["environment"], cell["parameter"]) for cell in row["outside"])
-        key = (row["method"], row["level"], row["inside"], row["of"], outside)
-        sentences.setdefault(key, {**row, "families": []})["families"].append(row["family"])
-    return list(sentences.values())
+def _left_out(skipped: Sequence[Record]) -> Iterator[str]:
+    """Say what the hierarchical model is missing, or that there is none."""
+    for row in skipped:
+        if row["what"].endswith(", in the hierarchical model"):
+            yield f"The hierarchical model leaves out {row['what'].partition(',')[0]}: {row['why']}."
+        elif row["what"] == "Bayesian intervals":
+            yield f"There are no Bayesian intervals: {row['why']}"
 
 
-def _laws(document: Record) -> list[Record]:
-    """Return the laws to quote: the best predictors for the average user, Bayesian if there are any."""
-    every, quantities = (document["band"] or {}).get("laws") or (), quantities_of(document)
-    found = list[Record]()
-    for parameter in dict.fromkeys(law.get("parameter") for law in every):
-        laws = matching(every, parameter=parameter)
-        preferred = first(laws, kind=KINDS, method=("bayesian", "classical"), family=families_of(document))
-        if preferred is not None:
-            alike = matching(laws, **{name: preferred[name] for name in ("kind", "method", "family")})
-            best = min(alike, key=lambda law: (law["left_out_error"] is None, law["left_out_error"]))
-            size = "impedance" if parameter is None else f"the reference {quantities[parameter].label}"
-            found.append({**best, "size": size})
-    return found
+def _inaccurate(diagnostics: Record | None) -> Iterator[str]:
+    gate = diagnostics["gate"] if diagnostics else None
+    if gate and gate["passed"] and not gate["tolerance_met"]:
+        yield gate["error_reached"]
+
+
+def _few(intervals: list[Record]) -> Iterator[str]:
+    subjects = max((row["n"] for row in intervals), default=_FEW)
+    if subjects < _FEW:
+        rest = {
+            "classical": f"classical limits rest on {counted(subjects - 1, 'degree')} of freedom",
+            "bayesian": "Bayesian limits rest largely on the priors",
+        }
+        methods = [rest[method] for method in METHODS if matching(intervals, method=method)]
+        yield f"{subjects} subjects are few: {', '.join(methods)}."
+
+
+def _below_zero(intervals: list[Record], quantities: Mapping[str, Record]) -> Iterator[str]:
+    cells: dict[str, dict[str, None]] = {}
+    for row in matching(intervals, family="normal", joint="marginal"):
+        if row["lower"] is not None and float(row["lower"]) < 0 <= (row["reference"] or 0.0):
+            cells.setdefault(row["kind"], {})[f"{row['parameter']} of {row['environment']}"] = None
+    if cells:
+        labels = " or ".join(record["label"] for record in quantities.values())
+        where = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in cells.items())
+        yield (
+            f"Some limits of the normal family are below zero, where no environment's {labels} is "
+            f"({where}). Those of the lognormal family never are."
+        )
+
+
+def _active(passivity: list[Record] | None) -> Iterator[str]:
+    names = [row["environment"] for row in passivity or () if not row["passive"]]
+    if names:
+        yield (
+            f"Without a coupling this device has too little damping to render {', '.join(names)} passively "
+            "(Colgate and Schenkel): such references may chatter, and adjustments to them may be biased."
+        )
+
+
+def _misfits(checks: Record | None) -> Iterator[str]:
+    """Say what the checks of the model found."""
+    if not checks:
+        return
+    for family in distinct(checks["normality"], "family"):
+        rows = matching(checks["normality"], family=family)
+        # Bonferroni over the cells tested: a study of many cells is not alarmed by chance.
+        cells = [
+            f"{row['parameter']} of {row['environment']}" for row in rows if row["p_value"] * len(rows) < 0.05
+        ]
+        if cells:
+            yield (
+                f"Shapiro–Wilk tests reject the {family} family, which its classical intervals assume, for "
+                f"{', '.join(cells)}."
+            )
+    if checks.get("loo"):
+        yield from checks["loo"]["messages"]
+        unusual = [
+            f"{row['statistic']} of {row['parameter']} in {row['environment']}"
+            for row in checks["statistics"]
+            if row["unusual"]
+        ]
+        if unusual:
+            yield f"The hierarchical model does not reproduce the {'; '.join(unusual)}."
+
+
+def _warnings(warnings: list[Record]) -> Iterator[str]:
+    for warning in warnings[:_WARNINGS]:
+        where = f"{warning['file']}:{warning['row']}: " if warning["file"] else ""
+        yield f"{where}{warning['text']}{'' if warning['text'].endswith(('?', '.')) else '.'}"
+    if len(warnings) > _WARNINGS:
+        yield f"Data lists {len(warnings) - _WARNINGS} more to look at."
+
+
+def _references(intervals: list[Record]) -> Iterator[dict[str, Any]]:
+    """Count, by method and family, the references inside the interval of the average user."""
+    for method in METHODS:
+        rows = matching(intervals, method=method, kind="mean", joint="marginal")
+        rows = [row for row in rows if None not in (row["reference"], row["lower"], row["upper"])]
+        for family in distinct(rows, "family"):
+            cells = matching(rows, family=family)
+            outside = [
+                {name: row[name] for name in ("environment", "parameter")}
+                for row in cells
+                if not float(row["lower"]) <= row["reference"] <= float(row["upper"])
+            ]
+            yield {
+                "method": method,
+                "family": family,
+                "level": cells[0]["level"],
+                "inside": len(cells) - len(outside),
+                "of": len(cells),
+                "outside": outside,
+            }

@@ -100,6 +100,11 @@ def ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[st
     return [name for name in names if name in present]
 
 
+def listed(names: Sequence[str]) -> str:
+    """Join names with commas and a final "and"."""
+    return " and ".join(text for text in (", ".join(names[:-1]), *names[-1:]) if text)
+
+
 def first(records: Iterable[Record], **preferred: Sequence[Any]) -> Record | None:
     """Return the record that stands highest in every preference, earlier fields weighing more."""
     accepted = [

@@ -10,7 +10,7 @@ from scipy import stats
 from percept import Scene, Study, haptics, read_sessions
 from percept.report import build_document, dumps
 from percept.report.document import SCHEMA, design_of
-from percept.report.findings import findings
+from percept.report.overview import findings
 from tests.study.checked import study_of, table_of
 
 from .conftest import DATASETS, scene_of
@@ -90,18 +90,6 @@ def test_six_references_of_the_paper_lie_outside_their_own_interval(classical):
     assert outside == {("VE1", "k"), ("VE3", "k"), ("VE4", "k"), ("VE5", "k"), ("VE2", "b"), ("VE5", "b")}
 
 
-def test_widths_are_relative_to_the_reference(classical):
-    (row,) = [
-        row
-        for row in classical["summary"]["widths"]
-        if (row["family"], row["parameter"], row["kind"]) == ("normal", "k", "mean")
-    ]
-    assert row["narrowest"]["environment"] == "VE4"
-    assert row["narrowest"]["width"] == pytest.approx((24968 - 23316) / 25000, abs=1e-4)
-    assert row["widest"]["environment"] == "VE1"
-    assert row["widest"]["width"] == pytest.approx((19.02 - 10.808) / 10, abs=1e-4)
-
-
 def test_what_has_no_reference_or_limit_is_not_counted(classical):
     nothing = {
         "boundaries": [],
@@ -116,7 +104,7 @@ def test_what_has_no_reference_or_limit_is_not_counted(classical):
     assert {row["of"] for row in findings(document)["references"]} == {8}
     empty = findings({"intervals": [], **nothing})
     assert empty.pop("overview") == {"rows": [], "realism": [], "sentences": []}
-    assert empty == {"references": [], "widths": [], "cautions": []}
+    assert empty == {"references": [], "cautions": []}
 
 
 def test_a_summary_and_a_scene_without_device_are_documents_too():

@@ -11,9 +11,15 @@ from matplotlib.figure import Figure
 
 from percept import haptics
 from percept.report.figures.canvas import COLOURS, Drawing, common_range, panels
-from percept.report.figures.curves import Limits, draw_magnitude, draw_ratio, draw_stability, ratio_range
-from percept.report.figures.from_document import (
+from percept.report.figures.curves import (
+    Limits,
     boundary_drawings,
+    draw_magnitude,
+    draw_ratio,
+    draw_stability,
+    ratio_range,
+)
+from percept.report.figures.from_document import (
     design_drawings,
     drawings,
     interval_drawings,
@@ -47,17 +53,6 @@ def file(drawing, form="svg"):
 def test_there_is_a_figure_of_everything_with_data(found):
     curves = {"boundaries", "boundaries_close", "ratios", "stability", "design"}
     assert found.keys() == curves | {"overview_k", "overview_b", "intervals_k", "intervals_b", "band"}
-
-
-def test_more_environments_make_more_figures_of_ratios(classical):
-    document = copy.deepcopy(classical)
-    document["boundaries"] = [
-        {**row, "environment": f"{row['environment']}{again}"}
-        for row in document["boundaries"]
-        for again in "ab"
-    ]
-    names = [drawing.name for drawing in boundary_drawings({**document, "zoom": {}})]
-    assert names == ["boundaries", "ratios_1", "ratios_2"]
 
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])

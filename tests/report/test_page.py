@@ -413,19 +413,6 @@ def test_the_hold_and_the_share_are_in_words_of_the_methods(classical, hold, sai
     assert "limits of a share of users hold 75 % of them with confidence 95 %" in words
 
 
-def test_widths_in_the_summary_are_of_the_kind_they_name(classical):
-    whose = {
-        "mean": "interval of the average user",
-        "user": "next-user interval",
-        "share": "interval of the stated share of users",
-    }
-    said = [line for line in page_of(classical).splitlines() if 'data-at="/summary/widths/' in line]
-    assert len(said) > 1
-    for line in said:
-        place = int(re.search(r"/summary/widths/(\d+)/", line)[1])
-        assert f", the {whose[classical['summary']['widths'][place]['kind']]} spans" in line
-
-
 def test_inside_is_said_of_the_reference_first_and_of_the_coupling_then(classical):
     document = copy.deepcopy(classical)
     document["readings"][0].update(lower=[1.0], upper=[2.0], reference=[1.5], coupled=[3.0])

@@ -95,20 +95,6 @@ def test_environments_are_told_apart_where_their_intervals_say_different_things(
     }
 
 
-@pytest.mark.parametrize("step", [1, -1])
-def test_the_law_that_predicts_best_is_quoted_wherever_it_stands(classical, step):
-    document = copy.deepcopy(classical)
-    document["band"]["laws"] = document["band"]["laws"][::step]
-    (quoted,) = section(document, "summary")["laws"]
-    alike = [
-        law
-        for law in classical["band"]["laws"]
-        if all(law[name] == quoted[name] for name in ("kind", "method", "family"))
-    ]
-    assert len(alike) > 1
-    assert quoted["left_out_error"] == min(law["left_out_error"] for law in alike)
-
-
 REGRESSION = "a regression of bias on the logarithm of the reference with a deviation for each environment"
 SHARED = "subject effects shared by all environments"
 PAIR = " and correlated between stiffness and damping"

@@ -32,6 +32,8 @@ COLOURS = {
 
 #: Inches.
 MM = 1 / 25.4
+#: mm, a figure as wide as the page.
+WIDE = 175.0
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from percept.report.figures.canvas import (
+    WIDE,
     Drawing,
     legend_below,
     legend_beside,
@@ -18,7 +19,7 @@ from percept.report.figures.canvas import (
     panels,
     row_labels,
 )
-from percept.report.figures.curves import Limits, draw_magnitude, draw_ratio, draw_stability, ratio_range
+from percept.report.figures.curves import boundary_drawings, stability_drawings
 from percept.report.figures.marks import (
     Bar,
     Widths,
@@ -36,7 +37,6 @@ from percept.report.select import (
     Record,
     array,
     distinct,
-    each_by_itself,
     families_of,
     first,
     matching,
@@ -44,23 +44,17 @@ from percept.report.select import (
 )
 
 FloatArray = NDArray[np.float64]
-_WIDE = 175.0  # mm, a figure as wide as the page
 _BARS = {
     "mean": "Thick: the average user, with a mark at the estimate",
     "user": "thin: the next user",
     "share": "thinnest: a share of users",
 }
-_WHOM = {"mean": "the average user", "user": "the next user", "share": "a share of all users"}
-#: The next user's boundary decides what feels real.
-_SHOWN_FIRST = ("user", "mean", "share")
 _LAWS = {"weber": "Weber", "offset": "Weber with offset", "power": "power law"}
 # Left margin of intervals, mm: at least that of short names, at most what leaves the bars half of the width.
 _LEAST_MARGIN, _MOST_MARGIN = 12.0, 26.0
 # Between a label and the axis, and to the edge of the figure, mm; other viewers' lettering may be wider.
 _MARGIN_BESIDE = 4.0
-_COLUMNS = 5  # most panels side by side
-_STRIPS = 8  # environments in one figure of ratios
-_STRIP_TITLE = 14.0  # width, mm
+_COLUMNS = 6  # most panels side by side
 
 
 def drawings(document: Record) -> list[Drawing]:
@@ -172,154 +166,6 @@ def values_of(document: Record, environment: str, parameter: str) -> FloatArray:
     return array(cells[0]["values"]) / cells[0]["reference"]
 
 
-def boundary_drawings(document: Record) -> list[Drawing]:
-    """Return the boundaries over ω, limits over the reference, and close views that the scene asks for."""
-    families = families_of(document)
-    rows = {
-        name: [row for row in matching(document["boundaries"], environment=name) if each_by_itself(row)]
-        for name in distinct(document["boundaries"], "environment")
-    }
-    if not rows:
-        return []
-    kind = next(kind for kind in _SHOWN_FIRST if any(matching(some, kind=kind) for some in rows.values()))
-    near = {
-        name: found
-        for name in document["zoom"]
-        if (found := matching(document["close"], environment=name, kind=kind))
-    }
-    names = list(rows)
-    groups = [names[start : start + _STRIPS] for start in range(0, len(names), _STRIPS)]
-    return [
-        _curves_drawing("boundaries", rows, kind, families, log=True),
-        *(
-            _ratio_drawing({name: rows[name] for name in group}, index if len(groups) > 1 else 0, families)
-            for index, group in enumerate(groups, start=1)
-        ),
-        *([_curves_drawing("boundaries_close", near, kind, families, log=False)] if near else []),
-    ]
-
-
-def _curves_drawing(
-    name: str, rows: Mapping[str, list[Record]], kind: str, families: Sequence[str], *, log: bool
-) -> Drawing:
-    """Draw the boundary of each environment in a panel of its own; close views have axes of their own."""
-    limits = {environment: like_limits(some, kind, families) for environment, some in rows.items()}
-    coupled = any(record.get("coupled") is not None for some in rows.values() for record in some)
-    shape = next(pair.label for pairs in limits.values() for pair in pairs).partition(", ")[2]
-    columns, gap = (min(max(len(rows), 3), _COLUMNS), 6.0 if log else 12.0)
-
-    def draw(figure: Figure) -> None:
-        axes = panels(figure, len(rows), columns=columns, bottom=17, gap=gap, line=8 if log else 14)
-        titles, _ = row_labels(list(rows), most=(_WIDE - 17.0) / columns - gap)
-        for ax, title, (environment, some) in zip(axes, titles, rows.items(), strict=True):
-            draw_magnitude(ax, array(some[0]["omega"]), limits[environment], *reference_of(some[0]), log=log)
-            ax.set_title(title, loc="left")
-            ax.set_xlabel("ω (rad/s)")
-        if log:
-            ends = np.array([ax.get_ylim() for ax in axes])
-            for ax in axes:
-                ax.set_ylim(ends.min(), ends.max())
-            outer_labels(axes, columns)
-        for index, ax in enumerate(axes):
-            ax.set_ylabel("" if index % columns else "|Zₕ| (N·s/m)")
-        legend_below(axes[0], columns=4)
-
-    return Drawing(
-        name,
-        f"Boundaries of |Z_h| for {_WHOM[kind]}" + ("" if log else ", close views"),
-        f"What {_WHOM[kind]} takes for the reference lies between the limits ({shape}). "
-        f"Dashed: the reference.{' Dotted: the reference through the coupling.' * coupled}",
-        (_WIDE, 15.0 + 42.0 * -(-len(rows) // columns)),
-        draw,
-    )
-
-
-def _ratio_drawing(rows: Mapping[str, list[Record]], index: int, families: Sequence[str]) -> Drawing:
-    """Draw limits over the reference: a row of panels per environment, a column per kind, axes shared."""
-    kinds = [kind for kind in KINDS if any(like_limits(some, kind, families) for some in rows.values())]
-    cells = {
-        (name, kind): pairs
-        for name, some in rows.items()
-        for kind in kinds
-        if (pairs := like_limits(some, kind, families))
-    }
-    limits = ratio_range(list(cells.values()))
-
-    def draw(figure: Figure) -> None:
-        axes = panels(figure, len(rows) * len(kinds), columns=len(kinds), left=20, bottom=17, gap=6, line=2.5)
-        names, _ = row_labels(list(rows), most=_STRIP_TITLE)
-        for position, ax in enumerate(axes):
-            line, column = divmod(position, len(kinds))
-            name, kind = list(rows)[line], kinds[column]
-            row = rows[name][0]
-            draw_ratio(
-                ax, array(row["omega"]), cells.get((name, kind), []), *reference_of(row), limits=limits
-            )
-            ax.set_ylabel(names[line])
-            if line == 0:
-                ax.set_title(f"{kind}: {KIND_NAMES[kind]}", loc="left")
-        outer_labels(axes, len(kinds))
-        legend_below(axes[0], columns=4)
-
-    coupled = any(row.get("coupled") is not None for some in rows.values() for row in some)
-    return Drawing(
-        f"ratios_{index}" if index else "ratios",
-        "Limits divided by the reference’s |Z_h|",
-        "One family and one shape for each kind. Dashed, at 1: the reference"
-        + ("; dotted: the reference through the coupling." if coupled else ".")
-        + " An arrow with a value marks a curve that leaves the axis.",
-        (_WIDE, 21.0 + 15.5 * len(rows)),
-        draw,
-    )
-
-
-def like_limits(rows: list[Record], kind: str, families: Sequence[str]) -> list[Limits]:
-    """Return the boundaries of both methods in one family and one shape."""
-    for shape in ("envelope", "pointwise"):
-        alike = matching(rows, kind=kind, shape=shape)
-        chosen = [first(matching(alike, method=method), family=families) for method in reversed(METHODS)]
-        if limits := [_limits(row) for row in chosen if row is not None]:
-            return limits
-    return []
-
-
-def _limits(row: Record) -> Limits:
-    label = f"{METHOD_NAMES[row['method']]}, {row['shape']} ({row['family']})"
-    curves = (array(row[name]) for name in ("omega", "lower", "upper", "reference"))
-    return Limits(label, row["method"], *curves)
-
-
-def reference_of(row: Record) -> tuple[FloatArray, FloatArray | None]:
-    """Return a boundary's reference, and it through the coupling where there is one."""
-    coupled = row.get("coupled")
-    return array(row["reference"]), None if coupled is None else array(coupled)
-
-
-def stability_drawings(coupling: Record | None) -> list[Drawing]:
-    """Return the stability criterion over ω (Fig. 4)."""
-    if not coupling or not coupling.get("bound"):
-        return []
-    label = "this coupling"
-    omega, binding = array(coupling["omega"]), coupling["binding_omega"]
-    inside = binding is not None and omega[0] <= float(binding) <= omega[-1]
-
-    def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18, top=3)
-        admittance = {label: array(coupling["admittance"])}
-        marks = {label: float(binding)} if inside else None
-        draw_stability(ax, omega, array(coupling["bound"]), admittance, binding=marks)
-
-    return [
-        Drawing(
-            "stability",
-            "Stability of the coupling over the angular frequency",
-            "The real part of the coupling’s admittance 1/Z_c has to stay above the lower bound.",
-            (120.0, 50.0),
-            draw,
-        )
-    ]
-
-
 def design_drawings(document: Record) -> list[Drawing]:
     """Return the map of couplings that qualify."""
     design, used = document["design"], document["provenance"]["scene"].get("coupling")
@@ -328,7 +174,7 @@ def design_drawings(document: Record) -> list[Drawing]:
     best = first(design["maps"], method=METHODS[::-1])
     assert best is not None
     regions, edge, damping = best["environments"], design["stable"], array(best["damping"])
-    columns = min(max(len(regions), 3), _COLUMNS + 1)
+    columns = min(max(len(regions), 3), _COLUMNS)
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(regions), columns=columns, bottom=17, gap=3, line=8)
@@ -357,7 +203,7 @@ def design_drawings(document: Record) -> list[Drawing]:
             "Shaded: stable with this device, and inside the next user’s boundary "
             f"({METHOD_NAMES[best['method']]}, {design['family']}), by |Z_h| and by effective stiffness and "
             "damping, at every ω, to 0.1 %." + (f" {said[0].upper()}{said[1:]}." if said else ""),
-            (_WIDE, 15.0 + 42.0 * -(-len(regions) // columns)),
+            (WIDE, 15.0 + 42.0 * -(-len(regions) // columns)),
             draw,
         )
     ]
