@@ -100,8 +100,8 @@ def references_of(texts: Sequence[str]) -> dict[str, float]:
 def _left_out(study: Study, arguments: argparse.Namespace) -> None:
     from percept.files import filled_folder
     from percept.provenance import made_by
-    from percept.report.left_out import left_out_document, left_out_markdown
     from percept.report.plain import dumps
+    from percept.report.tables import left_out_document, left_out_markdown
     from percept.study.prediction import leave_one_environment_out
 
     document = left_out_document(study, leave_one_environment_out(study))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, reduce
 from importlib import resources
 from typing import Any, NamedTuple
@@ -201,22 +200,23 @@ def checks(document: Record) -> Section | None:
             tables.append(
                 {**table._asdict(), "caption": caption, "pointer": f"/checks/{table.steps}", "rows": rows}
             )
-    if not bayesian:
-        return Section("checks", "Checks of the model", {"messages": [], "tables": tables, "bayesian": False})
+    messages = _messages(record) if bayesian else []
+    values = {"messages": messages, "tables": tables, "bayesian": bayesian}
+    return Section("checks", "Checks of the model", values)
+
+
+def _messages(record: Record) -> list[str]:
     messages = list(record["loo"]["messages"])
     refitted = [row["subject"] for row in record["loo"]["subjects"] if row["refitted"]]
     if refitted:
         messages.append(f"Sampled again without each of {', '.join(refitted)}: their rows below are exact.")
     if record["models"]:
         messages += [record["models"]["sentence"], *record["models"]["failed"]]
-    messages += [
+    return messages + [
         f"The {row['statistic']} of {row['parameter']} in {row['environment']} is unusual for the model."
         for row in record["statistics"]
         if row["unusual"]
     ]
-    return Section(
-        "checks", "Checks of the model", {"messages": messages, "tables": tables, "bayesian": True}
-    )
 
 
 def data(document: Record) -> Section:
@@ -269,7 +269,7 @@ def methods(document: Record) -> Section:
         "subjects": max((row["n"] for row in intervals), default=0),
         "version": document["provenance"]["versions"]["percept"],
         "references": references,
-        "numbers": {reference.key: rank for rank, reference in enumerate(references, start=1)},
+        "numbers": {reference["key"]: rank for rank, reference in enumerate(references, start=1)},
         "bibtex": bibtex(document),
     }
     return Section("methods", "Methods, ready to paste", values)
@@ -309,30 +309,15 @@ def _model(document: Record) -> str:
     return f"{', '.join(parts)}, and {scatter}{by_itself}"
 
 
-@dataclass(frozen=True)
-class Reference:
-    """A work to cite."""
-
-    key: str  # BibTeX key
-    entry: str  # BibTeX entry type
-    text: str  # As it stands in a list of references
-    fields: Mapping[str, str]  # BibTeX fields
-
-    @property
-    def bibtex(self) -> str:
-        """The BibTeX entry."""
-        body = ",\n".join(f"  {name} = {{{value}}}" for name, value in self.fields.items())
-        return f"@{self.entry}{{{self.key},\n{body}\n}}\n"
-
-
 @cache
-def _references() -> tuple[Reference, ...]:
+def _references() -> tuple[Record, ...]:
+    """Return works to cite: key, entry type and fields of BibTeX, and the text for a list."""
     text = resources.files("percept.report").joinpath("references.toml").read_text(encoding="utf-8")
     tables = tomllib.loads(text.replace("{version}", __version__))
-    return tuple(Reference(key, **table) for key, table in tables.items())
+    return tuple({"key": key, **table} for key, table in tables.items())
 
 
-def cited(document: Record) -> list[Reference]:
+def cited(document: Record) -> list[Record]:
     """Return what the methods paragraph of a document cites, in order."""
     methods = {row["method"] for row in document["intervals"]}
     needed = {"percept"} | ({"boundaries"} if makes_impedance(document) else set())
@@ -342,24 +327,21 @@ def cited(document: Record) -> list[Reference]:
         needed |= {"emcee", "cotter2013", "vehtari2021"}
     if document["provenance"]["scene"].get("coupling") and makes_impedance(document):
         needed.add("adams1999")
-    return [reference for reference in _references() if reference.key in needed]
+    return [reference for reference in _references() if reference["key"] in needed]
 
 
 def bibtex(document: Record) -> str:
     """Return the BibTeX entries of what a document cites."""
-    return "\n".join(reference.bibtex for reference in cited(document))
+    entries = []
+    for reference in cited(document):
+        fields = ",\n".join(f"  {name} = {{{value}}}" for name, value in reference["fields"].items())
+        entries.append(f"@{reference['entry']}{{{reference['key']},\n{fields}\n}}\n")
+    return "\n".join(entries)
 
 
 def provenance(document: Record) -> Section:
     """Return where the numbers come from: versions, seed, files and every setting of the scene."""
-    record = document["provenance"]
-    settings = [
-        {"table": table, "key": key, "value": value}
-        for table, entries in record["scene"].items()
-        if isinstance(entries, Mapping)
-        for key, value in entries.items()
-    ]
-    return Section("provenance", "Provenance", {"provenance": record, "settings": settings})
+    return Section("provenance", "Provenance", {"provenance": document["provenance"]})
 
 
 def skipped(document: Record) -> Section | None:

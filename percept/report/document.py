@@ -42,7 +42,7 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     -------
     dict
         ``schema``, ``provenance``, ``data``, ``intervals``, ``contrast``, ``boundaries`` with their ``zoom``
-        windows, ``close`` views and ``readings`` at one frequency, ``passivity``, ``coupling``, ``band``,
+        windows, and ``close`` views, ``passivity``, ``coupling``, ``band``,
         ``design``, ``sensitivity``, ``comparison``, ``ladder``, ``diagnostics``, ``checks``, ``skipped``, and
         what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
         of the tables: units of the quantities, and N/m, N·s/m, rad/s,
@@ -61,7 +61,6 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         "boundaries": boundaries,
         "zoom": windows,
         "close": _close_views(study, windows),
-        "readings": _readings(study) if boundaries else [],
         "passivity": plain(study.passivity) if curves else None,
         "coupling": plain(study.coupling) if curves else None,
         "band": plain(study.band) if curves else None,
@@ -139,12 +138,6 @@ def _close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[
             np.linspace(low, high, _CLOSE_POINTS), (name,), kinds=kinds, joints=EACH_BY_ITSELF
         )
     ]
-
-
-def _readings(study: Study) -> list[dict[str, Any]]:
-    """Evaluate every boundary at one frequency: 10 rad/s, or the middle of a range without it."""
-    omega = np.array([study.scene.frequency.read_at])
-    return [plain(record) for record in study.boundaries_at(omega, joints=EACH_BY_ITSELF)]
 
 
 def design_of(study: Study) -> dict[str, Any] | None:

@@ -75,16 +75,20 @@ def _matrix(rows: list[Record], families: Sequence[str], quantity: Quantity) -> 
             {
                 "environment": environment,
                 "reference": next(f"{cell['pointer']}/reference" for cell in cells if cell),
-                "cells": [cell and _cell(cell) for cell in cells],
+                "cells": [
+                    cell
+                    and {
+                        "pointer": cell["pointer"],
+                        "digits": [
+                            digits_of(cell[end], cell["lower"], cell["upper"]) for end in ("lower", "upper")
+                        ],
+                    }
+                    for cell in cells
+                ],
             }
             for environment, cells in shown
         ],
     }
-
-
-def _cell(row: Record) -> dict[str, Any]:
-    limits = row["lower"], row["upper"]
-    return {"pointer": row["pointer"], "digits": [digits_of(limit, *limits) for limit in limits]}
 
 
 def interval_tables(document: Record) -> list[dict[str, Any]]:

@@ -94,44 +94,12 @@ def boundaries(document: Record) -> Section | None:
         return None
     names = distinct(records, "environment")
     values = {
-        "environments": [_environment(document, name) for name in names],
         "quantities": " and ".join(distinct(document["intervals"], "parameter")),
-        "figures": ["ratios", *(f"ratios_{index}" for index in range(1, 1 + len(names)))],
         "shapes": [{"name": name, "meaning": _SHAPES[name]} for name in ordered(_SHAPES, records, "shape")],
         "curves": [curves for name in names if (curves := _curves(document, name)) is not None],
-        "coupled": any(record.get("coupled") is not None for record in records),
         "worst": worst_curve(records),
     }
     return Section("boundaries", "Realistic performance boundaries", values)
-
-
-def _environment(document: Record, name: str) -> dict[str, Any]:
-    labels = ("kind", "method", "family", "joint", "shape")
-    errors = {
-        tuple(record[label] for label in labels): f"{record['pointer']}/error"
-        for record in pointed(document["boundaries"], "/boundaries")
-        if record["environment"] == name
-    }
-    rows = [
-        {
-            **{field: record[field] for field in ("kind", "method", "family", "shape", "pointer")},
-            "inside": _inside(record),
-            "error": errors[tuple(record[label] for label in labels)],
-        }
-        for record in pointed(document["readings"], "/readings")
-        if record["environment"] == name
-    ]
-    rows.sort(key=lambda row: (KINDS.index(row["kind"]), METHODS.index(row["method"])))
-    return {"name": name, "rows": rows}
-
-
-def _inside(record: Record) -> dict[str, bool | None]:
-    """Say whether the reference and the coupled reference lie between the two limits."""
-    low, high = sorted(float(record[side][0]) for side in ("lower", "upper"))
-    return {
-        name: None if record.get(name) is None else low <= float(record[name][0]) <= high
-        for name in ("reference", "coupled")
-    }
 
 
 def _curves(document: Record, name: str) -> dict[str, Any] | None:
@@ -255,8 +223,6 @@ def device(document: Record) -> Section | None:
     values = {
         "sensitivity": sensitivity,
         "kinds": list(sensitivity["inside"]),
-        "rows": range(len(sensitivity["damping"])),
-        "columns": range(len(sensitivity["mass"])),
         "own": list(sensitivity["own"]),
     }
     return Section("device", "Sensitivity to device mass and damping", values)

@@ -13,7 +13,7 @@ from scipy import stats
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.inference.hierarchy.models import Pooled, Product, new_environment
 from percept.inference.sampling.endpoints import mixture_quantile
-from percept.report.left_out import left_out_document, left_out_markdown
+from percept.report.tables import left_out_document, left_out_markdown
 from percept.sessions import Sessions
 from percept.study.prediction import LeftOut, expected_users, leave_one_environment_out, predict
 from tests import DATASETS

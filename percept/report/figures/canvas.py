@@ -17,6 +17,8 @@ from matplotlib.path import Path
 from matplotlib.textpath import text_to_path
 from numpy.typing import ArrayLike, NDArray
 
+from percept.report.numbers import SUPERSCRIPT
+
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them apart as well.
 # The names come from the page's style sheet, where the dark page has its own values.
 COLOURS = {
@@ -119,8 +121,12 @@ def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:
         ax.set(**{f"{name}scale": "log"})
         axis = {"x": ax.xaxis, "y": ax.yaxis}[name]
         axis.minorticks_off()
-        if plain:
-            axis.set_major_formatter("{x:g}")
+        # In letters: matplotlib's formulas take longer than the figure.
+        axis.set_major_formatter("{x:g}" if plain else _power_of_ten)
+
+
+def _power_of_ten(x: float, _: object) -> str:
+    return f"10{str(round(np.log10(x))).translate(SUPERSCRIPT)}"
 
 
 def legend_below(ax: Axes, *, columns: int = 2) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation
 
 from percept.report.figures.canvas import COLOURS, MM, Drawing
 
@@ -82,8 +81,6 @@ _ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
 _BREAK_INSIDE = re.compile(r"\s*\n\s*(?=[^<\s])")
 _INDENT = re.compile(r"\s*\n\s*")
 _REFERENCE = re.compile(r'(url\(|href=")#([^)"]+)')
-_POWER = re.compile(r"\^\{([^}]*)\}")
-_RAISED = str.maketrans("-−0123456789.", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹·")
 
 
 def draw_all(
@@ -105,7 +102,6 @@ def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], s
     with rc_context(_STYLE):
         figure = Figure(figsize=(drawing.size[0] * MM, drawing.size[1] * MM))
         drawing.draw(figure)
-        _plain_powers(figure)
         elements = _elements(_saved(figure, "svg", dpi=72).decode("utf-8"))
         files = {
             form: _svg_file(drawing, elements)
@@ -171,20 +167,3 @@ def _inline(drawing: Drawing, elements: str) -> str:
         f'<desc id="{prefix}desc">{escape(drawing.description)}</desc>\n'
         f"{_TAG.sub(own, elements)}\n</svg>"
     )
-
-
-class _PlainPowers(LogFormatterSciNotation):
-    """Labels what matplotlib labels, in letters: its formulas take longer than the figure."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        label = super().__call__(x, pos).removeprefix("$\\mathdefault{").removesuffix("}$")
-        return _POWER.sub(lambda power: power[1].translate(_RAISED), label).replace("\\times", "×")
-
-
-def _plain_powers(figure: Figure) -> None:
-    """Write 10⁻³ on every logarithmic axis whose labels are matplotlib's own."""
-    for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)):
-        if type(axis.get_major_formatter()) is LogFormatterSciNotation:
-            axis.set_major_formatter(_PlainPowers())
-        if type(axis.get_minor_formatter()) is LogFormatterSciNotation:
-            axis.set_minor_formatter(_PlainPowers(labelOnlyBase=False))
