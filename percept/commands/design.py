@@ -125,7 +125,7 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--advice",
         action="store_true",
-        help="simulate what percept compare recommends a method by (half an hour on two cores)",
+        help="simulate what percept compare recommends a method by; it resumes",
     )
     add_worker_arguments(parser)
     parser.add_argument("--out", default="coverage", metavar="DIR", help="folder to write into (coverage)")
