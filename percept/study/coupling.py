@@ -117,11 +117,7 @@ def study_coupling(
 
 
 def _verdicts(
-    setup: Setup,
-    coupling: Coupling,
-    regions: Sequence[Region],
-    within: tuple[float, float],
-    read_at: float,
+    setup: Setup, coupling: Coupling, regions: Sequence[Region], within: tuple[float, float], read_at: float
 ) -> Iterator[dict[str, Any]]:
     """Judge every reference against its rectangles, and their corners, at every omega of a range, rad/s."""
     for region in regions:

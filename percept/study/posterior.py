@@ -43,10 +43,7 @@ def posterior_tree(fit: Fit, *, seed: int, full: bool) -> Any:
         return _CELL, whole
 
     groups: dict[str, Named] = {
-        "posterior": {
-            "population_mean": in_cells(fit.scale.native(means)),
-            **fit.model.scales(points),
-        },
+        "posterior": {"population_mean": in_cells(fit.scale.native(means)), **fit.model.scales(points)},
         "posterior_predictive": {"new_user": in_cells(fit.scale.native(users))},
         "sample_stats": {"lp": ((), fit.model(points))},
     }

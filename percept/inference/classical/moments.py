@@ -101,14 +101,7 @@ class Moments(NotebookRecord):
         return cls(mean, sd, samples.shape[-1], scale="log" if log else "linear", repeats=repeats)
 
     @classmethod
-    def from_limits(
-        cls,
-        lower: ArrayLike,
-        upper: ArrayLike,
-        n: ArrayLike,
-        *,
-        level: float = 0.99,
-    ) -> Self:
+    def from_limits(cls, lower: ArrayLike, upper: ArrayLike, n: ArrayLike, *, level: float = 0.99) -> Self:
         """Turn the published limits of a t-interval (Eq. 15) back into mean and SD.
 
         Parameters

@@ -32,11 +32,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 def tolerance_factor(
-    n: ArrayLike,
-    share: ArrayLike,
-    confidence: ArrayLike,
-    *,
-    sided: Literal["two", "one"] = "two",
+    n: ArrayLike, share: ArrayLike, confidence: ArrayLike, *, sided: Literal["two", "one"] = "two"
 ) -> FloatOrArray:
     """Work out the exact factor of a normal tolerance interval.
 

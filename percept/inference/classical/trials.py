@@ -10,13 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.classical.moments import (
-    Moments,
-    check_option,
-    finite_values,
-    mean_and_sd,
-    sample,
-)
+from percept.inference.classical.moments import Moments, check_option, finite_values, mean_and_sd, sample
 from percept.inference.record import Family
 
 _SHAPIRO_MOST = 5000  # beyond, the published approximation of its p-value is not valid
