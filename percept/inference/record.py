@@ -132,12 +132,11 @@ class Interval:
             sure = f"{percent(level)} probability under the model and its priors"
         if self.share is not None:
             return f"At least {percent(self.share)} of all users lie {where}, with {sure}"
-        who = "The next user's value"
-        if self.kind == "mean" and self.family == "normal":
-            who = "The average user's value"
-        elif self.kind == "mean":
-            who = "The typical user's value (the geometric mean of all users)"
-        return f"{who} lies {where}, with {sure}"
+        average = "average user's value"
+        if self.family == "lognormal":
+            average = "typical user's value (the geometric mean of all users)"
+        who = average if self.kind == "mean" else "next user's value"
+        return f"The {who} lies {where}, with {sure}"
 
     def _basis(self) -> list[str]:
         low, high = int(np.min(self.n)), int(np.max(self.n))

@@ -40,16 +40,13 @@ class EllipseRegion(NotebookRecord):
         """SDs of stiffness and damping, shape (2,), on the family's scale."""
         return np.sqrt(np.diagonal(self.shape))
 
-    @property
-    def correlation(self) -> float:
-        """Correlation of stiffness and damping on the family's scale."""
-        return float(self.shape[0, 1] / np.sqrt(self.shape[0, 0]) / np.sqrt(self.shape[1, 1]))
-
     def distance(self, stiffness: ArrayLike, damping: ArrayLike) -> NDArray[np.float64]:
         """Mahalanobis distance from the centre of points in N/m and N·s/m, infinite without a logarithm."""
-        k, b = (self._scaled(np.asarray(v, dtype=float)) for v in (stiffness, damping))
+        k, b = (np.asarray(values, dtype=float) for values in (stiffness, damping))
+        if self.family == "lognormal":
+            k, b = (np.log(v, out=np.full_like(v, -np.inf), where=v > 0.0) for v in (k, b))
         u, v = (k - self.centre[0]) / self.sd[0], (b - self.centre[1]) / self.sd[1]
-        r = self.correlation
+        r = self.shape[0, 1] / self.sd[0] / self.sd[1]
         with np.errstate(invalid="ignore"):
             squared = (u - r * v) ** 2 / ((1.0 - r) * (1.0 + r)) + v**2
         return np.where(np.isfinite(u) & np.isfinite(v), np.sqrt(squared), np.inf)
@@ -57,11 +54,6 @@ class EllipseRegion(NotebookRecord):
     def contains(self, stiffness: ArrayLike, damping: ArrayLike) -> NDArray[np.bool_]:
         """Say which points lie inside, the curve included."""
         return self.distance(stiffness, damping) <= self.radius
-
-    def _scaled(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self.family == "normal":
-            return values
-        return np.log(values, out=np.full_like(values, -np.inf), where=values > 0.0)
 
 
 def ellipse_region(

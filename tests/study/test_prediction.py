@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept.cache import PosteriorCache
 from percept.inference.hierarchy.models import Pooled, Product, new_environment
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.report.tables import left_out_document, left_out_markdown
@@ -239,22 +240,28 @@ def test_refused(fitted: Study) -> None:
 KEPT = ("VE2", "VE3", "VE4")
 
 
-def limits_of(*environments: str, **inference: object) -> Study:
+def limits_of(*environments: str, store: PosteriorCache | None = None, **inference: object) -> Study:
     sessions = read_sessions(DATASETS / "hbfd_table1.csv")
     table = sessions.table[sessions.table["environment"].isin(environments)]
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(**{"tolerance": 0.3, "level": 0.9, **inference})
-    return Study(dataclasses.replace(sessions, table=table), scene)
+    return Study(dataclasses.replace(sessions, table=table), scene, store=store)
 
 
 @pytest.fixture(scope="module")
-def study() -> Study:
-    return limits_of(*KEPT)
+def store(tmp_path_factory) -> PosteriorCache:
+    """Keeps runs: what is left where VE3 is left out is sampled once."""
+    return PosteriorCache(tmp_path_factory.mktemp("runs"))
 
 
 @pytest.fixture(scope="module")
-def others() -> Study:
+def study(store: PosteriorCache) -> Study:
+    return limits_of(*KEPT, store=store)
+
+
+@pytest.fixture(scope="module")
+def others(store: PosteriorCache) -> Study:
     """What is left where VE3 is left out."""
-    return limits_of("VE2", "VE4")
+    return limits_of("VE2", "VE4", store=store)
 
 
 @pytest.fixture(scope="module")
@@ -311,11 +318,11 @@ def test_place_is_that_of_a_mean_of_as_many_users(found: LeftOut, others: Study)
         assert abs(row["place"] - share) < 4.0 * error
 
 
-def test_place_under_the_normal_family_is_relative_to_the_reference() -> None:
+def test_place_under_the_normal_family_is_relative_to_the_reference(store: PosteriorCache) -> None:
     asked = {"family": "normal", "method": "bayesian", "parameters": ("k",)}
-    found = leave_one_environment_out(limits_of(*KEPT, **asked))
+    found = leave_one_environment_out(limits_of(*KEPT, store=store, **asked))
     row = found.rows.set_index("environment").loc["VE3"]
-    others = limits_of("VE2", "VE4", **asked)
+    others = limits_of("VE2", "VE4", store=store, **asked)
     assert others.fit is not None
     x = np.array([np.log10(1e4 / np.sqrt(1e3 * 25e3))])
     laws = expected_users(others.fit, x, others.scene.inference).laws
