@@ -23,7 +23,6 @@ from percept.report.figures.canvas import (
     legend_below,
     log_scale,
     panels,
-    shade_boxes,
 )
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
 from percept.report.figures.marks import draw_design
@@ -180,11 +179,16 @@ def _maps(published: Published) -> Drawing:
         axes = panels(figure, len(shown) + 1, columns=2, left=14, gap=14, top=6, bottom=22, line=18)
         for ax, panel in zip(axes, shown, strict=False):
             true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
-            _shade(ax, true, alpha=0.35)
+            ax.contourf(
+                _MAP_MASSES, _MAP_DAMPINGS, true, levels=[0.5, 1.5], colors=COLOURS["coupled"], alpha=0.35
+            )
             ax.set_title(f"Fig. {panel.name}: {panel.says}", loc="left", fontsize=7)
         count = devices.environments_inside(published, _MAP_MASSES, _MAP_DAMPINGS[:, None])
         for least in range(1, len(published.walls) + 1):
-            _shade(axes[-1], count >= least, alpha=0.18)
+            axes[-1].contourf(
+                _MAP_MASSES, _MAP_DAMPINGS, count, levels=[least - 0.5, np.inf], colors=COLOURS["coupled"],
+                alpha=0.18,
+            )  # fmt: skip
         told = " to ".join(map(str, sorted({int(count.min()), int(count.max())})))
         title = f"real through the tuned coupling: {told} of {len(published.walls)}"
         axes[-1].set_title(title, loc="left", fontsize=7)
@@ -207,22 +211,6 @@ def _maps(published: Published) -> Drawing:
         (150.0, 128.0),
         draw,
     )
-
-
-def _shade(ax: Axes, true: devices.BoolArray, *, alpha: float) -> None:
-    """Shade the devices of which something is true, each as far as half way to the next."""
-    padded = np.pad(true, ((0, 0), (1, 1))).astype(int)
-    rows, starts = np.nonzero(np.diff(padded, axis=1) == 1)
-    _, ends = np.nonzero(np.diff(padded, axis=1) == -1)
-    if rows.size:
-        masses, dampings = _edges(_MAP_MASSES), _edges(_MAP_DAMPINGS)
-        sides = (masses[starts], masses[ends], dampings[rows], dampings[rows + 1])
-        shade_boxes(ax, np.column_stack(sides), color=COLOURS["coupled"], alpha=alpha)
-
-
-def _edges(places: Array) -> Array:
-    """Return the middles between places on a log axis, and the outer places themselves."""
-    return np.concatenate([places[:1], np.sqrt(places[1:] * places[:-1]), places[-1:]])
 
 
 def _mark_devices(ax: Axes, published: Published) -> None:

@@ -16,7 +16,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -248,11 +247,9 @@ def _filled(words: Sequence[str], sessions: str, scene: str, out: str, seed: str
 
 def _timed(words: Sequence[str]) -> tuple[float, float]:
     """Wall and processor seconds of one process; percept finds no posterior kept from an earlier one."""
-    before, started = os.times(), time.perf_counter()
+    before, started = processor_seconds(), time.perf_counter()
     _output(words, " ".join(words[:3]), PERCEPT_CACHE="off")
-    wall, after = time.perf_counter() - started, os.times()
-    processor = after.children_user + after.children_system - before.children_user - before.children_system
-    return wall, processor
+    return time.perf_counter() - started, processor_seconds() - before
 
 
 def main(task_file: str) -> None:
@@ -283,17 +280,9 @@ def main(task_file: str) -> None:
 
 
 def processor_seconds() -> float:
-    """Processor seconds of this process, of those it has waited for, and of its children that still run."""
+    """Processor seconds of this process and of those it has waited for."""
     times = os.times()
-    seconds = times.user + times.system + times.children_user + times.children_system
-    # Linux lists running children; where a system does not, they count when they end.
-    for listed in Path("/proc/self/task").glob("*/children"):
-        for pid in listed.read_text().split():
-            with suppress(FileNotFoundError, ProcessLookupError):
-                # User and system time, the 14th and 15th fields; the second may hold spaces.
-                fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-                seconds += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return seconds
+    return times.user + times.system + times.children_user + times.children_system
 
 
 if __name__ == "__main__":
