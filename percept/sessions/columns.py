@@ -81,7 +81,7 @@ def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolu
     if not summary and not wide and "environment" not in found:
         wide = _wide_by_name(header, found, options.quantities, file)
         announced += [f"columns {rule.name!r} are taken as {c}" for c, rule in wide.items()]
-    slots = _slots(header, found, wide, file)
+    slots = _slots(header, found, wide, options.environments, file)
     return Resolution("summary" if summary else "trials", slots, {**found, **wide}, tuple(announced))
 
 
@@ -175,17 +175,24 @@ def _pattern(name: str) -> re.Pattern[str]:
 
 
 def _slots(
-    header: Sequence[str], found: Mapping[str, ColumnRule], wide: Mapping[str, ColumnRule], file: str
+    header: Sequence[str],
+    found: Mapping[str, ColumnRule],
+    wide: Mapping[str, ColumnRule],
+    declared: Collection[str],
+    file: str,
 ) -> tuple[Slot, ...]:
     common = {canonical: _position(header, rule.name, file) for canonical, rule in found.items()}
     if not wide:
         return (Slot(common),)
     places: dict[tuple[str, str | None], dict[str, int]] = {}
+    taken = {rule.name for rule in found.values()}
     for canonical, rule in wide.items():
         pattern = _pattern(rule.name)
-        for name in header:
+        # "{environment}" alone fits every column: those are meant that the scene declares.
+        names = [n for n in header if n in declared] if rule.name == "{environment}" and declared else header
+        for name in names:
             match = pattern.fullmatch(name)
-            if match:
+            if match and name not in taken:
                 key = (match["environment"], match.groupdict().get("trial"))
                 places.setdefault(key, {})[canonical] = _position(header, name, file)
     if not places:
