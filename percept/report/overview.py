@@ -42,7 +42,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
             *_left_out(document.get("skipped") or ()),
             *_inaccurate(document.get("diagnostics")),
             *_few(intervals),
-            *_below_zero(intervals, document["data"]["quantities"]),
+            *_below_zero(intervals, document["data"]),
             *_active(document["passivity"]),
             *_misfits(document.get("checks")),
             *_warnings(document["data"]["doubts"]),
@@ -281,8 +281,8 @@ def _levels(contrast: list[Record] | None) -> Iterator[str]:
     """Say what the levels of a factor are to everything but the contrasts."""
     if contrast:
         yield (
-            f"Each level of {contrast[0]['factor']} stands as a condition of its own. Only the section on "
-            f"{contrast[0]['factor']} compares levels within subjects."
+            f"Outside the section on {contrast[0]['factor']} each of its levels stands by itself. "
+            "Only that section compares levels within subjects."
         )
 
 
@@ -312,13 +312,17 @@ def _few(intervals: list[Record]) -> Iterator[str]:
         yield f"{subjects} subjects are few: {', '.join(methods)}."
 
 
-def _below_zero(intervals: list[Record], quantities: Mapping[str, Record]) -> Iterator[str]:
+def _below_zero(intervals: list[Record], data: Record) -> Iterator[str]:
     cells: dict[str, dict[str, None]] = {}
+    # What people set below zero is a quantity that may lie there.
+    signed = {cell["parameter"] for cell in data["cells"] if min(cell["values"], default=0.0) < 0}
     for row in matching(intervals, family="normal", joint="marginal"):
-        if row["lower"] is not None and float(row["lower"]) < 0 <= (row["reference"] or 0.0):
+        if row["lower"] is None or row["parameter"] in signed:
+            continue
+        if float(row["lower"]) < 0 <= (row["reference"] or 0.0):
             cells.setdefault(row["kind"], {})[f"{row['parameter']} of {row['environment']}"] = None
     if cells:
-        labels = " or ".join(record["label"] for record in quantities.values())
+        labels = " or ".join(data["quantities"][p]["label"] for p in data["quantities"] if p not in signed)
         where = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in cells.items())
         yield (
             f"Some limits of the normal family are below zero, where no environment's {labels} is "

@@ -329,7 +329,7 @@ def refuse_gaps(sessions: Sessions, column: str) -> None:
 
 
 def by_level(sessions: Sessions, column: str) -> Sessions:
-    """Make each environment at each level of a column an environment of its own, such as "VE1, left"."""
+    """Make each environment at each level of a column an environment of its own, such as "VE1 (left)"."""
     if sessions.factor is not None:
         return sessions
     refuse_gaps(sessions, column)
@@ -339,7 +339,7 @@ def by_level(sessions: Sessions, column: str) -> Sessions:
     ordered = [pair for pair in product(sessions.environments, factor.levels) if pair in present]
     cells = {factor.cell(*pair): pair for pair in ordered}
     if len(cells) < len(ordered):
-        hint = "Name environments or levels without a comma and a space."
+        hint = "Name environments or levels without brackets."
         raise UsageError(f"two cells would have one name: {shown(list(cells))}.", column=column, hint=hint)
-    table = sessions.table.assign(environment=names.str.cat(levels, sep=", "))
+    table = sessions.table.assign(environment=names + " (" + levels + ")")
     return replace(sessions, table=table, listed=tuple(cells), factor=replace(factor, cells=cells))

@@ -74,7 +74,7 @@ class Factor:
 
     name: str
     levels: tuple[str, ...]
-    cells: Mapping[str, tuple[str, str]]  # "VE1, left": VE1 at left
+    cells: Mapping[str, tuple[str, str]]  # "VE1 (left)": VE1 at left
 
     @property
     def pairs(self) -> list[tuple[str, str]]:
@@ -88,7 +88,7 @@ class Factor:
 
     def cell(self, environment: str, level: str) -> str:
         """Name the cell of an environment at a level."""
-        return f"{environment}, {level}"
+        return f"{environment} ({level})"
 
 
 class ReadError(UsageError):

@@ -82,17 +82,26 @@ def decades(reference: Array) -> Array:
     return logs - logs.mean(axis=1, keepdims=True)
 
 
-def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials:
-    """Take the trials with all parameters asked for, in unit-free responses."""
+def trials(
+    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool = False
+) -> Trials:
+    """Take the trials with all parameters asked for, in unit-free responses.
+
+    Of adjustments without a logarithm `partial` leaves out the environments. Leaving out the trials alone
+    would bias what is left there.
+    """
     columns = [f"{p}_adj" for p in parameters]
     complete = sessions.table[columns].notna().all(axis=1)
     table = sessions.table[complete]
+    lognormal = scene.inference.family == "lognormal"
+    low = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(sort=False)
+    left_out = low if lognormal and partial and len(low) < table["environment"].nunique() else low[:0]
+    table = table[~table["environment"].isin(left_out.index)]
     subjects = tuple(dict.fromkeys(table["subject"]))
     present = set(table["environment"])
     environments = tuple(name for name in sessions.environments if name in present)
     refuse_lone_subject(subjects)
     adjusted = table[columns].to_numpy(dtype=float)
-    lognormal = scene.inference.family == "lognormal"
     if lognormal:
         _refuse_not_positive(sessions, table.index.to_numpy(), adjusted, columns)
     reference = references(sessions, parameters, environments)
@@ -110,7 +119,17 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Tri
         reference=reference,
         x=decades(reference),
         scale=ResponseScale.of(reference, scene.inference.family, unit),
-        skipped=_incomplete(sessions, parameters, environments, int((~complete).sum())),
+        skipped=(
+            *_incomplete(sessions, parameters, (*environments, *left_out.index), int((~complete).sum())),
+            *(
+                Skipped(
+                    f"{name}, in the hierarchical model",
+                    f"zero or negative values have no logarithm ({count} there); "
+                    'family = "normal" takes them, and [sessions] exclude leaves them out',
+                )
+                for name, count in left_out.items()
+            ),
+        ),
     )
 
 

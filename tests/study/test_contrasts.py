@@ -117,8 +117,8 @@ def test_three_levels_are_compared_two_by_two():
 
 def test_each_level_of_a_reference_is_a_cell_of_its_own():
     made = study(frame())
-    assert made.environments == tuple(f"VE{i}, {hand}" for i in (1, 2, 3) for hand in ("left", "right"))
-    assert made.reference["k", "VE2, right"] == 100.0
+    assert made.environments == tuple(f"VE{i} ({hand})" for i in (1, 2, 3) for hand in ("left", "right"))
+    assert made.reference["k", "VE2 (right)"] == 100.0
     again = made.over(made.sessions)
     assert again.environments == made.environments
     assert len(Study(Sessions.from_frame(frame(trials=1).query("hand == 'left'"))).contrasts) == 0
@@ -169,8 +169,8 @@ def test_factors_that_cannot_be_told_apart_are_refused():
     table = read_sessions(DATASETS / "hbfd_table1.csv")
     with pytest.raises(UsageError, match="published limits hold no subjects"):
         by_level(table, "hand")
-    names = {"VE1": "A", "VE2": "A, b", "VE3": "C"}
-    mixed = frame(levels=("b, c", "c")).replace({"environment": names})
+    names = {"VE1": "A", "VE2": "A (b)", "VE3": "C"}
+    mixed = frame(levels=("b) (c", "c")).replace({"environment": names})
     with pytest.raises(UsageError, match="two cells would have one name"):
         study(mixed)
     with pytest.raises(UsageError, match="a reduced study keeps no levels"):
@@ -192,7 +192,7 @@ def test_the_page_has_a_section_of_the_factor():
     document = build_document(made)
     assert len(document["contrast"]) == 4 * 4
     assert document["summary"]["cautions"][0].startswith(
-        "Each level of hand stands as a condition of its own"
+        "Outside the section on hand each of its levels stands by itself"
     )
     page = render_page(document, {}, date="2026-01-01")
     assert "hand: right against left" in page

@@ -63,14 +63,22 @@ def test_references_alike_cost_the_law_only():
 def test_zero_costs_what_needs_its_logarithm_only():
     table = frame()
     table.loc[0, "duration_adj"] = 0.0
-    study = study_of(table, DURATION | {"inference": {"method": "both"}})
+    study = study_of(table, DURATION | {"inference": {"method": "both", "tolerance": 0.1}})
     left = {skipped.what: skipped.why for skipped in study.skipped}
-    assert "no logarithm" in left["Bayesian intervals"]
+    assert "zero or negative values have no logarithm (1 there)" in left["S0, in the hierarchical model"]
     assert left["classical lognormal intervals of duration in S0"] == "a value is zero or negative"
     assert set(study.intervals.query("family == 'normal'")["environment"]) == {"S0", "S1", "S2", "S3"}
     assert set(study.intervals.query("family == 'lognormal'")["environment"]) == {"S1", "S2", "S3"}
     cautions = build_document(study)["summary"]["cautions"]
-    assert any(text.startswith("There are no Bayesian intervals") for text in cautions)
+    assert any(text.startswith("The hierarchical model leaves out S0: zero or negative") for text in cautions)
+    # What is left is the model of a study that never had the environment.
+    other = study_of(table[table["environment"] != "S0"], DURATION | {"inference": {"tolerance": 0.1}})
+    rows, own = (one.intervals.query("method == 'bayesian'") for one in (study, other))
+    np.testing.assert_array_equal(rows[["lower", "upper"]], own[["lower", "upper"]])
+    assert list(rows["environment"]) == list(own["environment"])
+    every = table.assign(duration_adj=table["duration_adj"].where(table["subject"] != "P0", 0.0))
+    left = dict(study_of(every, DURATION).skipped)
+    assert "no logarithm (4 in all)" in left["Bayesian intervals"]
     with pytest.raises(RefusalError, match="no logarithm"):
         _ = study_of(table, DURATION | {"inference": {"method": "bayesian"}}).intervals
 
