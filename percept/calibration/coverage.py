@@ -43,10 +43,10 @@ _THEORY = (
 
 def refuse_unfit(study: Study) -> None:
     """Refuse a study whose like cannot be simulated, before anything is sampled."""
-    if study.parameters != ("k", "b"):
+    if len(study.parameters) > 2:
         raise RefusalError(
-            "calibration simulates stiffness and damping together; one of them is missing.",
-            hint="Give sessions of both, and leave [inference] parameters out.",
+            "calibration simulates one quantity or two together.",
+            hint="Name them in [inference] parameters.",
         )
     refuse_no_ratio(
         study.reference, study.sessions.quantities, why="and simulated responses are ratios to it"
@@ -65,8 +65,8 @@ def fitted_values(study: Study) -> dict[str, Any]:
     model = fit.model
     points = fit.points
     means = {name: values.mean(axis=0) for name, (_, values) in model.scales(points).items()}
-    beta = model.laws(points).mean.mean(axis=0).reshape(2, -1).T
-    zero = [0.0, 0.0]
+    beta = model.laws(points).mean.mean(axis=0).reshape(len(study.parameters), -1).T
+    zero = [0.0] * len(study.parameters)
     hyper: dict[str, Any] = {"alpha": beta.mean(axis=0).tolist(), "gamma": zero}
     for name in ("tau", "sigma_u", "s", "kappa", "omega"):
         hyper[name] = means[name].tolist() if name in means else zero
@@ -116,7 +116,7 @@ def own_values(study: Study, fitted: dict[str, Any]) -> dict[str, Any]:
     )
     # Chance can leave less scatter between subjects than their trials explain.
     sigma = np.sqrt(np.maximum(sd**2 - of_mean * np.square(fitted["sigma_e"]), 0.01 * sd**2))
-    hyper = {name: 0.0 if np.isscalar(value) else [0.0, 0.0] for name, value in fitted["hyper"].items()}
+    hyper = {n: 0.0 if np.isscalar(value) else [0.0] * len(value) for n, value in fitted["hyper"].items()}
     beta = (mean - 1.0).tolist()
     return fitted | {"hyper": hyper, "delta": beta, "beta": beta, "sigma": sigma.tolist()}
 
@@ -131,7 +131,9 @@ def plan_like(study: Study, subjects: int | None = None, **changes: Any) -> Cove
         counts = counts.loc[list(study.sessions.subjects), list(study.environments)]
         changes["trials"] = tuple(map(tuple, counts.to_numpy().tolist()))
     return CoveragePlan(
-        references=tuple((study.reference["k", e], study.reference["b", e]) for e in study.environments),
+        references=tuple(tuple(study.reference[p, e] for p in study.parameters) for e in study.environments),
+        parameters=study.parameters,
+        quantities={p: study.sessions.quantities[p].model_dump(exclude={"name"}) for p in study.parameters},
         environments=study.environments,
         subjects=subjects or len(study.sessions.subjects),
         family=inference.family,

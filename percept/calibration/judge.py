@@ -18,8 +18,9 @@ from percept.errors import RefusalError, UsageError
 from percept.haptics import Device, perceived_magnitude
 from percept.inference.hierarchy.priors import Priors
 from percept.scene import Scene
-from percept.sessions import Sessions
+from percept.sessions import ReadOptions, Sessions
 from percept.simulate.model import (
+    PARAMETERS,
     Design,
     Hyperparameters,
     TrueValues,
@@ -36,7 +37,6 @@ Family = Literal["lognormal", "normal"]
 # Users drawn per environment, whose curves a boundary of the next user is held against.
 _USERS = 200
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
-_NAMES = ("k", "b")
 #: Claims of a plan that judges each interval by itself.
 EACH = "{parameter} in {environment}"
 _LABELS = ("kind", "method", "family", "joint", "shape")
@@ -48,7 +48,7 @@ _Held = tuple[str, _Labels, float]
 class CoveragePlan:
     """Studies to simulate, and how to analyse each."""
 
-    references: tuple[tuple[float, float], ...]  # k, N/m, and b, N·s/m, of the environments tested
+    references: tuple[tuple[float, ...], ...]  # Of `parameters`, in the environments tested
     held_out: tuple[float, float] | None = None  # An environment to predict, from priors only
     environments: tuple[str, ...] = ()  # Their names; VE1, VE2, … where there are none
     subjects: int = 10  # Per study
@@ -66,6 +66,8 @@ class CoveragePlan:
     frequencies: tuple[float, float, int] = (0.1, 100.0, 11)  # From, to, rad/s, and how many
     seed: int = 1  # Of the whole
     model: dict[str, Any] = dataclasses.field(default_factory=dict)  # [model] of the analysis
+    parameters: tuple[str, ...] = PARAMETERS  # One or two quantities
+    quantities: dict[str, Any] = dataclasses.field(default_factory=dict)  # [quantities] of the analysis
     each: bool = False  # Judge the next user's intervals only, in each environment and parameter by itself
 
     def __post_init__(self) -> None:
@@ -79,7 +81,11 @@ class CoveragePlan:
     @property
     def key(self) -> str:
         """A digest that tells results of different plans apart."""
-        return hashlib.sha256(json.dumps(dataclasses.asdict(self), sort_keys=True).encode()).hexdigest()[:16]
+        record = dataclasses.asdict(self)
+        if self.parameters == PARAMETERS:
+            # Studies of stiffness and damping that are kept were counted before there were others.
+            del record["parameters"], record["quantities"]
+        return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()[:16]
 
     def true_values(self) -> TrueValues | None:
         """Return `values` as a record, None where they are drawn from the priors."""
@@ -111,9 +117,10 @@ class Population:
     """Users of one environment: points of equality, without trial noise."""
 
     family: Family  # Distribution of the users
-    reference: Array  # (P,) N/m and N·s/m
+    reference: Array  # (P,) In the units of the parameters
     mean: Array  # (P,) on the response scale
     covariance: Array  # (P, P) on the response scale
+    parameters: tuple[str, ...] = PARAMETERS
 
     @property
     def sd(self) -> Array:
@@ -121,13 +128,13 @@ class Population:
         return np.sqrt(np.diagonal(self.covariance))
 
     def native(self, response: Array) -> Array:
-        """Responses (..., P) in N/m and N·s/m."""
+        """Responses (..., P) in the units of the parameters."""
         with np.errstate(over="ignore", under="ignore"):
             ratio = np.exp(response) if self.family == "lognormal" else 1.0 + response
             return self.reference * ratio
 
     def below(self, p: int, value: float) -> float:
-        """Return the share of users whose parameter p lies below a value, N/m or N·s/m."""
+        """Return the share of users whose parameter p lies below a value."""
         if self.family == "normal":
             response = value / self.reference[p] - 1.0
         elif value > 0:
@@ -141,7 +148,7 @@ class Population:
         return self.below(p, upper) - self.below(p, lower)
 
     def average(self, family: str) -> Array:
-        """Return what intervals of kind mean are about, N/m and N·s/m, by the family of the interval."""
+        """Return what intervals of kind mean are about, by the family of the interval."""
         if self.family == "lognormal":
             return self.native(self.mean + (0.5 * self.sd**2 if family == "normal" else 0.0))
         if family == "normal":
@@ -152,7 +159,7 @@ class Population:
         return np.exp((kept * logs).sum(axis=0) / kept.sum(axis=0))
 
     def users(self, count: int, rng: np.random.Generator) -> Array:
-        """Draw users, (count, P), N/m and N·s/m."""
+        """Draw users, (count, P)."""
         return self.native(rng.multivariate_normal(self.mean, self.covariance, count, method="eigh"))
 
 
@@ -194,7 +201,8 @@ def _claims(
         yield from _held_intervals(EACH, study.intervals.query(paper), users)
         return
     yield from _held_intervals("interval", study.intervals, users)
-    yield from _held_boundaries("boundary", study.boundaries, users, study, rng)
+    if plan.parameters == PARAMETERS:
+        yield from _held_boundaries("boundary", study.boundaries, users, study, rng)
     if plan.held_out is not None and study.fit is not None and study.fit.run.gate.passed:
         k, b = plan.held_out
         predicted = predict(study, stiffness=k, damping=b)
@@ -207,14 +215,15 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
     tested = np.array(plan.references)
     every = tested if plan.held_out is None else np.vstack([tested, plan.held_out])
     trials = np.ones((plan.subjects, len(every)), int) if plan.trials is None else np.array(plan.trials)
-    design = Design(every, trials, environments=plan.environments)
+    design = Design(every, trials, plan.parameters, plan.environments)
     truth = plan.true_values() or _from_prior(design, tested, rng)
     table = simulate(truth, design, rng, family=plan.truth)
     kept = table[table["environment"].isin(design.environments[: len(tested)])]
     lower, upper, points = plan.frequencies
+    device = {"mass": plan.device[0], "damping": plan.device[1], "period": plan.period}
     scene = Scene.from_tables(
         {
-            "device": {"mass": plan.device[0], "damping": plan.device[1], "period": plan.period},
+            **({"device": device} if plan.parameters == PARAMETERS else {"quantities": plan.quantities}),
             "frequency": {"lower": lower, "upper": upper, "points": points},
             "model": plan.model,
             "inference": {
@@ -231,10 +240,17 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
     )
     populations = [
         # Without repeats a user's value contains the trial noise.
-        Population(plan.truth, reference, beta, truth.cov_u + cov_w + (0.0 if design.repeated else cov_e))
+        Population(
+            plan.truth,
+            reference,
+            beta,
+            truth.cov_u + cov_w + (0.0 if design.repeated else cov_e),
+            plan.parameters,
+        )
         for reference, beta, cov_w, cov_e in zip(every, truth.beta, truth.cov_w, truth.cov_e, strict=True)
     ]
-    return Study(Sessions.from_frame(kept.drop(columns="source")), scene), populations
+    options = ReadOptions(quantities=scene.quantities)
+    return Study(Sessions.from_frame(kept.drop(columns="source"), options=options), scene), populations
 
 
 def _from_prior(design: Design, tested: Array, rng: np.random.Generator) -> TrueValues:
@@ -260,7 +276,7 @@ def _labels(of: dict[Any, Any]) -> _Labels:
 
 def interval_held(row: dict[Any, Any], users: Population) -> float:
     """Return what share of users an interval of the next user holds; of other kinds whether it is right."""
-    p, lower, upper = _NAMES.index(row["parameter"]), row["lower"], row["upper"]
+    p, lower, upper = users.parameters.index(row["parameter"]), row["lower"], row["upper"]
     if row["kind"] == "mean":
         return float(lower <= users.average(row["family"])[p] <= upper)
     content = users.content(p, lower, upper)

@@ -33,8 +33,7 @@ _REFITTED = {"classical": "the classical method", "bayesian": "the Bayesian one 
 _HEAD = """# Coverage
 
 All studies behind this table are simulated: with the references of {paths}, {trials},
-and {source}, refitted by {methods}. Curves belong to a device of {mass:g} kg and
-{damping:g} N·s/m at a period of {period:g} s, at {points} frequencies from {low:g} to {high:g} rad/s.
+and {source}, refitted by {methods}.{curves}
 Of the scene's other settings level, share, confidence, family, method and seed are kept; `[model]`,
 modes and hold are not.
 
@@ -45,6 +44,8 @@ the wrong family costs. A study of normal users in which a value is not positive
 `studies` can be few.
 
 """
+_CURVES = """ Curves belong to a device of {0[0]:g} kg and
+{0[1]:g} N·s/m at a period of {1:g} s, at {2[2]} frequencies from {2[0]:g} to {2[1]:g} rad/s."""
 
 
 def _add_plan(parser: argparse.ArgumentParser) -> None:
@@ -140,6 +141,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
     from percept.calibration.coverage import FILE, coverage, coverage_markdown, gather
     from percept.provenance import made_by
+    from percept.sessions.quantities import is_impedance
     from percept.workers import open_mapper
 
     out = Path(arguments.out)
@@ -174,12 +176,9 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         trials="one trial each" if arguments.subjects else "its subjects and trials",
         source=_SOURCES[arguments.source],
         methods=" and ".join(_REFITTED[name] for name in methods).format(100 * plans[0].tolerance),
-        mass=plans[0].device[0],
-        damping=plans[0].device[1],
-        period=plans[0].period,
-        low=plans[0].frequencies[0],
-        high=plans[0].frequencies[1],
-        points=plans[0].frequencies[2],
+        curves=_CURVES.format(plans[0].device, plans[0].period, plans[0].frequencies)
+        if is_impedance(plans[0].parameters)
+        else "",
     )
     page = f"{head}{made_by(arguments.typed).sentence}\n\n{coverage_markdown(rows)}"
     (out / "coverage.md").write_text(page, encoding="utf-8")

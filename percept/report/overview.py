@@ -363,6 +363,7 @@ def _misfits(checks: Record | None) -> Iterator[str]:
         ]
         if unusual:
             yield f"The hierarchical model does not reproduce the {'; '.join(unusual)}."
+        yield from checks["pull"]
 
 
 def _warnings(warnings: list[Record]) -> Iterator[str]:

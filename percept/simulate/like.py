@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 from percept.errors import RefusalError, UsageError
 from percept.files import write_whole
 from percept.sessions import Sessions
-from percept.simulate.model import PARAMETERS, SOURCE, Design, Parameter, correlated_normal, session_table
+from percept.simulate.model import SOURCE, Design, correlated_normal, session_table
 
 #: Correlation of one parameter in two environments, and of k and b in one.
 BETWEEN, CORRELATION = 0.4, 0.3
@@ -37,8 +37,8 @@ class PublishedLimits:
     """Limits of t-intervals as printed, for J environments and P parameters; numbers are (J, P)."""
 
     environments: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    reference: _Rows  # N/m and N·s/m
+    parameters: tuple[str, ...]
+    reference: _Rows
     lower: _Rows
     upper: _Rows
     n: int  # Subjects
@@ -64,7 +64,7 @@ class PublishedLimits:
                 )
         cells = {(row.environment, row.parameter): row for row in table.itertuples()}
         environments = sessions.environments
-        parameters = tuple(p for p in PARAMETERS if p in sessions.parameters)
+        parameters = sessions.parameters
 
         def grid(column: str) -> _Rows:
             return tuple(

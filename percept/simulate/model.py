@@ -20,8 +20,7 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.priors import Priors
 
 SOURCE = "simulated"
-Parameter = Literal["k", "b"]
-PARAMETERS: tuple[Parameter, ...] = ("k", "b")
+PARAMETERS = ("k", "b")
 Array = NDArray[np.float64]
 
 
@@ -29,9 +28,9 @@ Array = NDArray[np.float64]
 class Design:
     """Who adjusts what, and how often."""
 
-    references: NDArray[np.float64]  # (J, P) positive, N/m and N·s/m in the order of `parameters`
+    references: NDArray[np.float64]  # (J, P) positive, in the order of `parameters` and their units
     trials: NDArray[np.int64]  # (I, J) trials of each subject in each environment, 0 for an empty cell
-    parameters: tuple[Parameter, ...] = PARAMETERS
+    parameters: tuple[str, ...] = PARAMETERS
     environments: tuple[str, ...] = ()  # (J,) names; VE1, VE2, … when empty
 
     def __post_init__(self) -> None:
@@ -54,7 +53,7 @@ class Design:
         *,
         subjects: int,
         trials: int = 1,
-        parameters: tuple[Parameter, ...] = PARAMETERS,
+        parameters: tuple[str, ...] = PARAMETERS,
         environments: tuple[str, ...] = (),
     ) -> Design:
         """Let every subject meet every environment equally often."""
@@ -87,11 +86,11 @@ class Hyperparameters:
     gamma: Array  # Their slope per decade
     tau: Array  # SD of an environment's own shift δ
     sigma_u: Array  # SD of the subject effect u
-    rho_u: float  # Correlation of k and b in u
+    rho_u: float  # Correlation of two parameters in u
     s: Array  # Typical SD between subjects within an environment
     kappa: Array  # Slope of log σ per decade; 0 is Weber's law
     omega: Array  # SD of log σ about that line
-    rho_w: float  # Correlation of k and b in w
+    rho_w: float  # Correlation of two parameters in w
     s_e: Array  # The same four for the scatter between trials; zero where there is none
     kappa_e: Array
     omega_e: Array
@@ -244,7 +243,7 @@ def session_table(
     trial: NDArray[np.int64],
     adjusted: NDArray[np.float64],
 ) -> pd.DataFrame:
-    """Put N trials into a tidy table; `adjusted` is (N, P), N/m and N·s/m."""
+    """Put N trials into a tidy table; `adjusted` is (N, P)."""
     columns: dict[str, object] = {
         "subject": np.array(design.subjects, dtype=object)[subject],
         "session": "1",

@@ -82,9 +82,7 @@ def decades(reference: Array) -> Array:
     return logs - logs.mean(axis=1, keepdims=True)
 
 
-def trials(
-    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool = False
-) -> Trials:
+def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool = False) -> Trials:
     """Take the trials with all parameters asked for, in unit-free responses.
 
     Of adjustments without a logarithm `partial` leaves out the environments. Leaving out the trials alone
