@@ -238,16 +238,11 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
             },
         }
     )
+    # Without repeats a user's value contains the trial noise.
+    cov = truth.cov_u + truth.cov_w + (0.0 if design.repeated else truth.cov_e)
     populations = [
-        # Without repeats a user's value contains the trial noise.
-        Population(
-            plan.truth,
-            reference,
-            beta,
-            truth.cov_u + cov_w + (0.0 if design.repeated else cov_e),
-            plan.parameters,
-        )
-        for reference, beta, cov_w, cov_e in zip(every, truth.beta, truth.cov_w, truth.cov_e, strict=True)
+        Population(plan.truth, reference, beta, of_one, plan.parameters)
+        for reference, beta, of_one in zip(every, truth.beta, cov, strict=True)
     ]
     options = ReadOptions(quantities=scene.quantities)
     return Study(Sessions.from_frame(kept.drop(columns="source"), options=options), scene), populations

@@ -37,7 +37,7 @@ and {source}, refitted by {methods}.{curves}
 Of the scene's other settings level, share, confidence, family, method and seed are kept; `[model]`,
 modes and hold are not.
 
-`stated` is what the interval or boundary claims. `real` is the fraction of the claims that were true, over
+`stated` is what a row claims. `real` is the fraction of the claims that were true, over
 environments and parameters together. ± is its standard error over the studies, which is the binomial one
 where a study has one claim. Normal intervals of lognormal users, and the other way round, show what
 the wrong family costs. A study of normal users in which a value is not positive has no lognormal row, so

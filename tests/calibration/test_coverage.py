@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
 import os
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
@@ -18,9 +20,12 @@ from percept.calibration.coverage import (
     coverage,
     coverage_markdown,
     fitted_values,
+    plan_like,
+    refuse_unfit,
     standard_error,
 )
 from percept.calibration.judge import CoveragePlan, Judgement, Population, interval_held, judge_study
+from percept.sessions import ReadOptions, Sessions
 from percept.simulate.model import Design, Hyperparameters
 from percept.workers import on_cluster
 from tests import DATASETS
@@ -236,10 +241,50 @@ def test_fitted_values_need_a_fit() -> None:
         fitted_values(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene))
 
 
-def test_fitted_values_need_both_parameters() -> None:
-    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(parameters=("k",), tolerance=0.3)
-    with pytest.raises(RefusalError, match="stiffness and damping together; one of them is missing"):
-        fitted_values(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene))
+def durations(**changes: object) -> Study:
+    """Six subjects reproduce three durations twice."""
+    rng = np.random.default_rng(5)
+    rows = pd.DataFrame(
+        [(s, f"D{r}", r, t) for s in "abcdef" for r in (400.0, 900.0, 2000.0) for t in (1, 2)],
+        columns=["subject", "environment", "duration_ref", "trial"],
+    )
+    rows["duration_adj"] = rows["duration_ref"] * np.exp(rng.normal(-0.1, 0.2, len(rows)))
+    scene = Scene.from_tables({"quantities": {"duration": {"unit": "ms"}}, "inference": changes})
+    return Study(Sessions.from_frame(rows, options=ReadOptions(quantities=scene.quantities)), scene)
+
+
+def test_a_single_quantity_is_simulated_as_two_are() -> None:
+    """The t-interval of normal logarithms covers what it states, whatever the quantity and its unit."""
+    plan = plan_like(durations(level=0.9), method="classical")
+    assert plan.parameters == ("duration",)
+    assert plan.references == ((400.0,), (900.0,), (2000.0,))
+    zero = [[0.0]] * 3
+    scales = ("alpha", "gamma", "tau", "sigma_u", "s", "kappa", "omega", "s_e", "kappa_e", "omega_e")
+    hyper = {name: [0.0] for name in scales} | {"rho_u": 0.0, "rho_w": 0.0, "rho_e": 0.0}
+    values = {"hyper": hyper, "delta": zero, "beta": zero, "sigma_e": zero, "sigma": [[0.5]] * 3}
+    rows = coverage(dataclasses.replace(plan, values=values), 60)
+    assert {row.claim for row in rows} == {"interval"}
+    for kind in ("mean", "user", "share"):
+        row = found(rows, kind=kind, family="lognormal", joint="marginal")
+        assert abs(row.held - row.stated) < 4 * row.error
+
+
+def test_values_are_fitted_to_the_quantities_there_are() -> None:
+    study = durations(tolerance=0.3)
+    values = fitted_values(study)
+    assert np.shape(values["beta"]) == (3, 1)
+    plan_like(study, values=values).true_values()
+    of_k = Scene.load(DATASETS / "hbfd.toml").with_inference(parameters=("k",), method="classical")
+    refuse_unfit(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), of_k))
+
+
+def test_studies_kept_of_stiffness_and_damping_stay_valid() -> None:
+    """The key of a plan is a digest of what it was before other quantities could be simulated."""
+    record = dataclasses.asdict(PLAN)
+    del record["parameters"], record["quantities"]
+    assert PLAN.key == hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()[:16]
+    lone = dataclasses.replace(PLAN, references=((1.0,), (2.0,)), parameters=("k",))
+    assert lone.key != dataclasses.replace(lone, parameters=("b",)).key
 
 
 def test_studies_that_all_agree_leave_an_error() -> None:

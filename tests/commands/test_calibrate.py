@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,34 @@ def test_the_page_says_what_was_simulated(tmp_path, capsys):
     assert (wide / "out" / "judged.jsonl").read_text() != (tmp_path / "out" / "judged.jsonl").read_text()
 
 
+def test_a_study_of_another_quantity_has_no_curves(tmp_path):
+    words = ["simulate", "--like", str(tmp_path / "table.csv"), "--out", str(tmp_path / "d.csv")]
+    (tmp_path / "table.csv").write_text(
+        "environment,parameter,reference,lower,upper,n,level\n"
+        "short,duration,400,350,470,8,0.95\nlong,duration,900,700,880,8,0.95\n"
+    )
+    scene = '[quantities.duration]\nunit = "ms"\n'
+    (tmp_path / "words.toml").write_text(scene)
+    assert main([*words, "--seed", "1", "--scene", str(tmp_path / "words.toml")]) == 0
+    assert calibrate(tmp_path, str(tmp_path / "d.csv"), scene=scene) == 0
+    page = (tmp_path / "out" / "coverage.md").read_text()
+    assert "the classical method.\nOf the scene's other settings" in page
+    assert not re.search(r"device|kg|boundar|N·s/m", page)
+    with (tmp_path / "out" / "coverage.csv").open() as file:
+        assert {row["claim"] for row in csv.DictReader(file)} == {"interval"}
+
+
+def test_more_than_two_quantities_are_not_simulated_together(tmp_path, capsys):
+    table = ["subject,environment," + ",".join(f"{q}_{of}" for q in "xyz" for of in ("ref", "adj"))]
+    table += [f"{s},{e},1,1.{s},2,2.{s},3,3.{s}" for s in (1, 2, 3) for e in "ab"]
+    (tmp_path / "three.csv").write_text("\n".join(table))
+    scene = "".join(f'[quantities.{q}]\nunit = "mm"\n' for q in "xyz")
+    assert calibrate(tmp_path, str(tmp_path / "three.csv"), scene=scene) == 1
+    error = capsys.readouterr().err
+    assert "calibration simulates one quantity or two together" in error
+    assert "[inference] parameters" in error
+
+
 def test_each_method_has_its_own_number_of_studies_and_a_resumed_run_its_truth(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text("[inference]\ntolerance = 0.3\n")
@@ -68,7 +97,6 @@ def test_each_method_has_its_own_number_of_studies_and_a_resumed_run_its_truth(t
 @pytest.mark.parametrize(
     ("scene", "change", "message"),
     [
-        ('[inference]\nparameters = ["k"]\n', None, "calibration simulates stiffness and damping together"),
         (
             '[inference]\nfamily = "normal"\n[model]\nscale = { k = 10.0 }\n',
             "0",

@@ -69,6 +69,14 @@ def test_every_optional_key_is_understood(tmp_path):
     assert options.quantities["duration"].unit == "ms"
 
 
+def test_one_line_makes_it_the_scene_of_another_quantity(tmp_path):
+    path = written(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    (line,) = [line for line in text.splitlines() if line.startswith("#: duration =")]
+    path.write_text(text.replace(line, line.removeprefix("#: ")), encoding="utf-8")
+    assert set(Scene.load(path).quantities) == {"duration"}
+
+
 def test_a_file_that_is_there_stays(tmp_path, capsys):
     path = tmp_path / "scene.toml"
     path.write_text("mine")

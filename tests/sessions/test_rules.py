@@ -321,6 +321,23 @@ def test_wide_tables_by_their_names(tmp_path):
     assert "no column fits the pattern" in str(refusal(tmp_path, "subject,k_adj_A\n1,2\n", wide))
 
 
+def test_a_bare_environment_takes_the_environments_the_scene_names(tmp_path):
+    tables = {
+        "columns": {"subject": "ID", "k_adj": "{environment}"},
+        "environments": {"soft": {"k_ref": 10.0}, "hard": {"k_ref": 90.0}},
+    }
+    sessions = read(tmp_path, "ID,age,soft,hard\n1,33,11,88\n2,44,9,91\n", tables)
+    assert sessions.table[["subject", "environment", "k_adj"]].to_numpy().tolist() == [
+        ["1", "soft", 11.0],
+        ["1", "hard", 88.0],
+        ["2", "soft", 9.0],
+        ["2", "hard", 91.0],
+    ]
+    assert "columns not used: 'age'" in [notice.text for notice in sessions.notices]
+    error = refusal(tmp_path, "ID,age,firm\n1,33,11\n", tables)
+    assert "no column fits the pattern" in str(error)
+
+
 def test_files_merge_by_column_name(tmp_path):
     (tmp_path / "a.csv").write_text("subject,environment,k_ref,k_adj\n1,a,10,11\n")
     (tmp_path / "b.csv").write_text("k_adj,environment,subject,k_ref,group\n12,a,2,10,left\n")

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy import stats
 
 from percept import read_sessions
 from percept.cli import main
 from percept.errors import RefusalError, UsageError
-from percept.sessions import Sessions
+from percept.sessions import ReadOptions, Sessions
 from percept.simulate.like import (
     BETWEEN,
     CORRELATION,
@@ -150,6 +151,17 @@ def test_one_parameter_in_one_environment() -> None:
     study = simulate_like(summary(("wall", "b", 2, 1.5, 2.5, 2, 0.9)), seed=4)
     assert list(study.columns) == ["subject", "session", "environment", "b_ref", "trial", "b_adj", "source"]
     assert study["b_adj"].mean() == pytest.approx(2.0, abs=0.05)
+
+
+def test_the_limits_of_any_quantity_are_met() -> None:
+    options = ReadOptions.from_mapping({"quantities": {"duration": {"unit": "ms"}}})
+    rows = [("short", "duration", 400, 350, 470, 8, 0.95), ("long", "duration", 900, 700, 880, 8, 0.95)]
+    table = Sessions.from_frame(pd.DataFrame(rows, columns=COLUMNS), options=options)
+    made = simulate_like(table, seed=1)
+    for environment, _, _, lower, upper, n, level in rows:
+        values = made.loc[made["environment"] == environment, "duration_adj"]
+        low, high = stats.t.interval(level, n - 1, values.mean(), stats.sem(values))
+        assert (round(low), round(high)) == (lower, upper)
 
 
 @settings(max_examples=30, deadline=None)
