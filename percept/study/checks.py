@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
@@ -24,8 +23,6 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import Pooled
 from percept.inference.hierarchy.scales import Options
 from percept.inference.sampling.gate import Progress, Settings
 from percept.scene import Scene
@@ -34,15 +31,14 @@ from percept.sessions.quantities import Quantities
 from percept.study.band import weber_trend
 from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.fit import Fit, RunStore, fit_model, prepare
-from percept.study.posterior import posterior_tree
+from percept.study.posterior import posterior_tree, prior_pull
 
 _Told = Callable[[Progress], None] | None
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is looked at.
 FALSE_ALARM = 0.05
 #: Sensitivity (a distance of distributions per doubling of the power) from which it is worth a look.
 THRESHOLD = 0.05
-#: Accuracy of sampling without a subject, in SDs of the log density; and the error, in nats, above which the
-#: log of its mean stays rough.
+#: Accuracy of sampling without a subject, SDs of the log density; error, nats, above which its mean is rough.
 _ACCURACY, _ROUGH = 0.05, 0.2
 #: Models compared, by what they leave out of the full one. "Weber trend" keeps each environment's own spread
 #: about the trend, which takes up what the trend lacks: it seldom differs from "full". Weber's law itself is
@@ -58,8 +54,6 @@ MODELS = {
 #: (Sivula, Magnusson & Vehtari 2020, arXiv:2008.10296).
 _SMALL = 4.0
 _REPLICATES = 4000
-#: Half-widths of the average user's interval from which a prior's pull is told; SDs of a prior taken as flat.
-_PULL, _FLAT = 0.1, 1e3
 _PRIOR_DRAWS = 40_000
 _PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
 _QUANTITIES = {"mean": "population_mean", "user": "new_user", "spread": "population_sd"}
@@ -107,7 +101,7 @@ def model_checks(fit: Fit, scene: Scene, *, progress: _Told = None) -> ModelChec
         shrinkage=_shrinkage(fit, fit.subjects),
         correlation=correlation_table(fit, fit.subjects, level=level),
         weber=weber,
-        pull=tuple(_pull(fit, fit.subjects, level=level)),
+        pull=prior_pull(fit, fit.subjects, level=level),
     )
 
 
@@ -248,10 +242,10 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Dat
         # The map to the quantity is increasing, so quantiles pass through it; far tails may be infinite.
         with np.errstate(over="ignore"):
             found = fit.scale.native(np.quantile(drawn, _PRIOR_QUANTILES, axis=0))
-        for (parameter, environment), c in fit.column.items():
+        for (p, environment), c in fit.column.items():
             quantiles = {f"q{100 * q:g}": found[i, c] for i, q in enumerate(_PRIOR_QUANTILES)}
-            at = {"environment": environment, "parameter": parameter, "kind": kind}
-            rows.append({**at, **quantiles, "unit": fit.quantities[parameter].unit})
+            at = {"environment": environment, "parameter": p, "kind": kind}
+            rows.append(at | quantiles | {"unit": fit.quantities[p].unit})
     return pd.DataFrame(rows)
 
 
@@ -273,31 +267,6 @@ def _shrinkage(fit: Fit, subjects: SubjectDensity) -> pd.DataFrame | None:
         }
         for (parameter, environment), c in fit.column.items()
     )
-
-
-def _pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> Iterator[str]:
-    """Say how far the prior of the common bias moves average users from where a flat one has them."""
-    density = subjects.density
-    flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
-    free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
-    some = fit.points[:: max(1, len(fit.points) // _REPLICATES)]
-    own, other = (Pooled(one).laws(some) for one in (density, free))
-    # Locations are integrated out of both densities, whose ratio tells how likely draws are under the other.
-    weights = special.softmax(free(some) - density(some))
-    half_width = special.ndtri(0.5 * (1.0 + level)) * np.hypot(own.sd, own.mean.std(axis=0)).mean(axis=0)
-    moved = (own.mean.mean(axis=0) - weights @ other.mean) / half_width
-    cells = [
-        f"{fit.quantities[p].label} in {e} ({moved[c]:+.2f})"
-        for (p, e), c in fit.column.items()
-        if abs(moved[c]) > _PULL
-    ]
-    if cells:
-        yield (
-            f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate of the "
-            f"average user, in half-widths of the interval: {', '.join(cells)}. It expects settings near "
-            "their references. Where these or their unit are arbitrary, set a larger alpha_sd in "
-            "[model.priors]."
-        )
 
 
 def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd.DataFrame | None:

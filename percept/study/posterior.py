@@ -1,15 +1,19 @@
-"""The posterior as a DataTree in ArviZ's groups."""
+"""The posterior as a DataTree in ArviZ's groups; and where one prior has moved it."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy import special
 
 import percept
 from percept.inference.checks.predictive import draw_prior, log_prior
 from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.models import Pooled
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 
@@ -18,6 +22,9 @@ Named = dict[str, tuple[Sequence[str], Array]]
 #: Log likelihoods (draws times subjects) that a tree holds; larger studies keep fewer draws.
 _MOST = 1 << 24
 _PRIOR_DRAWS = 4000
+#: Half-widths of the average user's interval from which a prior's pull is told; SDs of a prior taken as flat;
+#: and draws to reweight.
+_PULL, _FLAT, _REWEIGHTED = 0.1, 1e3, 4000
 _CELL = ("parameter", "environment")
 
 
@@ -108,3 +115,28 @@ def _tree(groups: Mapping[str, tuple[int, Named]], labels: Mapping[str, list[str
         coords = {dim: labels.get(dim, np.arange(size)) for dim, size in sizes.items()}
         found[group] = xarray.Dataset(variables, coords, made_by)
     return xarray.DataTree.from_dict(found)
+
+
+def prior_pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> tuple[str, ...]:
+    """Say how far the prior of the common bias moves average users from where a flat one has them."""
+    density = subjects.density
+    flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
+    free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
+    some = fit.points[:: max(1, len(fit.points) // _REWEIGHTED)]
+    own, other = (Pooled(one).laws(some) for one in (density, free))
+    # Locations are integrated out of both densities, whose ratio tells how likely draws are under the other.
+    weights = special.softmax(free(some) - density(some))
+    half_width = special.ndtri(0.5 * (1.0 + level)) * np.hypot(own.sd, own.mean.std(axis=0)).mean(axis=0)
+    moved = (own.mean.mean(axis=0) - weights @ other.mean) / half_width
+    cells = ", ".join(
+        f"{fit.quantities[p].label} in {e} ({moved[c]:+.2f})"
+        for (p, e), c in fit.column.items()
+        if abs(moved[c]) > _PULL
+    )
+    if not cells:
+        return ()
+    return (
+        f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate of the "
+        f"average user, in half-widths of the interval: {cells}. It expects settings near their references. "
+        "Where these or their unit are arbitrary, set a larger alpha_sd in [model.priors].",
+    )

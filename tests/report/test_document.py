@@ -93,7 +93,7 @@ def test_what_has_no_reference_or_limit_is_not_counted(classical):
         "boundaries": [],
         "passivity": None,
         "coupling": None,
-        "data": {"doubts": [], "quantities": classical["data"]["quantities"]},
+        "data": {"doubts": [], "cells": [], "quantities": classical["data"]["quantities"]},
         "provenance": {"scene": {}},
     }
     document = {"intervals": [dict(row) for row in classical["intervals"]], **nothing}
