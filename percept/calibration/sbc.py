@@ -12,8 +12,9 @@ import functools
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,48 +184,37 @@ def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLik
     """
     to = Path(directory)
     to.mkdir(parents=True, exist_ok=True)
-    together = {(one.design, one.fault): one for one in (*_read_calibrations(to / "sbc.json"), *found)}
-    found = list(together.values())
-    rows = [{**dataclasses.asdict(one), "outside": list(one.outside)} for one in found]
-    (to / "sbc.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    total = sum(one.fits for one in found)
+    path = to / "sbc.json"
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    rows += [{**dataclasses.asdict(one), "outside": list(one.outside)} for one in found]
+    rows = list({(row["design"], row["fault"]): row for row in rows}.values())
+    path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    total = sum(row["fits"] for row in rows)
     head = (
         "# Simulation-based calibration\n\n"
         f"{total} studies were drawn from the prior and fitted. True scales, correlations and "
         "locations are ranked among independent posterior draws; `mean` and `user` are the posterior "
         "distribution functions at the true mean and at a new user. Each design's quantities are judged "
         "together by simultaneous bands that a right density leaves with a probability of at most "
-        f"{100 * max((one.error for one in found), default=0.0):g} %. Fits the gate withheld are counted as "
+        f"{100 * ERROR:g} %. Fits the gate withheld are counted as "
         "failed and give no ranks. With few fits only large errors show.\n\n"
         f"{made.sentence}\n\n"
     )
-    (to / "sbc.md").write_text(head + sbc_markdown(found), encoding="utf-8")
+    (to / "sbc.md").write_text(head + sbc_markdown(rows), encoding="utf-8")
 
 
-def _read_calibrations(path: Path) -> list[Calibration]:
-    """Verdicts of an earlier call; none without a file."""
-    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    found = []
-    for row in rows:
-        del row["outside"]
-        quantities = (Uniformity(**(q | {"below": tuple(q["below"])})) for q in row.pop("quantities"))
-        row |= {name: tuple(row[name]) for name in ("reasons", "lower", "upper")}
-        found.append(Calibration(**row, quantities=tuple(quantities)))
-    return found
-
-
-def sbc_markdown(found: Sequence[Calibration]) -> str:
-    """Write verdicts as a table in Markdown."""
+def sbc_markdown(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Write verdicts, as `sbc.json` holds them, as a table in Markdown."""
     lines = [
         "| design | deliberate error | fits | failed | quantities | outside | farthest | tail | band |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    for one in found:
-        worst = min(one.quantities, key=lambda q: q.least_tail, default=None)
+    for row in rows:
+        worst = min(row["quantities"], key=lambda q: q["least_tail"], default=None)
         cells = [
-            one.design, FAULTS[one.fault] if one.fault != "none" else "", str(one.fits), str(one.failed),
-            str(len(one.quantities)), str(len(one.outside)), worst.quantity if worst else "",
-            f"{worst.least_tail:.2g}" if worst else "", f"{one.tail:.2g}",
+            row["design"], FAULTS[row["fault"]] if row["fault"] != "none" else "", row["fits"], row["failed"],
+            len(row["quantities"]), len(row["outside"]), worst["quantity"] if worst else "",
+            f"{worst['least_tail']:.2g}" if worst else "", f"{row['tail']:.2g}",
         ]  # fmt: skip
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines) + "\n"

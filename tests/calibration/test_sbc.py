@@ -176,7 +176,8 @@ def test_failed_fits_are_counted_with_their_reason():
     found = judge_places(PLAN, placed)
     assert (found.fits, found.failed) == (42, 2)
     assert found.reasons == ("the ensembles disagree.", "stuck.")
-    assert "| one environment |  | 42 | 2 | 1 | 0 | tau[k] |" in sbc_markdown([found])
+    row = {**dataclasses.asdict(found), "outside": []}
+    assert "| one environment |  | 42 | 2 | 1 | 0 | tau[k] |" in sbc_markdown([row])
     nothing = judge_places(PLAN, [Placed("stuck.", {})])
     assert (nothing.fits, nothing.failed, nothing.quantities) == (1, 1, ())
 
