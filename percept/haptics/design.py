@@ -182,20 +182,6 @@ def design_couplings(
     return CouplingDesign(each=each, common=common)
 
 
-def softest_coupling(
-    device: AnyDevice,
-    boundaries: Sequence[EnvironmentBoundary],
-    frequencies: tuple[float, float],
-    period: float,
-    *,
-    hold: str = "average",
-    damping: ArrayLike | None = None,
-) -> QualifyingCoupling | None:
-    """Return the softest coupling that suits all boundaries, as `design_couplings` does, without its map."""
-    walls, lines = _checked(device, boundaries, frequencies, period, hold, damping)
-    return _end(device, walls, lines, 1, period, hold)
-
-
 def _checked(
     device: AnyDevice,
     boundaries: Sequence[EnvironmentBoundary],

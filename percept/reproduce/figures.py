@@ -224,14 +224,13 @@ def _mark_devices(ax: Axes, published: Published) -> None:
             label=f"{float(coupling.stiffness) / 1e3:g} kN/m is stable above {needed:.4g} N·s/m",
         )
     device = published.device
-    _cross(ax, float(device.mass), float(device.damping), 5, "the scene’s device")
+    ax.plot(
+        device.mass, device.damping, color=COLOURS["warn"], marker="X", markersize=5, linestyle="none",
+        label="the scene’s device",
+    )  # fmt: skip
     log_scale(ax, plain=True)
     ax.set_xlim(MASSES[0], MASSES[-1])
     ax.set_ylim(DAMPINGS[0], DAMPINGS[-1])
-
-
-def _cross(ax: Axes, x: float, y: float, size: float, label: str) -> None:
-    ax.plot([x], [y], marker="X", markersize=size, linestyle="none", color=COLOURS["warn"], label=label)
 
 
 def _design(published: Published, adapted: Adapted) -> Drawing:
