@@ -25,7 +25,9 @@ from percept.inference.sampling.transport import Checked, Target, refuse_impossi
 Array = NDArray[np.float64]
 
 
-_DF = 20.0  # tails a little heavier than normal: a proposal must not miss what the transport did
+#: Tails a little heavier than normal: a proposal must not miss what the transport did. As many degrees of
+#: freedom as dimensions, or the radius alone would tell the law from a normal one.
+_FEWEST_DF = 20.0
 
 
 class Reference:
@@ -33,20 +35,21 @@ class Reference:
 
     def __init__(self, dimension: int) -> None:
         self.dimension = dimension
+        self._df = df = max(_FEWEST_DF, float(dimension))
         self._constant = (
-            math.lgamma(0.5 * (_DF + dimension))
-            - math.lgamma(0.5 * _DF)
-            - 0.5 * dimension * math.log(math.pi * _DF)
+            math.lgamma(0.5 * (df + dimension))
+            - math.lgamma(0.5 * df)
+            - 0.5 * dimension * math.log(math.pi * df)
         )
 
     def log_density(self, points: Array) -> Array:
         """Log density at points of shape (N, d), shape (N,)."""
         square = np.einsum("nd,nd->n", points, points)
-        return self._constant - 0.5 * (_DF + self.dimension) * np.log1p(square / _DF)
+        return self._constant - 0.5 * (self._df + self.dimension) * np.log1p(square / self._df)
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """Draw `count` points, shape (count, d)."""
-        radius = np.sqrt(0.5 * _DF / rng.standard_gamma(0.5 * _DF, size=count))
+        radius = np.sqrt(0.5 * self._df / rng.standard_gamma(0.5 * self._df, size=count))
         return radius[:, None] * rng.standard_normal((count, self.dimension))
 
     def rotate(self, points: Array, rng: np.random.Generator) -> Array:
@@ -57,8 +60,8 @@ class Reference:
         """
         count = len(points)
         square = np.einsum("nd,nd->n", points, points)
-        gamma = rng.standard_gamma(0.5 * (_DF + self.dimension), size=count)
-        radius = np.sqrt(0.5 * (_DF + square) / gamma)
+        gamma = rng.standard_gamma(0.5 * (self._df + self.dimension), size=count)
+        radius = np.sqrt(0.5 * (self._df + square) / gamma)
         # Many small angles: in a far tail only short steps are accepted.
         angle = 0.5 * math.pi * rng.random(count) ** 2
         towards = (np.sin(angle) * radius)[:, None] * rng.standard_normal(points.shape)

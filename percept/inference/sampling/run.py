@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 _BURN_IN, _LEARNING = 40, 24
 _FIRST_ROUND = 144
 #: A run predicted to take this multiple of its first round begins again, with a transport fitted to it.
-#: Half as many are enough where that has this multiple of the effective draws of the transport's own sample.
-_WORTH_REFINING, _BETTER_SAMPLE = 3.0, 4.0
+#: Later, half that is enough, the smaller the better its sample is than the one of the transport at work.
+_WORTH_REFINING, _WORTH_AGAIN, _BETTER_SAMPLE = 3.0, 1.5, 6.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
 #: Autocorrelation times after that, as a fraction of those before.
@@ -68,17 +68,21 @@ def sample(
         run = chain.judge(progress)
         if (run.gate.passed and run.gate.tolerance_met) or chain.at_its_end(run):
             return run
-        # Once for accuracy; again only where walkers are slow.
-        wanted = steps_to_settle(run) if refined else chain.steps_needed(run)
-        better = 0 < _BETTER_SAMPLE * fitted < run.gate.effective_draws
-        if refined == _MOST_REFINED or wanted <= _WORTH_REFINING * (0.5 if better else 1.0) * chain.spanned:
+        # Once for accuracy; again only where walkers are slow and a better sample is there.
+        times = (steps_to_settle(run) if refined else chain.steps_needed(run)) / chain.spanned
+        drawn = run.gate.effective_draws
+        if refined == 0:
+            worth = times > _WORTH_REFINING
+        else:
+            worth = times > _WORTH_AGAIN and times * drawn > _BETTER_SAMPLE * fitted
+        if refined == _MOST_REFINED or not worth:
             chain.go_on(run)
             continue
-        refined, fitted = refined + 1, run.gate.effective_draws
+        refined, fitted = refined + 1, drawn
         walkers, goal = _refined_size(run, chain.steps_by_error(run))
         rng, seed = np.random.default_rng(seeds[2 * refined]), seeds[2 * refined + 1]
-        drawn = run.points.reshape(-1, run.points.shape[-1])
-        here, points = refine(target, drawn, (settings.ensembles, walkers), rng)
+        sample_points = run.points.reshape(-1, run.points.shape[-1])
+        here, points = refine(target, sample_points, (settings.ensembles, walkers), rng)
         chain = _Chain(here, points, seed, estimands, settings, _REFINED_STRIDE, goal)
 
 

@@ -73,6 +73,8 @@ def _describe(names: list[str], point: Array) -> str:
 _REACH = 3.0
 _KNOTS = np.linspace(-_REACH, _REACH, 13)
 _WIDER, _BEND = 1.5, 1.0
+#: Knots that straight lines follow, and the mean square of departures, in standard errors, to be believed.
+_MIDDLE, _SETTLED = 1.5, 4.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,9 +84,9 @@ class Spline:
     coefficients: Array  # (d, pieces, 4) Of 1, t, t², t³ on every piece, t in [0, 1]
 
     @classmethod
-    def fit(cls, points: Array) -> Self:
-        """Take standard normal quantiles to the quantiles of a sample (N, d)."""
-        values = np.quantile(points, special.ndtr(_KNOTS), axis=0).T
+    def fit(cls, points: Array, effective: float) -> Self:
+        """Take standard normal quantiles to the quantiles of a sample (N, d), as far as they are not chance."""
+        values = _settled(np.quantile(points, special.ndtr(_KNOTS), axis=0), effective).T
         # Tied quantiles would make the map flat.
         rise = np.maximum(np.diff(values, axis=1), 1e-6 * np.ptp(values, axis=1, keepdims=True) + 1e-300)
         knots = values[:, :1] + np.concatenate([np.zeros_like(rise[:, :1]), np.cumsum(rise, axis=1)], 1)
@@ -126,9 +128,28 @@ class Spline:
         return value, np.log(slope).sum(axis=0) + size * np.log(per_unit)
 
 
+def _settled(values: Array, effective: float) -> Array:
+    """Draw quantiles (K, d) at the knots towards straight lines, as far as they differ by chance alone.
+
+    The extreme quantiles of a few hundred draws err by half a unit, and many coordinates err together.
+    """
+    middle = np.abs(_KNOTS) <= _MIDDLE
+    knots = _KNOTS[middle]
+    unit = knots @ values[middle] / (knots @ knots)
+    line = values[middle].mean(axis=0) + unit * _KNOTS[:, None]
+    tail = special.ndtr(_KNOTS)
+    density = np.exp(-0.5 * _KNOTS**2) / np.sqrt(2.0 * np.pi)
+    error = np.sqrt(tail * (1.0 - tail) / effective) / density
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = np.square((values - line) / (unit * error[:, None])).mean(axis=0)
+        share = np.nan_to_num(np.clip((square - 1.0) / (_SETTLED - 1.0), 0.0, 1.0), nan=1.0)
+    return np.asarray(line + share * (values - line))
+
+
 _DRIVERS = 6  # most drivers
 _SIGNIFICANT = 4.0  # standard errors a bend or a widening must have to be believed
-_NOISE = 2.0  # standard errors within which a correlation counts as none
+#: Standard errors within which a correlation may count as none, and the most of the rest that are chance.
+_NOISE, _BY_CHANCE = np.arange(2.0, 6.5, 0.5), 0.5
 _ALIKE = 1e-9  # effects that differ by no more are the same
 _SHORT = 0.5  # most a coefficient of a log scale changes in one step of its fit
 _COLUMNS = 32  # points are mapped in multiples of, so that none depends on how many there are
@@ -165,7 +186,9 @@ class Transport:
                 found[0] for found in _regress(features[:, :known], y[:, [i]], effective)[:2]
             )
         mean[others], log_scale[others], remainder = _regress(features, y[:, others], effective)
-        return cls(drivers, others, mean, log_scale, _factor(remainder, effective), Spline.fit(points))
+        return cls(
+            drivers, others, mean, log_scale, _factor(remainder, effective), Spline.fit(points, effective)
+        )
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
         """Map points (N, d) and return them with log abs det of the Jacobian, shape (N,)."""
@@ -239,8 +262,13 @@ def _factor(remainder: Array, effective: float) -> Array:
     covariance = remainder.T @ remainder / len(remainder)
     sd = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sd, sd)
-    noise = _NOISE**2 / (effective * np.maximum(correlation**2, 1e-300))
-    correlation *= np.maximum(1.0 - noise, 0.0)
+    square = effective * np.maximum(correlation**2, 1e-300)
+    # Of many pairs a twentieth lie beyond two standard errors by chance.
+    pairs = square[np.triu_indices(len(square), 1)]
+    found = (pairs[:, None] > _NOISE**2).sum(axis=0)
+    rare = 2.0 * special.ndtr(-_NOISE) * len(pairs) <= _BY_CHANCE * found
+    noise = _NOISE[int(np.argmax(rare)) if rare.any() else -1]
+    correlation *= np.maximum(1.0 - noise**2 / square, 0.0)
     while True:
         try:
             np.fill_diagonal(correlation, 1.0)
