@@ -79,7 +79,7 @@ def test_the_summary_names_what_misses():
     rows = [
         cost("6x3x1", z_square=1.0, **compared),
         cost("12x8x1", z_square=4.0, **(compared | {"compared": 10, "z_beyond_3": 2, "peer_error": 1.5})),
-        cost("24x12x1", in_time=False, wall_s=25.0, passed=False, peak_mb=1200.0, peer_s=600.0),
+        cost("24x12x1", in_time=False, processor_s=25.0, passed=False, peak_mb=1200.0, peer_s=600.0),
     ]
     passing, timely, memory, peer, poor, without = summary(rows)
     assert passing == "2 of 3 fits pass the gate; not 24x12x1 (seed 1)."
