@@ -85,7 +85,7 @@ class Spline:
 
     @classmethod
     def fit(cls, points: Array, effective: float) -> Self:
-        """Take standard normal quantiles to the quantiles of a sample (N, d), as far as they are not chance."""
+        """Take standard normal quantiles to the quantiles of a sample (N, d), as far as not chance."""
         values = _settled(np.quantile(points, special.ndtr(_KNOTS), axis=0), effective).T
         # Tied quantiles would make the map flat.
         rise = np.maximum(np.diff(values, axis=1), 1e-6 * np.ptp(values, axis=1, keepdims=True) + 1e-300)
