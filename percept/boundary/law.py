@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import integrate, special
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import sample
@@ -91,12 +91,18 @@ class Axis:
         return np.clip(u, self.low, self.high), np.where((u > self.low) & (u < self.high), rate, 0.0)
 
 
-@functools.cache
-def _splines(size: int) -> tuple[Array, Array]:
-    """Matrices from values on a unit grid to their cubic spline and its integral, on a finer grid."""
-    spline = CubicSpline(np.linspace(0.0, 1.0, size), np.eye(size))
-    fine = np.linspace(0.0, 1.0, _CUT * (size - 1) + 1)
-    return spline(fine), spline.antiderivative()(fine)
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cumulated:
+    """Probability of one of k and b up to a point per value of the other; a column for all draws, or more."""
+
+    table: Array  # (outer, inner, C)
+    margin: Array  # (outer, C) probability of the outer one up to a point
+
+    @classmethod
+    def of(cls, table: Array) -> Cumulated:
+        """Add the margin."""
+        outer = integrate.cumulative_trapezoid(table[:, -1], dx=1.0 / (len(table) - 1), axis=0, initial=0)
+        return cls(table, outer)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,54 +113,46 @@ class PairLaw:
     mean: Array  # (2,) of (log) k and b
     covariance: Array  # (2, 2)
     axes: tuple[Axis, Axis]  # of k and b
-    density: Array  # (1 + B, K, L) on the grid of k and b: of all draws, and of each batch
+    density: Array  # (K, L) on the grid of k and b
+    batches: Array  # (B, K, L) densities of the batches of draws
     shares: Array  # (B,) of the draws in each batch; none where nothing was drawn
 
     @functools.cached_property
-    def cumulated(self) -> tuple[Array, Array]:
-        """Probability of k up to a point per b, and of b up to a point per k: (outer, inner, 1 + B)."""
-        (value_k, sum_k), (value_b, sum_b) = (_splines(axis.size) for axis in self.axes)
-        over_k = np.moveaxis(sum_k @ self.density @ value_b.T, (0, 1, 2), (2, 1, 0))
-        over_b = np.moveaxis(value_k @ self.density @ sum_b.T, (0, 1, 2), (2, 0, 1))
-        return np.ascontiguousarray(over_k), np.ascontiguousarray(over_b)
+    def cumulated(self) -> tuple[Cumulated, Cumulated]:
+        """Probability of k per b, and of b per k."""
+        fine = [np.linspace(0.0, 1.0, _CUT * (axis.size - 1) + 1) for axis in self.axes]
+        unit = [part[::_CUT] for part in fine]
+        over_k = CubicSpline(unit[0], self.density, axis=0).antiderivative()(fine[0])
+        over_b = CubicSpline(unit[1], self.density, axis=1).antiderivative()(fine[1])
+        of_k = CubicSpline(unit[1], over_k, axis=1)(fine[1]).T
+        of_b = CubicSpline(unit[0], over_b, axis=0)(fine[0])
+        return Cumulated.of(np.ascontiguousarray(of_k)[..., None]), Cumulated.of(of_b[..., None])
 
     @functools.cached_property
-    def margins(self) -> tuple[Array, Array]:
-        """Probability of b, and of k, up to the points that `cumulated` has them at: (outer, 1 + B)."""
-        first, second = (
-            integrate.cumulative_trapezoid(table[:, -1], dx=1.0 / (len(table) - 1), axis=0, initial=0)
-            for table in self.cumulated
-        )
-        return first, second
+    def by_batch(self) -> tuple[Cumulated, Cumulated]:
+        """The same of all draws and of each batch, on the density's grid: enough for differences."""
+        every = np.concatenate([self.density[None], self.batches])
+        return self._summed(every, 0), self._summed(every, 1)
 
-    @functools.cached_property
-    def whole(self) -> tuple[Array, Array]:
-        """The first column of `cumulated`, flat."""
-        first, second = (table[..., 0].ravel() for table in self.cumulated)
-        return first, second
+    def _summed(self, every: Array, inner: int) -> Cumulated:
+        dx = 1.0 / (self.axes[inner].size - 1)
+        held = integrate.cumulative_trapezoid(every, dx=dx, axis=1 + inner, initial=0)
+        return Cumulated.of(np.ascontiguousarray(held.transpose(2 - inner, 1 + inner, 0)))
 
     @functools.cached_property
     def points(self) -> tuple[Array, Array, Array]:
-        """Points that fill the plane evenly, k and b each (C,), and their probability in every batch."""
+        """Points that fill the plane evenly, k and b each (C,), and their probability."""
         return self.even(_POINTS)
 
     def even(self, count: int) -> tuple[Array, Array, Array]:
         """Return as many such points."""
-        place = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
-        k, b = (
-            axis.native(axis.low + part * (axis.high - axis.low))
-            for axis, part in zip(self.axes, place, strict=True)
-        )
-        values = [_splines(axis.size)[0] for axis in self.axes]
-        table = np.moveaxis(values[0] @ self.density @ values[1].T, 0, -1)
-        (row, over), (column, part) = (
-            steps(at, size) for at, size in zip(place, table.shape[:2], strict=True)
-        )
-        held = np.zeros((count, len(self.density)))
-        for i, weight in enumerate((1.0 - over, over)):
-            for j, other in enumerate((1.0 - part, part)):
-                held += (weight * other)[:, None] * table[row + i, column + j]
-        return k, b, (held / held.sum(axis=0)).T
+        u = [
+            axis.low + part * (axis.high - axis.low)
+            for axis, part in zip(self.axes, _even(count), strict=True)
+        ]
+        density = RectBivariateSpline(*(axis.grid for axis in self.axes), self.density).ev(*u)
+        k, b = (axis.native(part) for axis, part in zip(self.axes, u, strict=True))
+        return k, b, density / density.sum()
 
     def ellipse(self, *, kind: Literal["mean", "user"], level: float, n: int) -> EllipseRegion:
         """Put an ellipse around the law, out to a quantile of the Mahalanobis distance."""
@@ -165,7 +163,7 @@ class PairLaw:
         k, b, held = self.points
         distance = unit.distance(k, b)
         order = np.argsort(distance)
-        inside = np.cumsum(held[0][order])
+        inside = np.cumsum(held[order])
         radius = float(np.interp(level * inside[-1], inside, distance[order]))
         return dataclasses.replace(unit, radius=radius)
 
@@ -188,7 +186,7 @@ def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family:
     own, spread, slope, left = _by_regression(mean[order], covariance[order], axes)
     precision, height = 1.0 / np.sqrt(left), -0.5 * np.log(spread * left)
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    density = np.empty((1 + sizes.size, x.size, y.size))
+    density = np.empty((sizes.size, x.size, y.size))
     # In single precision exponentials take a fifth of the time, and keep seven digits.
     scaled = np.multiply.outer(x, precision).astype(np.float32)
     terms = np.empty_like(scaled)
@@ -201,9 +199,8 @@ def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family:
         # Below the smallest normal numbers arithmetic is a hundred times as slow.
         np.maximum(terms, np.float32(-80.0), out=terms)
         np.exp(terms, out=terms)
-        density[1:, :, column] = np.add.reduceat(terms, starts, axis=1).T
-    density[0] = density[1:].sum(axis=0)
-    return _law(density, axes, centre, about, family, sizes / sizes.sum())
+        density[:, :, column] = np.add.reduceat(terms, starts, axis=1).T
+    return _law(density.sum(axis=0), density, axes, centre, about, family, sizes / sizes.sum())
 
 
 def _by_regression(
@@ -231,14 +228,26 @@ def _axes(
 
 
 def _law(
-    density: Array, axes: tuple[Axis, Axis], mean: Array, covariance: Array, family: Family, shares: Array
+    density: Array,
+    batches: Array,
+    axes: tuple[Axis, Axis],
+    mean: Array,
+    covariance: Array,
+    family: Family,
+    shares: Array,
 ) -> PairLaw:
-    """Put densities (1 + B, points) of the standard coordinates on the axes' own, each summing to one."""
+    """Put densities of the standard coordinates on the axes' own, each summing to one."""
     rates = np.multiply.outer(*(np.cosh(axis.grid) for axis in axes))
-    table = density * rates
-    sums = [_splines(axis.size)[1][-1] for axis in axes]
-    table /= np.einsum("nkl,k,l->n", table, *sums)[:, None, None]
-    return PairLaw(family, mean, covariance, axes, table, shares)
+    unit = [np.linspace(0.0, 1.0, axis.size) for axis in axes]
+
+    def whole(table: Array) -> Array:
+        over_k = CubicSpline(unit[0], table, axis=-2).integrate(0.0, 1.0)
+        return np.asarray(CubicSpline(unit[1], over_k, axis=-1).integrate(0.0, 1.0))
+
+    density, batches = density * rates, batches * rates
+    density /= whole(density)
+    batches /= whole(batches)[:, None, None]
+    return PairLaw(family, mean, covariance, axes, density, batches, shares)
 
 
 def confidence_law(stiffness: ArrayLike, damping: ArrayLike, *, kind: str, family: Family) -> PairLaw:
@@ -264,7 +273,12 @@ def confidence_law(stiffness: ArrayLike, damping: ArrayLike, *, kind: str, famil
     off = y - own[1]
     square = (x - own[0] - slope * off) ** 2 / left + off**2 / spread
     density = (1.0 + square / (n - 1.0)) ** (-0.5 * (n + 1.0))
-    return _law(density[None], axes, mean, covariance, family, np.empty(0))
+    return _law(density, np.empty((0, *density.shape)), axes, mean, covariance, family, np.empty(0))
+
+
+def _even(count: int) -> Array:
+    """Return points of the unit square, (2, count)."""
+    return np.outer(_EVEN, np.arange(0.5, count)) % 1.0
 
 
 def steps(place: Array, count: int) -> tuple[NDArray[np.intp], Array]:

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import optimize, sparse, special
 
-from percept.boundary.law import PairLaw, steps
+from percept.boundary.law import Cumulated, PairLaw, steps
 from percept.errors import UsageError
 from percept.haptics import AnyDevice
 from percept.haptics.impedance import warp
@@ -36,14 +36,12 @@ _EXACT = 1e-4
 # Where they are first looked for; and how many bands from there, in logarithms, they may lie.
 _TAIL, _WIDER = 0.005, 3.0
 # Bands, in logarithms, that a limit moves by at most per SD.
-_STEEPEST, _NARROWEST = 2.0, 1e-9
+_STEEPEST, _NARROWEST = 100.0, 1e-9
 # Points that say where to look.
 _SOME = 600
 _BLOCK_VALUES, _TINY = 1 << 20, np.finfo(np.float64).tiny
 # A level is calibrated to this many SDs of a normal.
-_CLOSE, _MOST_STEPS, _FARTHEST = 0.003, 12, 3.0
-# Fewest points that a share is read from, and parts of the points whose scatter says how far off it is.
-_FEWEST, _PARTED = 16, 4
+_CLOSE, _FARTHEST = 0.003, 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -60,8 +58,19 @@ class Calibration:
     """The level at each omega for itself at which limits hold over all omega together."""
 
     level: float
-    error: float  # Standard error: of the draws, and of the points that whole curves are counted at
+    error: float  # Monte Carlo standard error
     shifts: Array  # (B,) By how many SDs each batch of draws would move the limits out
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Nodes:
+    """Where the probability that abs(Z_h) lies below Q radii is looked up, as fractions of the axes."""
+
+    outer: Array  # (Q, J)
+    weight: Array  # (Q, J)
+    ends: Array  # (2, Q, J) of the interval of the inner one
+    moves: Array  # (2, Q, J) how fast they move with the radius' logarithm
+    range: Array  # (Q, 2) of the outer one
 
 
 class Magnitude:
@@ -87,6 +96,7 @@ class Magnitude:
         self._finite = np.isfinite(offsets).all(axis=0) & (gains > 0).all(axis=0)
         self._law, self._gains, self._offsets = law, gains[:, self._finite], offsets[:, self._finite]
         self._solved: dict[float, tuple[Array, Array]] = {}
+        self._moved: dict[float, Array] = {}
 
     def limits(self, level: float, shifts: Array | None = None) -> Limits:
         """Equal-tailed limits; `shifts` of their score by batch are part of the error."""
@@ -97,45 +107,65 @@ class Magnitude:
         if not self._law.shares.size:
             return Limits(found[0], found[1], None)
         errors = np.zeros(found.shape)
-        own = (0.0 if shifts is None else shifts) - self._changes(score)
+        own = (0.0 if shifts is None else shifts) + self._changes(score)
         errors[:, self._finite] = slopes * self._spread(own)
         return Limits(found[0], found[1], errors)
 
     def calibrate(self, level: float) -> Calibration:
         """Choose the level at each omega that keeps curves inside at all of them with probability `level`."""
         first = score = _score(level)
-        k, b, held = self._law.points
-        limits = self._known(score)[0][..., None]
-        # Only what leaves the narrowest limits can leave wider ones.
-        leave, parts = np.zeros(held.shape[1], dtype=bool), []
-        for m, part in self._logs(k, b):
-            leave |= ((part < limits[0, m]) | (part > limits[1, m])).any(axis=0)
-            parts.append(part.astype(np.float32))
-        held, logs = held[:, leave], np.concatenate([part[:, leave] for part in parts])
-        for _ in range(_MOST_STEPS):
-            # How far out each point lies at most, in SDs beyond the limits, and where.
-            limits, slopes = self._known(score)
-            out = np.concatenate([limits[0, :, None] - logs, logs - limits[1, :, None]])
-            out /= slopes.reshape(-1, 1)
-            where = out.argmax(axis=0)
-            farthest = out[where, np.arange(where.size)]
-            step, fall = _level_of(farthest, held[0], 1.0 - level)
-            if abs(step) < _CLOSE or (score == first and step < 0.0):
-                break
-            score = min(max(first, score + step), first + _FARTHEST)
-        turn = np.flatnonzero(leave) * _PARTED // leave.size
-        steps = [
-            _level_of(farthest[turn == i], _PARTED * held[0, turn == i], 1.0 - level)[0]
-            for i in range(_PARTED)
-        ]
-        # Points that are even leave an error that falls about as their number to the power 3/4.
-        error = float(np.std(steps, ddof=1) / _PARTED**0.75)
-        rate = 2.0 * float(_density(np.array(score)))
-        # A batch moves limits and weights alike.
-        moved = farthest[:, None] + self._changes(score).reshape(-1, len(held) - 1)[where]
-        own = np.einsum("bc,cb->b", held[1:], moved > 0.0)
+
+        @functools.cache
+        def excess(score: float) -> float:
+            leaving, _ = self._leaving(self._known(score)[0][None], self._law.cumulated[0])
+            return float(np.log(np.maximum(leaving[0], _TINY) / (1.0 - level)))
+
+        # A normal's tail falls about as fast as its score.
+        fall = first
+        if (beyond := excess(first)) > 0.0:
+            start = {"x0": first, "x1": first + beyond / fall, "xtol": _CLOSE}
+            score = optimize.root_scalar(excess, method="secant", **start).root
+            score = min(max(first + _CLOSE, score), first + _FARTHEST)
+            fall = (beyond - excess(score)) / (score - first)
+        logs, slopes = self._known(score)
+        _, m = self._leaving(logs[None], self._law.cumulated[0])
+        # A batch moves limits and probabilities alike.
+        out = np.moveaxis(self._changes(score), -1, 0) * np.array([[-1.0], [1.0]])
+        own, _ = self._leaving((logs + out * slopes)[..., m], self._law.by_batch[0], m)
         shifts = (own - own @ self._law.shares) / (fall * (1.0 - level))
-        return Calibration(_level(score), rate * float(np.hypot(error, self._spread(shifts))), shifts)
+        rate = 2.0 * float(_density(np.array(score)))
+        return Calibration(_level(score), rate * float(self._spread(shifts)), shifts)
+
+    def _leaving(
+        self, logs: Array, cumulated: Cumulated, m: NDArray[np.bool_] | slice = slice(None)
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the probability (C,) that curves leave log limits (C, 2, M), and where limits bind.
+
+        Of a table with as many columns, and at the frequencies `m` only. On a line of one value of b, limits
+        leave an interval of k without the union of as many others.
+        """
+        inner, outer = self._law.axes
+        table = np.moveaxis(cumulated.table, -1, 0)[-len(logs) :]
+        (gain, gain_out), (offset, offset_out) = self._gains[:, m], self._offsets[:, m]
+        b = outer.native(np.linspace(outer.low, outer.high, table.shape[1]))
+        square = (np.multiply.outer(b, gain_out) + offset_out) ** 2
+        # Where a ball does not reach the line both its ends are the same.
+        side = np.sqrt(np.maximum(np.exp(2.0 * logs[:, :, None]) - square, 0.0))
+        ends = [inner.fraction(inner.place((sign * side - offset) / gain)[0]) for sign in (-1.0, 1.0)]
+        left, right = (np.moveaxis(_along(table, end), 1, 0) for end in ends)
+        order = left[0].argsort(axis=-1)
+        holes, ends_of = (np.take_along_axis(part[0], order, -1) for part in (left, right))
+        low, high = left[1].max(axis=-1, keepdims=True), right[1].min(axis=-1, keepdims=True)
+        filled = np.maximum.accumulate(ends_of, axis=-1)
+        before = np.maximum(np.concatenate([low, filled], axis=-1), low)
+        gaps = np.maximum(np.minimum(np.concatenate([holes, high], axis=-1), high) - before, 0.0)
+        binds = np.zeros(logs.shape[-1], dtype=bool)
+        binds[left[1].argmax(axis=-1)] = binds[right[1].argmin(axis=-1)] = True
+        farthest = np.maximum.accumulate(np.where(ends_of == filled, np.arange(order.shape[-1]), 0), axis=-1)
+        binds[order[gaps[..., :-1] > 0.0]] = True
+        binds[np.take_along_axis(order, farthest, -1)[gaps[..., 1:] > 0.0]] = True
+        held = np.trapezoid(gaps.sum(axis=-1), dx=1.0 / (b.size - 1), axis=-1)
+        return np.asarray(1.0 - held), binds
 
     def _spread(self, values: Array) -> Array:
         """Return the standard error of a mean over draws from its batches, on the last axis."""
@@ -160,7 +190,7 @@ class Magnitude:
         starts = []
         for _, logs in self._logs(k, b):
             order = np.argsort(logs, axis=1)
-            below = np.cumsum(held[0][order], axis=1)
+            below = np.cumsum(held[order], axis=1)
             starts.append(
                 [
                     np.take_along_axis(logs, np.take_along_axis(order, at[:, None], 1), 1)[:, 0]
@@ -170,15 +200,20 @@ class Magnitude:
             )
         first = np.concatenate(starts, axis=1)
         at, radius = np.tile(np.arange(first.shape[1]), 2), np.exp(first.ravel())
-        rough = [self._content(inner, at, radius, 1)[2] for inner in (0, 1)]
+        rough = [self._content(inner, at, radius)[2] for inner in (0, 1)]
         return first, np.argmin(rough, axis=0).reshape(first.shape)
 
     def _changes(self, score: float) -> Array:
-        """Return by what each batch changes the score of the limits, (2, M, B)."""
-        at, inner = np.tile(np.arange(self._gains.shape[1]), 2), self._outlook[1].ravel()
-        held, _ = self.content(at, np.exp(self._known(score)[0].ravel()), inner, every=True)
-        changes = (held[:, 1:] - held[:, :1]).reshape(2, self._gains.shape[1], -1)
-        return changes * (np.array([-1.0, 1.0]) / _density(np.array(score)))[:, None, None]
+        """Return by what each batch moves the limits out, in SDs, (2, M, B)."""
+        if score not in self._moved:
+            radius, inner = np.exp(self._known(score)[0]), self._outlook[1]
+            held = np.empty((*radius.shape, 1 + self._law.shares.size))
+            for p in (0, 1):
+                side, at = np.nonzero(inner == p)
+                held[side, at] = self._by_batch(p, at, radius[side, at])
+            out = np.array([1.0, -1.0])[:, None, None] / _density(np.array(score))
+            self._moved[score] = (held[..., 1:] - held[..., :1]) * out
+        return self._moved[score]
 
     def _known(self, score: float) -> tuple[Array, Array]:
         """Return log limits (2, M) at a score, and their slopes in it."""
@@ -214,31 +249,21 @@ class Magnitude:
         self._solved[score] = x.reshape(2, -1), slopes.reshape(2, -1)
         return self._solved[score]
 
-    def content(
-        self, at: NDArray[np.intp], radius: Array, inner_of: NDArray[np.intp], *, every: bool = False
-    ) -> tuple[Array, Array]:
+    def content(self, at: NDArray[np.intp], radius: Array, inner_of: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return P(abs(Z_h) <= radius), (Q,), at frequencies number `at`, and its slope in log radius.
 
-        The interval is of k where `inner_of` is zero, of b where it is one. With `every`, the probability has
-        a column for all draws and one for each batch.
+        The interval is of k where `inner_of` is zero, of b where it is one.
         """
-        columns = self._law.density.shape[0] if every else 1
-        held, slope = np.zeros((at.size, columns)), np.zeros(at.size)
+        held, slope = np.zeros((2, at.size))
         for inner in (0, 1):
             (rows,) = np.nonzero(inner_of == inner)
             if rows.size:
-                held[rows], slope[rows], _ = self._content(inner, at[rows], radius[rows], columns)
-        return (held if every else held[:, 0]), slope
+                held[rows], slope[rows], _ = self._content(inner, at[rows], radius[rows])
+        return held, slope
 
-    def _content(
-        self, inner: int, at: NDArray[np.intp], radius: Array, columns: int
-    ) -> tuple[Array, Array, Array]:
-        """Integrate over one of k and b the probability of the interval of the other.
-
-        Also return how rough the slope's integrand is: what its last Legendre coefficients amount to.
-        """
+    def _nodes(self, inner: int, at: NDArray[np.intp], radius: Array) -> _Nodes:
+        """Lay nodes over the outer one of k and b, and find both ends of the interval of the inner one."""
         axis, outer = self._law.axes[inner], self._law.axes[1 - inner]
-        table = self._law.cumulated[inner]
         (gain, offset), (gain_out, offset_out) = (
             (self._gains[p, at, None], self._offsets[p, at, None]) for p in (inner, 1 - inner)
         )
@@ -250,58 +275,76 @@ class Magnitude:
         left, right = (outer.place((sign * reach - offset_out) / gain_out)[0] for sign in (-1.0, 1.0))
         half = 0.5 * (right - left)
         u = 0.5 * (right + left) + half * _PLACES
-        weight = half * _PARTS / (outer.high - outer.low)
         far = gain_out * outer.native(u) + offset_out
         side = np.sqrt(np.maximum((radius - far) * (radius + far), 0.0))
-        row, over = steps(outer.fraction(u), len(table))
-        held = np.zeros((at.size, columns))
-        slopes, margin = np.zeros(u.shape), table[:, -1, :columns]
-        flat = table.reshape(-1, table.shape[2]) if columns > 1 else self._law.whole[inner]
-        for sign in (1.0, -1.0):
-            place, rate = axis.place((sign * side - offset) / gain)
-            column, part = steps(axis.fraction(place), table.shape[1])
-            index = row * table.shape[1]
-            index += column
+        ends, rates = np.stack([axis.place((sign * side - offset) / gain) for sign in (-1.0, 1.0)], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moves = np.where(side > 0.0, rates * radius**2 / (side * gain), 0.0) / (axis.high - axis.low)
+        return _Nodes(
+            outer.fraction(u), half * _PARTS / (outer.high - outer.low), axis.fraction(ends), moves,
+            outer.fraction(np.concatenate([left, right], axis=1)),
+        )  # fmt: skip
+
+    def _content(self, inner: int, at: NDArray[np.intp], radius: Array) -> tuple[Array, Array, Array]:
+        """Integrate over one of k and b the probability of the interval of the other.
+
+        Also return how rough the slope's integrand is: what its last Legendre coefficients amount to.
+        """
+        nodes, cumulated = self._nodes(inner, at, radius), self._law.cumulated[inner]
+        table = cumulated.table[..., 0]
+        row, over = steps(nodes.outer, len(table))
+        held, slopes = np.zeros(at.size), np.zeros(row.shape)
+        flat = table.ravel()
+        for sign, end, moves in zip((-1.0, 1.0), nodes.ends, nodes.moves, strict=True):
+            column, part = steps(end, table.shape[1])
+            index = row * table.shape[1] + column
             # Along the row and the next, a step and its rise.
-            before, other = (flat.take(index + skip, axis=0) for skip in (0, table.shape[1]))
-            rise = flat.take(index + 1, axis=0) - before
-            other_rise = flat.take(index + table.shape[1] + 1, axis=0) - other
-            shape = over.shape + (1,) * (before.ndim - 2)
-            before += over.reshape(shape) * (other - before)
-            rise += over.reshape(shape) * (other_rise - rise)
-            before += part.reshape(shape) * rise
-            held += sign * np.einsum("qj,qj...->q...", weight, before).reshape(at.size, -1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                moves = np.where(side > 0.0, rate * radius**2 / (side * gain), 0.0)
-            moves *= (table.shape[1] - 1) / (axis.high - axis.low)
-            slopes += weight * moves * rise.reshape(*u.shape, -1)[..., 0]
+            before, other = (flat.take(index + skip) for skip in (0, table.shape[1]))
+            rise = flat.take(index + 1) - before
+            other_rise = flat.take(index + table.shape[1] + 1) - other
+            before += over * (other - before)
+            rise += over * (other_rise - rise)
+            held += sign * np.einsum("qj,qj->q", nodes.weight, before + part * rise)
+            slopes += nodes.weight * moves * rise * (table.shape[1] - 1)
         # Far out the rest is what counts: of the margin all digits are known.
-        whole = margin[row] + over[..., None] * (margin[row + 1] - margin[row])
-        at_end, beyond = steps(outer.fraction(np.concatenate([left, right], axis=1)), len(table))
-        summed = self._law.margins[inner][:, :columns]
+        margin, beyond = table[:, -1], cumulated.margin[:, 0]
+        whole = margin[row] + over * (margin[row + 1] - margin[row])
+        row, over = steps(nodes.range, len(table))
         # Of lines between the table's points, as the nodes are.
-        first, beyond = margin[at_end], beyond[..., None]
-        rest = beyond * (first + 0.5 * beyond * (margin[at_end + 1] - first))
-        known = summed[at_end] + rest / (len(table) - 1)
-        most = held[:, 0] > 0.5
-        missed = known[:, 1] - known[:, 0] - np.einsum("qj,qjc->qc", weight, whole)
-        held[most] += missed[most]
-        rough = np.abs(slopes @ _LAST).sum(axis=1) / np.maximum(slopes.sum(axis=1), _TINY)
-        return held, slopes.sum(axis=1), rough
+        rest = over * (margin[row] + 0.5 * over * (margin[row + 1] - margin[row]))
+        known = beyond[row] + rest / (len(table) - 1)
+        missed = known[:, 1] - known[:, 0] - np.einsum("qj,qj->q", nodes.weight, whole)
+        held += np.where(held > 0.5, missed, 0.0)
+        slope = slopes.sum(axis=1)
+        last = np.abs(slopes @ _LAST).sum(axis=1)
+        # No slope at any node: all of it lies between them.
+        rough = np.divide(last, slope, out=np.full(slope.shape, np.inf), where=slope > 0.0)
+        return held, slope, rough
+
+    def _by_batch(self, inner: int, at: NDArray[np.intp], radius: Array) -> Array:
+        """Return the content (Q, 1 + B) of all draws and of each batch, on the coarser tables."""
+        nodes, table = self._nodes(inner, at, radius), self._law.by_batch[inner].table
+        row, over = steps(nodes.outer, len(table))
+        weights, columns = [], []
+        for sign, end in zip((-1.0, 1.0), nodes.ends, strict=True):
+            column, part = steps(end, table.shape[1])
+            for i, along in enumerate((1.0 - over, over)):
+                for j, across in enumerate((1.0 - part, part)):
+                    weights.append(sign * nodes.weight * along * across)
+                    columns.append((row + i) * table.shape[1] + column + j)
+        every = np.concatenate(columns, axis=1).ravel(), 8 * _NODES.size * np.arange(at.size + 1)
+        flat = table.reshape(-1, table.shape[2])
+        matrix = sparse.csr_array((np.concatenate(weights, axis=1).ravel(), *every), (at.size, len(flat)))
+        return np.asarray(matrix @ flat)
 
 
-def _level_of(out: Array, weight: Array, share: float) -> tuple[float, float]:
-    """Return how far out a share of the weights lies beyond, and how fast the share's logarithm falls there.
-
-    A line through the logarithms about that share: weights are steps.
-    """
-    order = np.argsort(-out)
-    beyond = np.cumsum(weight[order])
-    low, high = np.searchsorted(beyond, [0.6 * share, 1.6 * share])
-    if high - low < _FEWEST:
-        low, high = max(0, low - _FEWEST), high + _FEWEST
-    slope, at = np.polyfit(np.log(beyond[low:high] / share), out[order[low:high]], 1)
-    return float(at), float(-1.0 / slope)
+def _along(table: Array, place: Array) -> Array:
+    """Interpolate the rows of tables (C, N, inner) at places (C, ..., N, M)."""
+    column, part = steps(place, table.shape[2])
+    batch, row = np.arange(len(table))[:, None, None, None], np.arange(table.shape[1])[:, None]
+    index, flat = (batch * table.shape[1] + row) * table.shape[2] + column, table.ravel()
+    first = flat.take(index)
+    return np.asarray(first + part * (flat.take(index + 1) - first))
 
 
 def _score(level: float) -> float:

@@ -173,7 +173,7 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
             k, b, held = laws[curve.kind, curve.family].points
             of = magnitude(k, b)
             for limit, share in ((curve.lower, 0.005), (curve.upper, 0.995)):
-                below = ((of <= limit[:, None]) * held[0]).sum(axis=1)
+                below = ((of <= limit[:, None]) * held).sum(axis=1)
                 assert np.abs(below - share).max() < 2e-3
             continue
         else:
