@@ -238,15 +238,11 @@ def _law(
 ) -> PairLaw:
     """Put densities of the standard coordinates on the axes' own, each summing to one."""
     rates = np.multiply.outer(*(np.cosh(axis.grid) for axis in axes))
-    unit = [np.linspace(0.0, 1.0, axis.size) for axis in axes]
-
-    def whole(table: Array) -> Array:
-        over_k = CubicSpline(unit[0], table, axis=-2).integrate(0.0, 1.0)
-        return np.asarray(CubicSpline(unit[1], over_k, axis=-1).integrate(0.0, 1.0))
-
-    density, batches = density * rates, batches * rates
-    density /= whole(density)
-    batches /= whole(batches)[:, None, None]
+    (du, dv), density = (1.0 / (axis.size - 1) for axis in axes), density * rates
+    over_k = CubicSpline(np.linspace(0.0, 1.0, axes[0].size), density).integrate(0.0, 1.0)
+    density /= CubicSpline(np.linspace(0.0, 1.0, axes[1].size), over_k).integrate(0.0, 1.0)
+    batches = batches * rates
+    batches /= np.trapezoid(np.trapezoid(batches, dx=du, axis=1), dx=dv, axis=1)[:, None, None]
     return PairLaw(family, mean, covariance, axes, density, batches, shares)
 
 
