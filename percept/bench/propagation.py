@@ -1,10 +1,8 @@
-"""What curves of a law of (k, b) cost, and how their error falls with the number of posterior draws."""
+"""What pointwise curves of a law of (k, b) cost, and how their error falls with the posterior draws."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+import dataclasses
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 from percept.bench.measure import timed
 from percept.boundary.law import mixture_law
 from percept.boundary.limits import Magnitude
-from percept.haptics import AnyDevice, perceived_magnitude
+from percept.haptics import AnyDevice
 from percept.inference.hierarchy.models import Pooled
 
 if TYPE_CHECKING:
@@ -23,36 +21,32 @@ if TYPE_CHECKING:
 Array: TypeAlias = NDArray[np.float64]
 #: Frequencies of the bands: first and last, rad/s, and how many.
 _EVERY = (0.1, 100.0, 121)
-#: Of the draws of the scales, the parts propagated.
-_PARTS = (256, 64, 16, 4, 1)
-#: Curves of one draw each, per draw of the scales: the other way.
-_REPEATS = 4
-_BATCHES = 32
+#: Into how many sets the draws are cut.
+_SETS = (16, 4, 1)
+#: Draws of a batch: an error from many batches has little scatter of its own.
+_BATCH = 16
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class PropagationCost:
-    """One way to a pointwise band from some of the draws, against percept's band from all of them."""
+    """A pointwise band from sets of the draws of the scales, against the band from all of them."""
 
-    environment: Annotated[str, "Whose next user."]
-    way: Annotated[
-        str,
-        "percept: the law of (k, b) given each draw of the scales. draws: np.quantile of curves, "
-        "four draws of (k, b) for each draw of the scales.",
-    ]
-    draws: Annotated[int, "Draws of the scales."]
-    seconds: Annotated[float, "Processor time: median of the repeats."]
-    seconds_low: Annotated[float, "The shortest."]
-    seconds_high: Annotated[float, "The longest."]
+    environment: Annotated[str, "Whose band."]
+    kind: Annotated[str, "Of the average user, or of the next one."]
+    sets: Annotated[int, "Sets the draws are cut into: figures are root mean squares over them."]
+    draws: Annotated[int, "Draws of a set."]
+    seconds: Annotated[float, "Processor time of one band: median of the sets."]
     stated: Annotated[
-        float | None,
+        float,
         "Root mean square over omega and both limits of the stated Monte Carlo error, as a fraction of the "
-        "band's half-width in log abs(Z_h).",
+        "half-width in log abs(Z_h) of the band from all draws.",
+    ]
+    difference: Annotated[
+        float, "Root mean square difference from the band from all draws, as that fraction."
     ]
     falls: Annotated[
-        float | None, "The stated error of a sixteenth of these draws over this one: 4 in theory."
-    ]
-    difference: Annotated[float, "Root mean square difference from the band of all draws, as that fraction."]
+        float | None, "The stated error of a sixteenth of these draws over that of these: 4 in theory."
+    ] = None
 
 
 def propagation_costs(
@@ -62,67 +56,41 @@ def propagation_costs(
     period: float,
     *,
     name: str = "",
+    kind: str = "user",
     level: float = 0.99,
     frequencies: tuple[float, float, int] = _EVERY,
-    repeats: int = 3,
     seed: int = 1,
 ) -> list[PropagationCost]:
-    """Time both ways on normals of the logarithms of (k, b), means (S, 2) and covariances (S, 2, 2)."""
-    omega, rng = np.geomspace(*frequencies), np.random.default_rng(seed)
-    # In another order: what neighbours share is then spread over the batches.
-    order = rng.permutation(len(mean))
-    mean, root = mean[order], np.linalg.cholesky(covariance[order])
-    covariance = covariance[order]
+    """Time bands of normals of the logarithms of (k, b), means (S, 2) and covariances (S, 2, 2)."""
+    omega = np.geomspace(*frequencies)
+    # In another order: what neighbours share is then spread over sets and batches.
+    order = np.random.default_rng(seed).permutation(len(mean))
 
-    def law(count: int) -> tuple[Array, Array | None]:
-        batch = np.arange(count) * _BATCHES // count
-        found = mixture_law(mean[:count], covariance[:count], batch, "lognormal")
-        limits = Magnitude(found, device, period, omega).limits(level)
+    def band(chosen: NDArray[np.intp]) -> tuple[Array, Array]:
+        batch = np.arange(chosen.size) // _BATCH
+        law = mixture_law(mean[chosen], covariance[chosen], batch, "lognormal")
+        limits = Magnitude(law, device, period, omega).limits(level)
+        assert limits.errors is not None
         return np.log([limits.lower, limits.upper]), limits.errors
 
-    def curves(count: int) -> tuple[Array, Array | None]:
-        z = rng.standard_normal((_REPEATS, count, 2))
-        k, b = np.exp(mean[:count] + np.einsum("sij,rsj->rsi", root[:count], z)).reshape(-1, 2).T
-        drawn = perceived_magnitude(omega[:, None], device, k, b, period)
-        return np.log(np.quantile(drawn, [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=1)), None
-
-    ways: list[tuple[str, int, Callable[[], tuple[Array, Array | None]]]] = [
-        (way, len(mean) // part, partial(work, len(mean) // part))
-        for way, work in (("percept", law), ("draws", curves))
-        for part in _PARTS
-        if len(mean) // part >= _BATCHES
-    ]
-    runs = [(way, count, *timed(work, repeats)) for way, count, work in ways]
-    band = next(found[0] for way, count, found, _ in runs if (way, count) == ("percept", len(mean)))
-    half_width = 0.5 * (band[1] - band[0])
-    known: dict[int, float] = {}
-    costs = []
-    for way, count, (limits, errors), seconds in runs:
-        stated = None if errors is None else _size(errors / half_width)
-        if stated is not None:
-            known[len(mean) // count] = stated
+    whole, _ = band(order)
+    half_width = 0.5 * (whole[1] - whole[0])
+    costs: list[PropagationCost] = []
+    for sets in _SETS:
+        runs = [timed(lambda chosen=chosen: band(chosen), 1) for chosen in np.array_split(order, sets)]
+        found, errors = (np.array(part) for part in zip(*(run[0] for run in runs), strict=True))
         costs.append(
             PropagationCost(
                 environment=name,
-                way=way,
-                draws=count,
-                seconds=median(seconds),
-                seconds_low=min(seconds),
-                seconds_high=max(seconds),
-                stated=stated,
-                falls=None,
-                difference=_size((limits - band) / half_width),
+                kind=kind,
+                sets=sets,
+                draws=len(mean) // sets,
+                seconds=median(run[1][0] for run in runs),
+                stated=_size(errors / half_width),
+                difference=_size((found - whole) / half_width),
             )
         )
-    return [_with_fall(cost, known, len(mean)) for cost in costs]
-
-
-def _with_fall(cost: PropagationCost, known: dict[int, float], draws: int) -> PropagationCost:
-    """Set the error of a sixteenth of the draws beside that of all of them."""
-    fewer = known.get(16 * (draws // cost.draws))
-    if cost.stated is None or fewer is None:
-        return cost
-    return PropagationCost(**{**vars(cost), "falls": fewer / cost.stated})
+    return [*costs[:-1], dataclasses.replace(costs[-1], falls=costs[0].stated / costs[-1].stated)]
 
 
 def _size(values: Array) -> float:
@@ -130,9 +98,9 @@ def _size(values: Array) -> float:
 
 
 def study_propagation(
-    study: Study, *, frequencies: tuple[float, float, int] = _EVERY, repeats: int = 3
+    study: Study, *, frequencies: tuple[float, float, int] = _EVERY
 ) -> list[PropagationCost]:
-    """Time both ways on the next user of every environment of a study."""
+    """Time the bands of every environment of a study, of the average user and of the next one."""
     fit, setup = study.fit, study.setup
     assert fit is not None
     assert setup is not None
@@ -141,8 +109,9 @@ def study_propagation(
     costs: list[PropagationCost] = []
     for j, name in enumerate(fit.environments):
         origin = fit.scale.origin[[fit.column[parameter, name] for parameter in ("k", "b")]]
-        costs += propagation_costs(
-            setup.device, np.log(origin) + mean[:, j], own[:, j] + users[:, j], setup.period,
-            name=name, level=study.scene.inference.level, frequencies=frequencies, repeats=repeats,
-        )  # fmt: skip
+        for kind, covariance in (("mean", own[:, j]), ("user", own[:, j] + users[:, j])):
+            costs += propagation_costs(
+                setup.device, np.log(origin) + mean[:, j], covariance, setup.period,
+                name=name, kind=kind, level=study.scene.inference.level, frequencies=frequencies,
+            )  # fmt: skip
     return costs

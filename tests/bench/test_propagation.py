@@ -1,4 +1,4 @@
-"""Ways to a band: what each costs, how far it is off, and how its error falls with the draws."""
+"""Bands from sets of the draws: what each costs, how far it is off, and how its error falls."""
 
 import pytest
 
@@ -11,29 +11,25 @@ from tests.boundary.test_law import mixture
 
 
 def test_sixteen_times_the_draws_divide_the_error_by_four():
-    found = propagation_costs(
-        Device(1.0, 5.0), *mixture(8192), 1e-3, name="VE", frequencies=(0.1, 100.0, 20), repeats=1
+    sixteenth, quarter, whole = propagation_costs(
+        Device(1.0, 5.0), *mixture(8192), 1e-3, name="VE", frequencies=(0.1, 100.0, 20)
     )
-    ours, others = ([one for one in found if one.way == way] for way in ("percept", "draws"))
-    assert [one.draws for one in ours] == [one.draws for one in others] == [32, 128, 512, 2048, 8192]
-    falls = [one.falls for one in ours]
-    assert falls[:2] == [None, None]
-    # An error of 31 degrees of freedom has a standard error of 13 %, its ratio to another one of 18 %.
-    assert falls[2:] == pytest.approx([4.0] * 3, rel=0.45)
-    assert all(one.stated is one.falls is None for one in others)
-    for one in ours:
-        assert one.difference < 4.0 * one.stated
-    assert all(other.difference > 0.0 for other in others)
-    assert ours[-1].difference == 0.0
+    assert [row.draws for row in (sixteenth, quarter, whole)] == [512, 2048, 8192]
+    assert whole.falls == pytest.approx(4.0, rel=0.25)
+    assert sixteenth.falls is quarter.falls is None
+    # Sets and the whole share their draws: a set differs by sqrt(1 - 1/sets) of its own error.
+    assert sixteenth.difference == pytest.approx(sixteenth.stated * (15 / 16) ** 0.5, rel=0.4)
+    assert whole.difference == 0.0
 
 
 def test_every_environment_of_a_study_is_timed():
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2)
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
     study = Study(Sessions.from_frame(table[table["environment"].isin(["VE2", "VE4"])]), scene)
-    found = study_propagation(study, frequencies=(0.1, 100.0, 10), repeats=1)
-    assert {cost.environment for cost in found} == {"VE2", "VE4"}
+    found = study_propagation(study, frequencies=(0.1, 100.0, 10))
+    assert {(cost.environment, cost.kind) for cost in found if cost.sets == 1} == {
+        (name, kind) for name in ("VE2", "VE4") for kind in ("mean", "user")
+    }
     assert max(cost.draws for cost in found) == len(study.fit.points)
     for cost in found:
-        if cost.way == "percept":
-            assert cost.difference < 4.0 * cost.stated
+        assert cost.difference < 2.0 * cost.stated

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import integrate, special
@@ -98,10 +101,9 @@ def test_probability_of_a_distance_is_that_of_a_double_integral() -> None:
 
 def test_limits_leave_out_their_share_near_a_resonance_too() -> None:
     """Independent logarithms: of k exactly, of b on a fine grid, draw by draw."""
-    rng, count = np.random.default_rng(5), 40
-    mean = np.array([2.6, -1.6]) + np.array([0.1, 0.5]) * rng.standard_normal((count, 2))
-    sd = np.array([0.22, 1.6]) * np.exp(0.1 * rng.standard_normal((count, 2)))
-    law = mixture_law(mean, sd[:, :, None] ** 2 * np.eye(2), np.arange(count) % 8, "lognormal")
+    mean, covariance = heavy_mixture(40, 5)
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    law = mixture_law(mean, covariance, np.arange(40) % 8, "lognormal")
     omega = np.geomspace(0.1, 100.0, 61)
     limits = Magnitude(law, DEVICE, PERIOD, omega).limits(0.99)
     z = np.linspace(-7.0, 7.0, 1501)
@@ -121,17 +123,32 @@ def test_limits_leave_out_their_share_near_a_resonance_too() -> None:
             assert ((below[1] - below[0]) @ weight).mean() == pytest.approx(share, abs=1e-4)
 
 
-def test_stated_error_is_the_scatter_between_sets_of_draws() -> None:
+def heavy_mixture(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """SDs of log b scatter: at 100 rad/s, where the mass hides b, an upper limit moves by many bands."""
+    rng = np.random.default_rng(seed)
+    mean = np.array([2.6, -1.6]) + np.array([0.1, 0.5]) * rng.standard_normal((count, 2))
+    sd = np.array([0.22, 1.6]) * np.exp(0.1 * rng.standard_normal((count, 2)))
+    return mean, sd[:, :, None] ** 2 * np.eye(2)
+
+
+@pytest.mark.parametrize("draw", [mixture, heavy_mixture])
+def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., Any]) -> None:
     omega, found = np.array([1.0, 30.0, 100.0]), []
     for seed in range(60):
-        mean, covariance = mixture(320, seed)
-        law = mixture_law(mean, covariance, np.arange(320) % 16, "lognormal")
-        found.append(Magnitude(law, DEVICE, PERIOD, omega).limits(0.99))
-    scatter = np.log([(one.lower, one.upper) for one in found]).std(axis=0, ddof=1)
-    errors = np.array([one.errors for one in found])
-    stated = np.sqrt(np.mean(errors**2, axis=0))
-    # An SD of 60 numbers scatters by 1/sqrt(118); the errors, of 15 degrees of freedom each, by far less.
-    assert np.abs(np.log(stated / scatter)).max() < 4.0 / np.sqrt(118.0)
+        law = mixture_law(*draw(320, seed), np.arange(320) % 16, "lognormal")
+        magnitude = Magnitude(law, DEVICE, PERIOD, omega)
+        together = magnitude.calibrate(0.99)
+        found.append((magnitude.limits(0.99), magnitude.limits(together.level, together.shifts), together))
+    for which in (0, 1):
+        limits = [each[which] for each in found]
+        scatter = np.log([(one.lower, one.upper) for one in limits]).std(axis=0, ddof=1)
+        stated = np.sqrt(np.mean([np.square(one.errors) for one in limits], axis=0))
+        # An SD of 60 numbers scatters by 1/sqrt(118); the errors, of 15 degrees of freedom each, by far less.
+        assert np.abs(np.log(stated / scatter)).max() < 4.0 / np.sqrt(118.0)
+    levels = np.log([1.0 - each[2].level for each in found]).std(ddof=1)
+    stated_level = np.sqrt(np.mean([(each[2].error / (1.0 - each[2].level)) ** 2 for each in found]))
+    # Batches of twenty draws bend: what they add is counted too.
+    assert -4.0 / np.sqrt(118.0) < np.log(stated_level / levels) < np.log(2.5)
 
 
 def test_sixteen_times_the_draws_divide_the_error_by_four() -> None:
