@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -77,7 +78,7 @@ def propagation_costs(
     half_width = 0.5 * (whole[1] - whole[0])
     costs: list[PropagationCost] = []
     for sets in _SETS:
-        runs = [timed(lambda chosen=chosen: band(chosen), 1) for chosen in np.array_split(order, sets)]
+        runs = [timed(partial(band, chosen), 1) for chosen in np.array_split(order, sets)]
         found, errors = (np.array(part) for part in zip(*(run[0] for run in runs), strict=True))
         costs.append(
             PropagationCost(

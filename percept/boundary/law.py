@@ -150,7 +150,8 @@ class PairLaw:
             axis.low + part * (axis.high - axis.low)
             for axis, part in zip(self.axes, _even(count), strict=True)
         ]
-        density = RectBivariateSpline(*(axis.grid for axis in self.axes), self.density).ev(*u)
+        first, second = (axis.grid for axis in self.axes)
+        density = RectBivariateSpline(first, second, self.density).ev(*u)
         k, b = (axis.native(part) for axis, part in zip(self.axes, u, strict=True))
         return k, b, density / density.sum()
 
@@ -242,7 +243,8 @@ def _law(
     over_k = CubicSpline(np.linspace(0.0, 1.0, axes[0].size), density).integrate(0.0, 1.0)
     density /= CubicSpline(np.linspace(0.0, 1.0, axes[1].size), over_k).integrate(0.0, 1.0)
     batches = batches * rates
-    batches /= np.trapezoid(np.trapezoid(batches, dx=du, axis=1), dx=dv, axis=1)[:, None, None]
+    sums = np.asarray(np.trapezoid(np.trapezoid(batches, dx=du, axis=1), dx=dv, axis=1))
+    batches /= sums[:, None, None]
     return PairLaw(family, mean, covariance, axes, density, batches, shares)
 
 

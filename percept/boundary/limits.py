@@ -123,8 +123,7 @@ class Magnitude:
         # A normal's tail falls about as fast as its score.
         fall = first
         if (beyond := excess(first)) > 0.0:
-            start = {"x0": first, "x1": first + beyond / fall, "xtol": _CLOSE}
-            score = optimize.root_scalar(excess, method="secant", **start).root
+            score = float(optimize.newton(excess, first, x1=first + beyond / fall, tol=_CLOSE))
             score = min(max(first + _CLOSE, score), first + _FARTHEST)
             fall = (beyond - excess(score)) / (score - first)
         logs, slopes = self._known(score)
