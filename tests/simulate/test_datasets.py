@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import csv
+import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
-from percept import read_sessions
+from percept import Scene, Study, read_sessions
+from percept.report import build_document
+from percept.report.page import render_page
+from percept.sessions import ReadOptions
 from percept.simulate.like import BETWEEN, CORRELATION, simulate_like, write_sessions
 from tests import DATASETS
 from tests.simulate.conftest import correlations
@@ -74,7 +80,7 @@ def test_sessions_come_from_their_seed(tmp_path: Path) -> None:
 
 def test_the_description_has_the_columns_and_the_correlations() -> None:
     text = (DATASETS / "README.md").read_text(encoding="utf-8")
-    for name in ("hbfd_table1.csv", "hbfd_sessions.csv"):
+    for name in ("hbfd_table1.csv", "hbfd_sessions.csv", "illusions.csv"):
         for column in cells(DATASETS / name)[0]:
             assert f"`{column}`" in text, (name, column)
     within, across = correlations(pd.read_csv(SESSIONS))
@@ -83,6 +89,36 @@ def test_the_description_has_the_columns_and_the_correlations() -> None:
     # One correlation of ten subjects has a standard error near 0.3; these averages are far nearer.
     assert abs(within - CORRELATION) < 0.01
     assert abs(across - BETWEEN) < 0.01
+
+
+def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> None:
+    """Zero, negative and missing settings of a study that nobody here made."""
+    scene = Scene.load(DATASETS / "illusions.toml").with_inference(method="classical")
+    options = ReadOptions.from_mapping(dict(scene))
+    study = Study(read_sessions(DATASETS / "illusions.csv", options=options), scene)
+    table = pd.read_csv(DATASETS / "illusions.csv").set_index("Part_ID")
+    assert table.loc[20, "FD"] == 0.0
+    assert study.environments == ("FLE", "Froh", "FD", "FG", "MIPS", "TG", "FJ")
+    for row in study.intervals.query("family == 'normal' and joint == 'marginal'").itertuples():
+        values = table[row.environment].dropna()
+        scale = {"mean": stats.sem(values), "user": values.std() * (1 + 1 / len(values)) ** 0.5}
+        if row.kind in scale:
+            limits = stats.t.interval(0.95, len(values) - 1, values.mean(), scale[row.kind])
+            np.testing.assert_allclose((row.lower, row.upper), limits, rtol=1e-12)
+    page = render_page(build_document(study), {}, date="2026-01-01").split("<script")[0].split("<main")[1]
+    # What percept is called in a bibliography is no word of the study.
+    text = re.sub("(?s)<pre.*?</pre>|<[^>]*>", "", page.split('id="provenance"')[0])
+    assert "43 participants adjusted the offset" in text
+    assert not re.search(r"tiffness|damping|impedance|oupling|N/m|aptic", text)
+
+
+@pytest.mark.parametrize("name", ["percact", "intervals"])
+def test_scenes_of_public_files_load_and_are_described(name: str) -> None:
+    scene = Scene.load(DATASETS / f"{name}.toml")
+    assert scene.study is not None
+    text = (DATASETS / "README.md").read_text(encoding="utf-8")
+    assert f"--scene datasets/{name}.toml" in text
+    assert f"`{scene.study.factor}`" in text
 
 
 def test_the_scene() -> None:
