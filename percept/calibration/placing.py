@@ -8,7 +8,6 @@ import json
 import math
 from typing import Any
 
-import emcee
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
@@ -34,9 +33,7 @@ FAULTS = {
     "none": "nothing",
     "jacobian": "the prior of log sigma is taken as a density of the variance: no Jacobian",
     "prior": "the fit's prior of log s is a tenth as wide as the truth's",
-    "snooker": "draws come from emcee's DESnookerMove, which samples another law",
 }
-_SNOOKER_STEPS = 150
 _REFERENCES = np.array([[10.0, 0.1], [1e3, 1.0], [1e4, 10.0], [2.5e4, 25.0], [5e4, 50.0]])
 _BY_PARAMETER = ("s", "s_e", "kappa", "kappa_e", "omega", "omega_e", "sigma_u", "tau")
 
@@ -150,8 +147,6 @@ def places(
 ) -> dict[str, float]:
     """Rank true scales and locations among draws; give distribution functions at true means and new users."""
     points = np.concatenate(run.independent())
-    if plan.fault == "snooker":
-        points = _by_snooker(model, run, rng)
     laws = model.laws(points)
     drawn = points[rng.choice(len(points), size=plan.draws, replace=False)]
     beta = truth.beta.T.ravel()
@@ -175,12 +170,3 @@ def places(
     add("mean", special.ndtr((beta - laws.mean) / laws.sd).mean(axis=0))
     add("user", special.ndtr((user - laws.mean) / np.hypot(laws.sd, laws.population_sd)).mean(axis=0))
     return found
-
-
-def _by_snooker(model: Pooled, run: Run, rng: np.random.Generator) -> Array:
-    """Last positions of walkers that go on from a right run by emcee's snooker move alone."""
-    start = run.points[:, -1].reshape(-1, run.points.shape[-1])
-    sampler = emcee.EnsembleSampler(*start.shape, model, moves=emcee.moves.DESnookerMove(), vectorize=True)
-    state = np.random.RandomState(int(rng.integers(2**32))).get_state()
-    first = emcee.State(start, random_state=state)
-    return sampler.run_mcmc(first, _SNOOKER_STEPS, store=False, skip_initial_state_check=True).coords
