@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -24,7 +24,7 @@ from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, References, Skipped, claim_of
-from percept.study.intervals import Cell, Row, bayesian_row, cell_moments
+from percept.study.intervals import Row, bayesian_row, cell_moments
 from percept.study.responses import (
     ResponseScale,
     Trials,
@@ -242,24 +242,6 @@ def bayesian_rows(fit: Fit, asked: InferenceTable, reference: References) -> Ite
             rest = {"n": n, "repeats": fit.repeats, "approximate": fit.approximate}
             unit = fit.quantities[cell[0]].unit
             yield bayesian_row(asked, kind, cell, limits, reference[cell], unit, **rest)
-
-
-def fit_beside(
-    cells: Mapping[Family, Sequence[Cell]],
-    sessions: Sessions,
-    scene: Scene,
-    parameters: tuple[str, ...],
-    **how: Any,
-) -> Fit | Skipped:
-    """Fit the model, or say why there is none where classical intervals of some cell stand without it."""
-    try:
-        prepared = prepare(sessions, scene, parameters)
-    except RefusalError as refused:
-        known = any(cell.moments is not None for of_family in cells.values() for cell in of_family)
-        if scene.inference.method != "both" or not known:
-            raise
-        return Skipped("Bayesian intervals", str(refused))
-    return fit_model(prepared, scene.inference, **how)
 
 
 def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:

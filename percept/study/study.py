@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from percept import haptics
 from percept.boundary.band import BandStudy
 from percept.boundary.records import Boundary
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -149,10 +149,17 @@ class Study(StudyViews):
     def _fitted(self) -> Fit | Skipped:
         if self.scene.inference.method == "classical":
             return Skipped("hierarchical model", "only the classical method was asked for")
-        from percept.study.fit import fit_beside
+        from percept.study.fit import fit_model, prepare
 
-        cells, how = self._cells, {"progress": self.progress, "store": self.store}
-        return fit_beside(cells, self.sessions, self.scene, self.parameters, **how)
+        try:
+            prepared = prepare(self.sessions, self.scene, self.parameters)
+        except RefusalError as refused:
+            # Classical intervals of some cell stand without it.
+            known = any(cell.moments for of_family in self._cells.values() for cell in of_family)
+            if self.scene.inference.method != "both" or not known:
+                raise
+            return Skipped("Bayesian intervals", str(refused))
+        return fit_model(prepared, self.scene.inference, progress=self.progress, store=self.store)
 
     @property
     def fit(self) -> Fit | None:

@@ -1,12 +1,16 @@
 """The thread through the whole program on the published study."""
 
 import dataclasses
+import traceback
 from decimal import Decimal
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import special
 
+import percept
 from percept import RefusalError, Scene, Study, read_sessions
 from percept.sessions import Sessions
 from tests import DATASETS
@@ -57,6 +61,20 @@ def test_kinds_nest(fitted):
     assert (lower["user"] > lower["share"]).all()
     assert (upper["mean"] < upper["user"]).all()
     assert (upper["user"] < upper["share"]).all()
+
+
+def test_the_way_to_the_t_quantile_is_short(monkeypatch):
+    """A reader who follows `Study.intervals` to the quantile opens at most eight functions of percept."""
+    own, quantile, depths = str(Path(percept.__file__).parent), special.stdtrit, []
+
+    def watched(*arguments):
+        depths.append(sum(frame.filename.startswith(own) for frame in traceback.extract_stack()))
+        return quantile(*arguments)
+
+    monkeypatch.setattr(special, "stdtrit", watched)
+    study = Study(Sessions.from_frame(frame()), Scene().with_inference(method="classical"))
+    assert len(study.intervals) > 0
+    assert 0 < max(depths) <= 8
 
 
 def test_same_seed_same_bits_and_another_within_monte_carlo_error():
