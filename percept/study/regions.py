@@ -132,8 +132,11 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
 def sources_of(sessions: Sessions, scene: Scene, parameters: Sequence[str], *, device: bool) -> Sources:
     """Find what ellipses and curves can be drawn through, and say what cannot; nothing with one parameter."""
     asked, skipped = scene.inference, list[Skipped]()
+    if sessions.form == "summary":
+        why = "published limits do not hold them"
+        skipped.append(Skipped("subject effects and k-b correlation", why))
     if not is_impedance(parameters):
-        return Sources()
+        return Sources(skipped=skipped)
     if "share" in asked.kinds:
         skipped.append(Skipped("ellipse of kind share", "there is no exact ellipse of a share of users"))
         if device:

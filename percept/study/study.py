@@ -393,6 +393,4 @@ class Study(StudyViews):
             parts.append(fixed_device(self.setup, self.scene.inference.method))
             parts += [no_design(self.setup, self.scene.inference.kinds)] if self.setup.coupling else []
         parts += [self.fit.subjects] if self.fit and self.scene.checks else []
-        if self.sessions.form == "summary":
-            parts.append(Skipped("subject effects and k-b correlation", "published limits do not hold them"))
         return tuple(dict.fromkeys(part for part in parts if isinstance(part, Skipped)))
