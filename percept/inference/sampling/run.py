@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 _BURN_IN, _LEARNING = 40, 24
 _FIRST_ROUND = 144
 #: A run predicted to take this multiple of its first round begins again, with a transport fitted to it.
-#: Later, half that is enough, the smaller the better its sample is than the one of the transport at work.
-_WORTH_REFINING, _WORTH_AGAIN, _BETTER_SAMPLE = 3.0, 1.5, 6.0
+#: Later, half that is enough, times how much larger its sample is than the one of the transport at work.
+_WORTH_REFINING, _WORTH_AGAIN, _LARGER_SAMPLE = 3.0, 1.5, 6.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
 #: Autocorrelation times after that, as a fraction of those before.
@@ -62,19 +62,18 @@ def sample(
     seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
     here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), seeds[0])
     chain = _Chain(here, points, seeds[1], estimands, settings, _STRIDE, _FIRST_ROUND)
-    refined, fitted = 0, 0.0
+    refined, fitted = 0, 0
     while True:
         chain.extend(progress)
         run = chain.judge(progress)
         if (run.gate.passed and run.gate.tolerance_met) or chain.at_its_end(run):
             return run
-        # Once for accuracy; again only where walkers are slow and a better sample is there.
+        # Once for accuracy; again only where walkers are slow and a larger sample is there.
         times = (steps_to_settle(run) if refined else chain.steps_needed(run)) / chain.spanned
-        drawn = run.gate.effective_draws
-        if refined == 0:
-            worth = times > _WORTH_REFINING
-        else:
-            worth = times > _WORTH_AGAIN and times * drawn > _BETTER_SAMPLE * fitted
+        drawn = chain.spanned * run.points.shape[2]
+        worth = times > _WORTH_REFINING
+        if refined:
+            worth = times > _WORTH_AGAIN and times * drawn > _LARGER_SAMPLE * fitted
         if refined == _MOST_REFINED or not worth:
             chain.go_on(run)
             continue
