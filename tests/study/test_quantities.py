@@ -13,8 +13,10 @@ from percept import Scene, Study
 from percept.commands.predict import references_of
 from percept.errors import RefusalError, UsageError
 from percept.report import build_document
+from percept.report.findings import findings
 from percept.report.page import render_page
 from percept.sessions import ReadOptions, Sessions
+from percept.study.fit import prepare
 
 DURATION = {"quantities": {"duration": {"symbol": "t", "unit": "ms"}}}
 CLASSICAL = {"inference": {"method": "classical", "level": 0.95}}
@@ -141,3 +143,44 @@ def test_references_on_the_command_line_are_read():
     assert references_of(["duration=500", "x=1e3"]) == {"duration": 500.0, "x": 1000.0}
     with pytest.raises(UsageError, match="is written NAME=X"):
         references_of(["duration"])
+
+
+def three_quantities():
+    rng = np.random.default_rng(9)
+    rows = [(f"P{i}", f"S{j}", *(value for scale in (1.0, 2.0, 5.0) for r in [scale * 10.0**j]
+                                 for value in (r, r * np.exp(rng.normal(0, 0.2)))))
+            for i in range(5) for j in range(3)]  # fmt: skip
+    names = [f"{name}_{kind}" for name in ("force", "length", "weight") for kind in ("ref", "adj")]
+    return pd.DataFrame(rows, columns=["subject", "environment", *names])
+
+
+def prepared(tables):
+    study = study_of(three_quantities(), {"quantities": {"force": {}, "length": {}, "weight": {}}} | tables)
+    return prepare(study.sessions, study.scene, study.parameters)
+
+
+def test_of_three_quantities_the_two_named_together_share_a_model():
+    """The density is that of the pair times that of the third: no other correlation is in it."""
+    found = prepared({"inference": {"together": ["weight", "force"]}})
+    pair = prepared({"inference": {"parameters": ["force", "weight"]}})
+    third = prepared({"inference": {"parameters": ["length"]}})
+    assert found.model.names == pair.model.names + third.model.names
+    assert found.model.cells == (*pair.model.cells, *third.model.cells)
+    points = np.random.default_rng(1).standard_normal((20, len(found.model.names)))
+    ours, of_third = np.split(points, [len(pair.model.names)], axis=1)
+    np.testing.assert_allclose(found.model(points), pair.model(ours) + third.model(of_third), rtol=1e-12)
+    assert found.skipped[0].why == "two are modelled together at most; [inference] together names them"
+    alone = prepared({})
+    assert len(alone.model.names) < len(found.model.names)
+    assert not any("rho" in name for name in alone.model.names)
+
+
+def test_rows_that_lack_one_of_a_pair_are_a_caution():
+    table = three_quantities()
+    table.loc[[1, 4, 7], "length_adj"] = np.nan
+    both = {"quantities": {"force": {}, "length": {}}, "inference": {"method": "classical"}}
+    study = study_of(table, both)
+    (left,) = prepare(study.sessions, study.scene, study.parameters).skipped
+    document = build_document(study) | {"skipped": [left._asdict()]}
+    (caution,) = [text for text in findings(document)["cautions"] if "leaves out" in text]
+    assert caution == "The hierarchical model leaves out 3 trials: they lack force or length."

@@ -76,15 +76,18 @@ class Survival:
         Of the moments.
     sampled : bool
         Whether every job samples; else only the one about the cache does, and all is done sooner.
+    workers : int
+        Of a batch; it has two studies for each, and one more.
     """
 
-    def __init__(self, folder: Path, *, seed: int, sampled: bool = True) -> None:
+    def __init__(self, folder: Path, *, seed: int, sampled: bool = True, workers: int = 2) -> None:
         self.folder = folder
+        self.workers = workers
         self.method = [] if sampled else ["--method", "classical"]
         self.random = random.Random(seed)
         (folder / "studies").mkdir()
         (folder / "scene.toml").write_text(_SCENE, encoding="utf-8")
-        for i in range(5):
+        for i in range(2 * workers + 1):
             (folder / "studies" / f"s{i}.csv").write_text(_study(i), encoding="utf-8")
 
     def command(self, job: str, out: Path) -> list[str]:
@@ -95,7 +98,7 @@ class Survival:
             "fit": ["fit", studies[0], "--no-cache", *self.method],
             "report": ["report", studies[0], *self.method],
             "cache": ["fit", studies[0]],
-            "batch": ["batch", *studies, "--workers", "2", *self.method],
+            "batch": ["batch", *studies, "--workers", str(self.workers), *self.method],
         }[job]
         return [sys.executable, "-m", "percept", *words, *settings]
 
