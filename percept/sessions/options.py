@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self, get_args
 
@@ -55,27 +55,27 @@ def said(table: type[BaseModel], error: ValidationError, *, file: str | None = N
     # A misspelt key is missing too; its own name says more.
     first = min(error.errors(include_url=False), key=lambda one: not _unknown_key(one))
     context, where, value = first.get("ctx", {}), list(first["loc"]), first["input"]
-    message = first["msg"].removeprefix("Value error, ")
-    path = ".".join(map(str, where))
+    message, path = first["msg"].removeprefix("Value error, "), ".".join(map(str, where))
     if isinstance(cause := context.get("error"), UsageError) and (cause.key or "").startswith(path):
         cause.file = file
         return cause
+    keys: list[str] = []
     if first["type"] == "missing":
         message, value = "is missing", None
     elif first["type"] == "extra_forbidden":
-        message = _NO_KEY + ", ".join(_keys_at(table, where))
+        keys = _keys_at(table, where)
+        message = _NO_KEY + ", ".join(keys)
     elif where and where[-1] == "[key]":
         path, value = path.removesuffix(".[key]"), None
+        keys = message.removeprefix(_NO_KEY).split(", ")
     elif first["type"] in _PLAIN:
         message = _PLAIN[first["type"]].format(**context)
-    message = f"{message[:1].lower()}{message[1:]}".removesuffix(".")
-    names = message.removeprefix(_NO_KEY) if message.startswith(_NO_KEY) else ""
     return UsageError(
-        f"{message}.",
+        f"{message[:1].lower()}{message[1:]}".removesuffix(".") + ".",
         file=file,
         key=path or None,
         value=None if isinstance(value, dict) else value,
-        hint=did_you_mean(path.rpartition(".")[2], names.split(", ")).strip() or None,
+        hint=did_you_mean(path.rpartition(".")[2], keys).strip() or None,
     )
 
 
@@ -87,15 +87,11 @@ def _keys_at(table: type[BaseModel], where: Sequence[str | int]) -> list[str]:
     """Return the keys of the table in which a place lies."""
     for name in where[:-1]:
         if isinstance(name, str) and name in table.model_fields:
-            table = next(_tables_in(table.model_fields[name].annotation))
+            inside = [table.model_fields[name].annotation]
+            for annotation in inside:
+                inside += get_args(annotation)
+            table = next(kind for kind in inside if isinstance(kind, type) and issubclass(kind, BaseModel))
     return list(table.model_fields)
-
-
-def _tables_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for part in get_args(annotation):
-        yield from _tables_in(part)
 
 
 def _listed(value: Any) -> Any:
@@ -248,15 +244,7 @@ def _one_of(names: Sequence[str], name: str, key: str) -> None:
 
 
 class FilesTable(Table):
-    """Which files of folders and archives are read, as patterns of their names.
-
-    Attributes
-    ----------
-    include : tuple of str
-        Patterns of the files to read, such as "*_trials.csv"; every file by default.
-    exclude : tuple of str
-        Patterns of the files to leave out.
-    """
+    """Which files of folders and archives are read, as patterns of their names such as "*_trials.csv"."""
 
     include: Texts = ()
     exclude: Texts = ()

@@ -6,15 +6,18 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+
+import pandas as pd
 
 from percept.errors import PerceptError, UsageError, counted, printable
 from percept.sessions.columns import resolve
 from percept.sessions.files import expand, load
 from percept.sessions.grids import Grid
 from percept.sessions.options import ReadOptions
+from percept.sessions.quantities import quantity_of
 from percept.sessions.reading import open_blocks
 from percept.sessions.records import IDS, MASS
 from percept.sessions.values import is_missing
@@ -56,25 +59,19 @@ class Proposal:
     missing: tuple[str, ...]  # Canonical columns that an analysis needs and that were not found
 
 
-@dataclass
 class _Column:
     """One column of the file: its words, the unit that its name gives, and its cells."""
 
-    name: str
-    cells: list[str]
-    unit: str | None = None
-    words: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        stem = self.name
-        if bracket := re.search(r"[(\[]\s*([^)\]]+?)\s*[)\]]\s*$", stem):
-            stem, self.unit = stem[: bracket.start()], bracket[1]
-        spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", stem)
-        words = [word for word in re.split(r"[^A-Za-z0-9]+", spaced) if word]
-        if self.unit is None and len(words) > 1 and words[-1] in _UNITS:
-            self.unit = words.pop()
-        self.words = [word.casefold() for word in words]
-        self.texts = list(dict.fromkeys(cell.strip() for cell in self.cells if not is_missing(cell)))
+    def __init__(self, name: str, cells: pd.Series[str]) -> None:
+        self.name, self.cells = name, cells
+        stem, unit = name, None
+        if bracket := re.search(r"[(\[]\s*([^)\]]+?)\s*[)\]]\s*$", name):
+            stem, unit = name[: bracket.start()], bracket[1]
+        words = re.findall(r"[A-Za-z0-9]+", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", stem))
+        if unit is None and len(words) > 1 and words[-1] in _UNITS:
+            unit = words.pop()
+        self.unit, self.words = unit, [word.casefold() for word in words]
+        self.texts = list(dict.fromkeys(cell.strip() for cell in cells if not is_missing(cell)))
         try:
             self.numbers = sorted(float(text.replace(",", ".")) for text in self.texts)
         except ValueError:
@@ -82,7 +79,7 @@ class _Column:
 
     def seen(self) -> str:
         """Say what the column holds, for a comment."""
-        if self.numbers and len(self.numbers) > _FILES:
+        if len(self.numbers) > _FILES:
             return f"{self.numbers[0]:g} to {self.numbers[-1]:g}"
         some = ", ".join(self.texts[:4]) + (" …" if len(self.texts) > 4 else "")
         return printable(f"{len(self.texts)} different: {some}")[:80]
@@ -132,49 +129,66 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
 
 
 def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
-    columns = [_Column(name, grid.cells[at].tolist()[:_ROWS]) for at, name in enumerate(grid.header)]
-    by_name = {column.name: column for column in columns}
+    cells = grid.cells.head(_ROWS)
+    columns = {name: _Column(name, cells[at]) for at, name in enumerate(grid.header)}
     remarks = [f"What percept makes of {printable(Path(file).name)}: look through it before you go on."]
+    found: dict[str, _Column] = {}
     try:
-        known = {c: rule.name for c, rule in resolve(grid.header, options, file=file).rules.items()}
+        rules = resolve(grid.header, options, file=file).rules
+        found = {c: columns[rule.name] for c, rule in rules.items() if rule.name in columns}
     except PerceptError as error:
         # Several columns with one meaning: the first that fits best is proposed, and the others are said.
-        known, remarks = {}, [*remarks, str(error)]
-    known = {c: name for c, name in known.items() if name in by_name}
-    free = [column for column in columns if column.name not in known.values()]
+        remarks.append(str(error))
+    known = tuple(found)
+    free = [column for column in columns.values() if column not in found.values()]
     quantities: dict[str, str] = {}
-    guessed: dict[str, _Column] = {}
     if not any(c.endswith("_adj") for c in known):
-        guessed, quantities = _numbers(free)
+        numbers, quantities = _numbers(free)
+        found |= numbers
+        free = [column for column in free if column not in (found[c] for c in numbers if c.endswith("_adj"))]
     for canonical, words in _IDS.items():
-        taken = {column.name for c, column in guessed.items() if c.endswith("_adj")}
-        if canonical not in known and (column := _id(words, [c for c in free if c.name not in taken])):
-            guessed[canonical] = column
-    if "environment" not in known and "environment" not in guessed:
+        if canonical not in found and (column := _id(words, free)):
+            found[canonical] = column
+    references = [column for c, column in found.items() if c.endswith("_ref")]
+    if "environment" not in found and references:
         # The reference itself tells environments apart.
-        numbers = [by_name[n] for c, n in known.items() if c.endswith("_ref")]
-        numbers += [column for c, column in guessed.items() if c.endswith("_ref")]
-        if numbers:
-            guessed["environment"] = numbers[0]
-    found = {c: by_name[name] for c, name in known.items()} | guessed
-    stems = dict.fromkeys(c.rpartition("_")[0] for c in found if c.endswith(("_ref", "_adj")) and c != MASS)
-    needed = [
-        "subject",
-        "environment",
-        *(f"{n}_{kind}" for n in stems or ["NAME"] for kind in ("ref", "adj")),
-    ]
+        found["environment"] = references[0]
+    stems = dict.fromkeys(quantity_of(c) for c in found if c not in (*_IDS, MASS)) or ["NAME"]
+    needed = ["subject", "environment", *(f"{stem}_{kind}" for stem in stems for kind in ("ref", "adj"))]
     declared = {name for references in options.environments.values() for name in references}
     missing = tuple(c for c in needed if c not in found and c not in declared)
-    experiment = next((c for c in columns if c.words == ["experiment"] and len(c.texts) > 1), None)
-    tables = _columns_table(found, missing, quantities, experiment) + _sessions_table(
-        found, options, experiment
-    )
-    head = [f"# {' '.join(remark.split())}" for remark in remarks]
     ask = "  # no name of a column gives it: fill it in"
-    units = [f"[quantities.{n}]\nunit = {_toml(u)}{'' if u else ask}\n" for n, u in quantities.items()]
-    rest = [f"# not used: {_toml(c.name)}: {c.seen()}" for c in columns if c not in found.values()]
-    text = "\n".join([*head, "", *units, *tables, "", *rest]).rstrip() + "\n"
-    return Proposal(text, tuple(guessed), missing)
+    lines = [*(f"# {' '.join(remark.split())}" for remark in remarks), ""]
+    lines += [f"[quantities.{n}]\nunit = {_toml(u)}{'' if u else ask}\n" for n, u in quantities.items()]
+    lines.append("[columns]")
+    for canonical in sorted(found, key=lambda c: [*_IDS, c].index(c) + c.endswith("_adj")):
+        column, own = found[canonical], quantities.get(quantity_of(canonical), "")
+        name = _toml(column.name)
+        if canonical not in _IDS and column.unit and column.unit != own:
+            name = f"{{ name = {name}, unit = {_toml(column.unit)} }}"
+        lines.append(f"{canonical} = {name}  # {column.seen()}")
+    lines += [f'# {canonical} = ""  # not found: fill in the name of its column' for canonical in missing]
+    ids = [column.cells for c, column in found.items() if c in _IDS]
+    experiment = next((c for c in columns.values() if c.words == ["experiment"] and len(c.texts) > 1), None)
+    if experiment is not None and "subject" in found:
+        both = f"subject = [{_toml(experiment.name)}, {_toml(found['subject'].name)}]"
+        if _repeats([*ids, experiment.cells]) < _repeats(ids):
+            at = next(at for at, line in enumerate(lines) if line.startswith("subject ="))
+            lines[at] = f"{both}  # numbers seem to restart with every experiment"
+        else:
+            lines.append(f"# {both}  # in its place, if numbers restart with every experiment")
+        ids.append(experiment.cells)
+    if "trial" not in found and not options.keep and ids and (repeats := _repeats(ids)):
+        seen = f"{counted(repeats, 'row')} of {len(cells)} repeat a subject and environment, without numbers"
+        lines += ["", "[sessions]", f'trial = "order"  # {seen}']
+    rest = [c for c in columns.values() if c not in found.values()]
+    lines += ["", *(f"# not used: {_toml(c.name)}: {c.seen()}" for c in rest)]
+    return Proposal("\n".join(lines).rstrip() + "\n", tuple(c for c in found if c not in known), missing)
+
+
+def _repeats(ids: Sequence[pd.Series[str]]) -> int:
+    """How many rows repeat the ids of an earlier one."""
+    return int(pd.concat(ids, axis=1).duplicated().sum())
 
 
 def _numbers(free: Sequence[_Column]) -> tuple[dict[str, _Column], dict[str, str]]:
@@ -210,49 +224,6 @@ def _id(words: Sequence[str], free: Sequence[_Column]) -> _Column | None:
         if whole or part:
             return (whole or part)[0]
     return None
-
-
-def _columns_table(
-    found: Mapping[str, _Column],
-    missing: Sequence[str],
-    quantities: Mapping[str, str],
-    experiment: _Column | None,
-) -> list[str]:
-    order = [*_IDS, *sorted((c for c in found if c not in _IDS), key=lambda c: c.endswith("_adj"))]
-    lines = ["[columns]"]
-    for canonical in (c for c in order if c in found):
-        column = found[canonical]
-        name = _toml(column.name)
-        own = quantities.get(canonical.rpartition("_")[0], "")
-        if canonical not in _IDS and column.unit and column.unit != own:
-            name = f"{{ name = {name}, unit = {_toml(column.unit)} }}"
-        lines.append(f"{canonical} = {name}  # {column.seen()}")
-    lines += [f'# {canonical} = ""  # not found: fill in the name of its column' for canonical in missing]
-    if experiment is not None and "subject" in found:
-        both = f"subject = [{_toml(experiment.name)}, {_toml(found['subject'].name)}]"
-        if _repeats(found, experiment) < _repeats(found):
-            lines[1] = f"{both}  # numbers seem to restart with every experiment"
-        else:
-            lines.append(f"# {both}  # in its place, if numbers restart with every experiment")
-    return lines
-
-
-def _repeats(found: Mapping[str, _Column], *also: _Column | None) -> int:
-    """How many rows repeat a subject, session, environment and trial."""
-    ids = [found[c].cells for c in _IDS if c in found] + [column.cells for column in also if column]
-    rows = list(zip(*ids, strict=True))
-    return len(rows) - len(set(rows))
-
-
-def _sessions_table(
-    found: Mapping[str, _Column], options: ReadOptions, experiment: _Column | None
-) -> list[str]:
-    """Propose that trials are numbered by their order where cells repeat without numbers."""
-    if "trial" in found or options.keep:
-        return []
-    repeats, rows = _repeats(found, experiment), len(next(iter(found.values())).cells) if found else 0
-    seen = f"{counted(repeats, 'row')} of {rows} repeat a subject and environment, without numbers"
-    return ["", "[sessions]", f'trial = "order"  # {seen}'] if repeats else []
 
 
 def _toml(text: str) -> str:

@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from percept.errors import PerceptError, counted, printable
 from percept.sessions.options import ReadOptions
 from percept.sessions.read import Sessions, read_sessions
@@ -119,17 +122,15 @@ def _understood(sessions: Sessions) -> Iterator[dict[str, Any]]:
 
 def _table(record: Validation, say: Callable[[str], str]) -> list[str]:
     """Lay out what was understood, a line per environment."""
-    rows = [
-        [say("environment"), *(f"{p}_ref ({unit})".replace(" ()", "") for p, unit in record.units.items())]
-    ]
-    rows[0] += [say("subjects"), say("trials per subject")]
+    rows = []
     for one in record.environments:
+        row = {say("environment"): printable(one["name"])}
+        for p, unit in record.units.items():
+            value = one["references"].get(p, np.nan)
+            row[f"{p}_ref ({unit})".replace(" ()", "")] = "–" if value != value else f"{value:g}"
         trials = "published" if one["trials"] is None else " to ".join(map(str, dict.fromkeys(one["trials"])))
-        references = [one["references"].get(p) for p in record.units]
-        shown = ["–" if value is None or value != value else f"{value:g}" for value in references]
-        rows.append([printable(one["name"]), *shown, str(one["subjects"]), trials])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows] if record.environments else []
+        rows.append(row | {say("subjects"): one["subjects"], say("trials per subject"): trials})
+    return pd.DataFrame(rows).to_string(index=False).splitlines() if rows else []
 
 
 def format_validation(record: Validation, *, say: Callable[[str], str] = str) -> str:

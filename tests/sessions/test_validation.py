@@ -56,7 +56,7 @@ def test_what_was_understood_is_a_line_per_environment(tmp_path):
 
 def test_a_published_table_is_understood_too():
     text = format_validation(validate(DATASETS / "hbfd_table1.csv"))
-    line = next(line for line in text.splitlines() if line.startswith("VE2"))
+    line = next(line for line in text.splitlines() if line.split()[:1] == ["VE2"])
     assert line.split() == ["VE2", "1000", "1", "10", "published"]
 
 
