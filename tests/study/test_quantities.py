@@ -13,7 +13,7 @@ from percept import Scene, Study
 from percept.commands.predict import references_of
 from percept.errors import RefusalError, UsageError
 from percept.report import build_document
-from percept.report.findings import findings
+from percept.report.overview import findings
 from percept.report.page import render_page
 from percept.sessions import ReadOptions, Sessions
 from percept.study.fit import prepare
