@@ -60,7 +60,7 @@ _GATE = (
     ("autocorrelation_time", "Autocorrelation time, longest (steps)", "finite", 4),
     ("times_run", "Length of a kept run in autocorrelation times", "10 or more", 4),
     ("effective_draws", "Effective draws, fewest", "", 5),
-    ("acceptance", "Share of proposals accepted", "", 3),
+    ("acceptance", "Fraction of proposals accepted", "", 3),
     (
         "worst_error",
         "Monte Carlo error of the Bayesian intervals’ limits, largest (half-widths)",
@@ -151,7 +151,7 @@ _TABLES = (
     ),
     _Table(
         "shrinkage",
-        "Centres before and after pooling, in {units}, and the share of the way from the raw "
+        "Centres before and after pooling, in {units}, and the fraction of the way from the raw "
         "mean to the trend over environments that they moved.",
         _CELL,
         {**_plain(4, raw="raw mean", centre="centre", trend="trend"), "moved": ("moved", 2, "percent")},

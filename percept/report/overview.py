@@ -325,8 +325,8 @@ def _below_zero(intervals: list[Record], data: Record) -> Iterator[str]:
         labels = " or ".join(data["quantities"][p]["label"] for p in data["quantities"] if p not in signed)
         where = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in cells.items())
         yield (
-            f"Some limits of the normal family are below zero, where no environment's {labels} is "
-            f"({where}). Those of the lognormal family never are."
+            f"Some limits of the normal family are below zero, where no {labels} can be ({where}). Limits of "
+            "the lognormal family never are."
         )
 
 
@@ -334,8 +334,8 @@ def _active(passivity: list[Record] | None) -> Iterator[str]:
     names = [row["environment"] for row in passivity or () if not row["passive"]]
     if names:
         yield (
-            f"Without a coupling this device has too little damping to render {', '.join(names)} passively "
-            "(Colgate and Schenkel): such references may chatter, and adjustments to them may be biased."
+            f"Without a coupling this device has too little damping to render {listed(names)} passively "
+            "(Colgate and Schenkel). They may chatter, and users may then set them wrongly."
         )
 
 

@@ -107,7 +107,7 @@ def with_band(
         elif not determines_laws(list(kept.values())):
             yield Skipped(f"band law{of}", f"without one environment the others share one {name}")
         elif no_share:
-            why = "no posterior draw has a band of its own that holds a share"
+            why = "a single posterior draw has no band that holds a share of users"
             yield Skipped(f"Bayesian band law{of}, kind share", why)
 
 

@@ -185,16 +185,15 @@ def _messages(
     if len(influential):
         named = ", ".join(f"{row.subject} ({row.pareto_k:.2f})" for row in influential.itertuples())
         yield (
-            f"Influential, with a Pareto index above {good_k:.2f}: {named}. The intervals rest on them more "
-            "than on others: look at their sessions, and report the intervals with and without them."
+            f"{named} {'is' if len(influential) == 1 else 'are'} influential (Pareto index above "
+            f"{good_k:.2f}). Inspect their sessions, and report the intervals with and without them."
         )
     if rough := ", ".join(influential.loc[~influential["refitted"], "subject"]):
         yield (
             f"The predictive density of {rough} stays rough, though sampled again: hardly any spread that "
             "the others allow explains them."
             if refit
-            else f"What is said of leaving out {rough} is rough: have the posterior sampled without them "
-            "(--refit)."
+            else f"Leave-one-out results of {rough} are rough: --refit samples the posterior without them."
         )
     for row in table[table["outlier"]].itertuples():
         yield (

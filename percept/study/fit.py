@@ -233,7 +233,7 @@ def bayesian_rows(fit: Fit, asked: InferenceTable, reference: References) -> Ite
         names = " and ".join(fit.quantities[p].symbol for p in fit.parameters)
         yield Skipped(
             f"Bayesian intervals of {names} widened to hold together (bonferroni)",
-            "only limits held to the tolerance are listed",
+            "the sampler holds only single limits to the tolerance",
         )
     for kind in asked.kinds:
         lower, upper = fit.limits[kind]

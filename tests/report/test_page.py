@@ -15,6 +15,7 @@ from percept.report.figures.canvas import Drawing
 from percept.report.numbers import number
 from percept.report.page import render_page
 from percept.report.sections import build_sections
+from percept.report.select import listed
 from percept.sessions import Sessions
 from tests.study.checked import table_of
 from tests.unmixed import UNMIXED, unmixed_sessions
@@ -241,7 +242,7 @@ def test_without_a_coupling_there_is_the_device_alone():
     active = [name for name, damping in needed.items() if damping >= tables["device"]["damping"]]
     assert active
     said = " ".join(document["summary"]["cautions"])
-    assert f"too little damping to render {', '.join(active)} passively" in said
+    assert f"too little damping to render {listed(active)} passively" in said
     assert "Passivity without a coupling" in page_of(document)
 
 

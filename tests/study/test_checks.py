@@ -97,7 +97,7 @@ def test_reweighting_says_it_is_rough_and_sampling_anew_says_how_far_off(planted
     quick.__dict__["_fitted"] = planted.fit
     found = quick.checks.loo
     assert not found.subjects["refitted"].any()
-    rough = [message for message in found.messages if "is rough" in message]
+    rough = [message for message in found.messages if "are rough" in message]
     assert len(rough) == 1
     assert "S04" in rough[0]
     assert "S07" in rough[0]

@@ -350,46 +350,31 @@
   }
 
   function ticks(low, high, log) {
+    const found = [];
     if (log) {
       const decades = Math.log10(high / low);
       const steps = decades > 2.5 ? [1] : decades > 1 ? [1, 2, 5] : [1, 2, 3, 4, 5, 6, 8];
-      const every = decades > 6 ? 2 : 1;
-      const found = [];
-      for (let p = Math.floor(Math.log10(low)); p <= Math.log10(high); p += every) {
-        for (const step of steps) {
-          const value = step * 10 ** p;
-          if (value >= low * (1 - 1e-9) && value <= high * (1 + 1e-9)) found.push(value);
-        }
+      for (let p = Math.floor(Math.log10(low)); p <= Math.log10(high); p += decades > 6 ? 2 : 1) {
+        found.push(...steps.map((step) => step * 10 ** p));
       }
-      return found;
+      return found.filter((value) => value >= low * (1 - 1e-9) && value <= high * (1 + 1e-9));
     }
     const rough = (high - low) / 4;
     const power = 10 ** Math.floor(Math.log10(rough));
     const step = [1, 2, 5, 10].map((one) => one * power).find((one) => one >= rough);
-    const found = [];
     for (let k = Math.ceil(low / step); k * step <= high * (1 + 1e-12); k += 1) found.push(k * step);
     return found;
   }
 
-  // A curve between its points: a cubic through the four nearest, on logarithms where it is positive.
+  // A curve between its points: straight on logarithms where it is positive.
   function prepared(one) {
-    const grids = one.grids.map((grid) => grid.map(Math.log));
     one.value = (curve, w, grid = 0) => {
-      const x = grids[grid];
-      const t = Math.log(w);
-      let i = 1;
-      while (i < x.length - 3 && x[i + 1] < t) i += 1;
-      i = Math.max(Math.min(i - 1, x.length - 4), 0);
-      const near = [0, 1, 2, 3].map((k) => i + k).filter((k) => k < x.length);
-      if (near.some((k) => curve[k] === null)) return NaN;
-      const log = near.every((k) => curve[k] > 0);
-      let sum = 0;
-      for (const k of near) {
-        let weight = log ? Math.log(curve[k]) : curve[k];
-        for (const other of near) if (other !== k) weight *= (t - x[other]) / (x[k] - x[other]);
-        sum += weight;
-      }
-      return log ? Math.exp(sum) : sum;
+      const x = one.grids[grid];
+      const i = Math.min(Math.max(x.findIndex((edge) => edge >= w), 1), x.length - 1);
+      const [low, high] = [curve[i - 1], curve[i]];
+      if (low === null || high === null) return NaN;
+      const share = Math.log(w / x[i - 1]) / Math.log(x[i] / x[i - 1]);
+      return low > 0 && high > 0 ? low * (high / low) ** share : low + (high - low) * share;
     };
     return one;
   }
