@@ -80,7 +80,8 @@ def provenance(study: Study) -> dict[str, Any]:
     import percept
 
     return {
-        "versions": {"percept": percept.__version__, "python": platform.python_version(), **_versions()},
+        "versions": {"percept": percept.__version__, "python": platform.python_version()}
+        | {package: metadata.version(package) for package in _PACKAGES},
         "seed": study.scene.inference.seed,
         "files": [
             {"name": PurePath(source.name).name, "sha256": source.sha256, "rows": source.rows}
@@ -88,16 +89,6 @@ def provenance(study: Study) -> dict[str, Any]:
         ],
         "scene": plain(study.scene.to_dict()),
     }
-
-
-def _versions() -> dict[str, str]:
-    versions = {}
-    for package in _PACKAGES:
-        try:
-            versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    return versions
 
 
 def data_of(study: Study) -> dict[str, Any]:
@@ -128,9 +119,8 @@ def _located(record: Any, *names: str) -> dict[str, Any]:
 
 def _close_views(study: Study, windows: Mapping[str, list[float]]) -> list[dict[str, Any]]:
     """Evaluate the boundaries that the page draws in each window."""
-    kinds = [kind for kind in ("user", *study.scene.inference.kinds) if kind in study.scene.inference.kinds][
-        :1
-    ]
+    asked = study.scene.inference.kinds
+    kinds = ["user" if "user" in asked else asked[0]]
     return [
         plain(record)
         for name, (low, high) in windows.items()

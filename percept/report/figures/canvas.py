@@ -12,10 +12,8 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from matplotlib.textpath import text_to_path
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from percept.report.numbers import SUPERSCRIPT
 
@@ -183,21 +181,3 @@ def _width(label: str) -> float:
     font = FontProperties(size=rcParams["ytick.labelsize"])
     points: float = text_to_path.get_text_width_height_descent(label, font, ismath=False)[0]
     return points / 72.0 / MM
-
-
-def shade_boxes(
-    ax: Axes, boxes: NDArray[np.float64], *, color: str, alpha: float, label: str | None = None
-) -> None:
-    """Shade boxes that do not overlap, rows of left, right, low and high, as one mark without outline."""
-    corners = boxes[:, [[0, 2], [1, 2], [1, 3], [0, 3]]]
-    closed = np.concatenate([corners, corners[:, :1]], axis=1)
-    mark = PathPatch(
-        Path.make_compound_path_from_polys(closed),
-        color=color,
-        alpha=alpha,
-        linewidth=0,
-        antialiased=False,  # smoothed edges would leave a light line where boxes touch
-        label=label,
-    )
-    # add_patch would look for the extent segment by segment; whoever shades sets the limits.
-    ax.add_artist(mark)

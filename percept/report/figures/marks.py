@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
@@ -19,7 +21,6 @@ from percept.report.figures.canvas import (
     log_scale,
     mark,
     row_labels,
-    shade_boxes,
 )
 from percept.report.select import KIND_NAMES, KINDS, METHOD_NAMES, METHODS
 
@@ -231,8 +232,17 @@ def draw_design(
         )
     boxes = _boxes(damping, intervals)
     if len(boxes):
-        label = "stable and inside the boundary"
-        shade_boxes(ax, boxes, color=COLOURS["coupled"], alpha=0.35, label=label)
+        corners = boxes[:, [[0, 2], [1, 2], [1, 3], [0, 3], [0, 2]]]
+        shade = PathPatch(
+            Path.make_compound_path_from_polys(corners),
+            color=COLOURS["coupled"],
+            alpha=0.35,
+            linewidth=0,
+            antialiased=False,  # smoothed edges would leave a light line where boxes touch
+            label="stable and inside the boundary",
+        )
+        # add_patch would look for the extent segment by segment; the ends are known.
+        ax.add_artist(shade)
     else:
         ax.text(0.5, 0.5, "none qualifies", ha="center", color=COLOURS["quiet"], transform=ax.transAxes)
     right, top = ends or design_ends(damping, [intervals], stable=stable, coupling=coupling)
