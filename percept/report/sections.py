@@ -98,6 +98,7 @@ def boundaries(document: Record) -> Section | None:
         "shapes": [{"name": name, "meaning": _SHAPES[name]} for name in ordered(_SHAPES, records, "shape")],
         "curves": [curves for name in names if (curves := _curves(document, name)) is not None],
         "worst": worst_curve(records),
+        "errors": [row for row in pointed(records, "/boundaries") if row.get("error") is not None],
     }
     return Section("boundaries", "Realistic performance boundaries", values)
 
