@@ -278,7 +278,6 @@ def test_one_environment_is_spoken_of_as_one():
     assert "1 reference" not in one
     assert re.search(r"Intervals\W+1\W+were derived with percept", one)
     assert "boundaries were derived" not in one
-    two = said_of(Sessions.from_frame(whole[whole["environment"].isin(["VE1", "VE2"])]))
 
 
 def test_trials_sessions_and_cells_not_tried_are_told():
