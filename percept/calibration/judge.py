@@ -244,7 +244,14 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
         Population(plan.truth, reference, beta, of_one, plan.parameters)
         for reference, beta, of_one in zip(every, truth.beta, cov, strict=True)
     ]
-    options = ReadOptions(quantities=scene.quantities)
+    # Declared units: a true median far from its reference is no slip of the unit.
+    units = {
+        f"{name}_{column}": {"name": f"{name}_{column}", "unit": scene.quantities[name].unit}
+        for name in plan.parameters
+        for column in ("ref", "adj")
+        if scene.quantities[name].unit
+    }
+    options = ReadOptions(quantities=scene.quantities, columns=units)
     return Study(Sessions.from_frame(kept.drop(columns="source"), options=options), scene), populations
 
 

@@ -287,6 +287,16 @@ def test_studies_kept_of_stiffness_and_damping_stay_valid() -> None:
     assert lone.key != dataclasses.replace(lone, parameters=("b",)).key
 
 
+def test_users_far_from_the_reference_are_no_slip_of_units() -> None:
+    """Their median is .005 of the reference, which a file without units would be refused for."""
+    plan = CoveragePlan(
+        references=((1000.0, 1.0), (25000.0, 25.0)),
+        subjects=8, truth="normal", method="classical", level=0.9, frequencies=(0.1, 100.0, 5),
+    )  # fmt: skip
+    held = {one.claim for one in judge_study(plan, 315)}
+    assert {"interval", "boundary throughout"} <= held
+
+
 def test_studies_that_all_agree_leave_an_error() -> None:
     held = np.ones(6)
     # Six and a half of seven.
