@@ -50,22 +50,14 @@ def magnitude_envelope_ellipse(
 
     Parameters
     ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        The device, Z_d; its parameters broadcast against ω.
+    omega, device, period, mass, hold
+        As in `perceived_magnitude`.
     centre : pair of float
         k, N/m, and b, N·s/m.
     shape : array_like, shape (2, 2)
         Symmetric, positive semidefinite, such as a covariance of (k, b): (N/m)², (N/m)·(N·s/m), (N·s/m)².
     radius : float
         Dimensionless, zero or more.
-    period : float
-        Sampling period T, s.
-    mass : float, optional
-        m_e, kg.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
 
     Returns
     -------
@@ -75,8 +67,7 @@ def magnitude_envelope_ellipse(
     Raises
     ------
     UsageError
-        A shape that is not a covariance, a negative radius, ω above Nyquist or outside a device's table, T
-        not positive, a value that is not finite, an unknown hold.
+        As `perceived_magnitude`, and for a shape that is not a covariance, or a negative radius.
     """
     k, b = _checked_centre(centre, "(k, b)")
     factor = _checked_factor(shape, radius, "(k, b)")

@@ -62,18 +62,10 @@ def magnitude_envelope(
 
     Parameters
     ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        The device, Z_d.
+    omega, device, period, mass, hold
+        As in `perceived_magnitude`.
     stiffness, damping : pair of array_like
         (low, high) of k, N/m, and b, N·s/m; may be negative.
-    period : float
-        Sampling period T, s.
-    mass : array_like, optional
-        m_e, kg.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
 
     Returns
     -------
@@ -83,8 +75,7 @@ def magnitude_envelope(
     Raises
     ------
     UsageError
-        A lower limit above its upper one, ω above Nyquist or outside a device's table, T not positive, a
-        value that is not finite, an unknown hold.
+        As `perceived_magnitude`, and for a lower limit above its upper one.
     """
     grid = warp(omega, period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")

@@ -237,14 +237,7 @@ def _modes(grid: Warp, device: Device) -> tuple[FloatArray, FloatArray]:
 def environment_impedance(omega: ArrayLike, environment: Environment, period: float) -> ComplexArray:
     """Return Z_e(jω) by Tustin's method (Eq. 7).
 
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    environment : Environment
-        Its parameters broadcast against ω.
-    period : float
-        Sampling period T, s.
+    Parameters as in `device_impedance`; the environment's broadcast against ω.
 
     Returns
     -------
@@ -254,7 +247,7 @@ def environment_impedance(omega: ArrayLike, environment: Environment, period: fl
     Raises
     ------
     UsageError
-        ω above Nyquist, T not positive, a value that is not finite.
+        As `device_impedance`.
     """
     grid = warp(omega, period)
     reactive = times(environment.mass, grid.rate) + grid.spring(environment.stiffness)
@@ -266,16 +259,8 @@ def coupling_impedance(
 ) -> ComplexArray:
     """Return Z_c(jω) of a virtual coupling (Eq. 6, or Eq. 12's form).
 
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    coupling : Coupling
-        Its parameters broadcast against ω.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Backward difference (Eq. 6, default) or Tustin (Eq. 12).
+    Parameters as in `device_impedance`; the coupling's broadcast against ω.
+    `discretization` is the backward difference (Eq. 6, default) or "tustin" (Eq. 12).
 
     Returns
     -------
@@ -285,7 +270,7 @@ def coupling_impedance(
     Raises
     ------
     UsageError
-        ω above Nyquist, T not positive, a value that is not finite, an unknown discretization.
+        As `device_impedance`, and for an unknown discretization or kind.
     """
     grid = warp(omega, period)
     return complex_from(
@@ -328,14 +313,8 @@ def tustin_damping(coupling: Coupling, period: float, discretization: str) -> Fl
 def hold(omega: ArrayLike, period: float, *, kind: str = "average") -> ComplexArray:
     """Return ZOH(jω): the averaging hold of Eq. 8 or the true zero-order hold.
 
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    period : float
-        Sampling period T, s.
-    kind : {"average", "true"}
-        With h = ωT/2: cos h·e^{−jh} (Eq. 8, default) or (sin h/h)·e^{−jh}; the phase is the same.
+    ω and T as in `device_impedance`. With h = ωT/2 the hold is cos h·e^{−jh} for the kind "average" (Eq. 8),
+    and (sin h/h)·e^{−jh} for "true".
 
     Returns
     -------
@@ -345,7 +324,7 @@ def hold(omega: ArrayLike, period: float, *, kind: str = "average") -> ComplexAr
     Raises
     ------
     UsageError
-        ω above Nyquist, T not positive, a value that is not finite, an unknown kind.
+        As `device_impedance`, and for an unknown discretization or kind.
     """
     grid = warp(omega, period)
     gain = grid.held(kind).gain

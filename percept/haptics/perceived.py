@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.errors import UsageError
 from percept.haptics.arrays import ComplexArray, FloatArray, Scalars, complex_from, real_array, times
 from percept.haptics.impedance import (
     Element,
@@ -23,11 +20,6 @@ from percept.haptics.impedance import (
 )
 from percept.haptics.records import AnyDevice, Coupling, Environment
 from percept.html import NotebookRecord
-
-# Elements handled at once by `perceived_magnitude`: its scratch stays in the cache, whatever the request.
-_BLOCK = 1 << 14
-# Sums of squares between these have lost nothing to underflow, and overflow nowhere.
-_SMALL, _LARGE = 1e-270, 1e300
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,83 +175,35 @@ def perceived_magnitude(
     *,
     mass: ArrayLike = 0.0,
     hold: str = "average",
-    out: FloatArray | None = None,
 ) -> FloatArray:
-    """Return abs(Z_h) as a distance, for any real k and b, in bounded memory.
+    """Return abs(Z_h) as a distance, for any real k and b.
 
     With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)): in the plane of
     (g·b, g·k/Ω) it is the distance from one point, set by the device.
 
     Parameters
     ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        The device, Z_d.
+    omega, device, period, hold
+        As in `perceived_impedance`.
     stiffness, damping : array_like
         k, N/m, and b, N·s/m, of the environment; may be negative, as limits and draws are.
-    period : float
-        Sampling period T, s.
     mass : array_like, optional
         m_e, kg; may be negative.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
-    out : ndarray of float64, optional
-        Receives the result (a memory map will do); its shape must be the broadcast shape.
 
     Returns
     -------
     ndarray
-        N·s/m, of the broadcast shape of ω, stiffness, damping and mass; `out` where it was given. Beside the
-        result only a few blocks of scratch are held, whatever the shape.
+        N·s/m, of the broadcast shape of ω, stiffness, damping and mass.
 
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an unknown
-        hold.
+        As `perceived_impedance`.
     """
     grid = warp(omega, period)
     k, b = real_array(stiffness, "stiffness", "N/m"), real_array(damping, "damping", "N·s/m")
     across, along, held = distance_axes(grid, device, hold, real_array(mass, "mass", "kg"))
-    arrays = (k, b, held.gain, held.per_rate, across, along)
-    shape = np.broadcast_shapes(*(array.shape for array in arrays))
-    if out is None:
-        out = np.empty(shape)
-    elif out.shape != shape or out.dtype != np.float64:
-        raise UsageError(f"out must be float64 of shape {shape}.", value=(out.dtype, out.shape))
-    full = [np.broadcast_to(array, shape) for array in arrays]
-    at_dc = not np.isfinite(held.per_rate).all()
-    scratch = np.empty(min(_BLOCK, out.size))
-
-    def sides(block: tuple[Any, ...], target: FloatArray, spring: FloatArray) -> None:
-        k, b, gain, per_rate, across, along = (array[block] for array in full)
-        np.multiply(k, per_rate, out=spring)
-        if at_dc:
-            spring[np.isnan(spring)] = 0.0
-        np.subtract(along, spring, out=spring)
-        np.multiply(b, gain, out=target)
-        np.add(target, across, out=target)
-
-    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        for block in _blocks(shape):
-            target = out[block]
-            spring = scratch[: target.size].reshape(target.shape)
-            sides(block, target, spring)
-            np.multiply(target, target, out=target)
-            np.multiply(spring, spring, out=spring)
-            np.add(target, spring, out=target)
-            # Squares are four times as fast as hypot, and as exact where neither end of the range is near.
-            if target.size and target.min() > _SMALL and target.max() < _LARGE:
-                np.sqrt(target, out=target)
-            else:
-                # Element by element, so that no value depends on its neighbours.
-                usual = (target > _SMALL) & (target < _LARGE)
-                roots = np.sqrt(target)
-                sides(block, target, spring)
-                np.hypot(target, spring, out=target)
-                np.copyto(target, roots, where=usual)
-    return out[()]
+    return np.hypot(held.gain * b + across, along - times(k, held.per_rate))
 
 
 def distance_axes(
@@ -269,18 +213,3 @@ def distance_axes(
     held = grid.held(hold)
     across, along = rotated_device(grid, device)
     return across, along + times(mass, held.rate), held
-
-
-def _blocks(shape: tuple[int, ...]) -> Iterator[tuple[Any, ...]]:
-    """Yield indices that cut an array of `shape` into blocks of at most `_BLOCK` elements."""
-    axis, size = len(shape), 1
-    while axis and size * shape[axis - 1] <= _BLOCK:
-        axis -= 1
-        size *= shape[axis]
-    if not axis:
-        yield (...,)
-        return
-    step = max(1, _BLOCK // size)
-    for lead in np.ndindex(*shape[: axis - 1]):
-        for start in range(0, shape[axis - 1], step):
-            yield (*lead, slice(start, start + step), ...)

@@ -109,7 +109,7 @@ def required_damping(
     Raises
     ------
     UsageError
-        T not positive, an unknown discretization or hold.
+        As `required_damping_at`.
 
     Notes
     -----
@@ -151,20 +151,7 @@ def stability_margin(
 ) -> FloatArray:
     """Return Re Z_d(jω) over what Eq. 10 asks for at each ω: at least 1 everywhere means stable.
 
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        The device, Z_d.
-    coupling : Coupling
-        Its parameters broadcast against ω.
-    period : float
-        Sampling period T, s.
-    discretization : {"backward", "tustin"}
-        Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    Parameters as in `required_damping_at`, with the device, Z_d.
 
     Returns
     -------
@@ -175,8 +162,7 @@ def stability_margin(
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an unknown
-        hold or discretization.
+        As `required_damping_at`, and ω outside a device's table.
     """
     required = required_damping_at(omega, coupling, period, discretization=discretization, hold=hold)
     available, _ = device_parts(warp(omega, period), device)

@@ -207,16 +207,6 @@ def test_period_is_one_positive_number(period):
             lambda: perceived_magnitude(1.0, Device(1, 1), -1e101, 0.0, 1e-3),
             r"stiffness must be finite and at most 1e\+100",
         ),
-        (
-            lambda: perceived_magnitude([1.0, 2.0], Device(1, 1), 1.0, 0.0, 1e-3, out=np.empty(3)),
-            r"out must be float64 of shape \(2,\)",
-        ),
-        (
-            lambda: perceived_magnitude(
-                [1.0, 2.0], Device(1, 1), 1.0, 0.0, 1e-3, out=np.empty(2, dtype=np.float32)
-            ),
-            r"out must be float64 of shape \(2,\)",
-        ),
     ],
 )
 def test_wrong_arguments_are_refused(call, message):

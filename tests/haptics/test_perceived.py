@@ -1,7 +1,5 @@
 """Z_h three ways: Eq. 11 and 13 as written, the distance form, and what the coupling shows."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 
@@ -115,8 +113,8 @@ def test_omega_by_environments_by_draws_equals_the_loop():
     )
 
 
-@pytest.mark.parametrize("shape", [(3, 40_000), (40_000, 3), (7, 11, 1300), (0, 5), ()])
-def test_blocks_cover_every_shape(shape):
+@pytest.mark.parametrize("shape", [(7, 11, 13), (0, 5), ()])
+def test_every_shape_equals_the_plain_form(shape):
     rng = np.random.default_rng(4)
     stiffness, damping = rng.normal(100, 300, shape), rng.normal(1, 3, shape)
     ours = perceived_magnitude(20.0, Device(0.1, 5.0), stiffness, damping, T)
@@ -124,16 +122,3 @@ def test_blocks_cover_every_shape(shape):
     rate = 2 / T * np.tan(h)
     plain = np.abs(5 + 0.1j * rate + np.cos(h) * np.exp(-1j * h) * (damping - 1j * stiffness / rate))
     np.testing.assert_allclose(ours, plain, rtol=1e-12)
-
-
-def test_scratch_does_not_grow_with_the_request():
-    omega = np.geomspace(0.1, 100, 200)[:, None]
-    stiffness, damping = np.linspace(1, 2, 5000), np.linspace(1, 2, 5000)
-    out = np.empty((200, 5000))
-    tracemalloc.start()
-    given = perceived_magnitude(omega, Device(1.0, 5.0), stiffness, damping, T, out=out)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert given.base is out or given is out
-    assert peak < out.nbytes / 10
-    np.testing.assert_array_equal(out, perceived_magnitude(omega, Device(1.0, 5.0), stiffness, damping, T))
