@@ -21,6 +21,7 @@ _WORDS = {
 }
 #: Beside or before the name or the label of a quantity.
 _NUMBER_WORDS = {"ref": ("ref", "reference"), "adj": ("adj", "adjusted", "final")}
+_Rules = Mapping[str, ColumnRule]
 _WIDE = ("{column}_{{environment}}", "{{environment}}_{column}")
 
 
@@ -39,7 +40,7 @@ class Resolution:
 
     form: str
     slots: tuple[Slot, ...]  # One for a long table, one per environment (and trial) for a wide one
-    rules: Mapping[str, ColumnRule]  # The rule each canonical column was found by, with the header's own name
+    rules: _Rules  # The rule each canonical column was found by, with the header's own name
     announced: tuple[str, ...]  # Choices that rest on an alias or on a pattern of names
 
     @property
@@ -85,7 +86,7 @@ def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolu
     return Resolution("summary" if summary else "trials", slots, {**found, **wide}, tuple(announced))
 
 
-def _is_summary(names: set[str], declared: Mapping[str, ColumnRule]) -> bool:
+def _is_summary(names: set[str], declared: _Rules) -> bool:
     known = {_plain(name) for name in names} | declared.keys()
     return "parameter" in known and ({"lower", "upper"} <= known or {"mean", "sd"} <= known)
 
@@ -136,7 +137,7 @@ def _plain(name: str) -> str:
 
 
 def _wide_by_name(
-    header: Sequence[str], found: Mapping[str, ColumnRule], quantities: Quantities, file: str
+    header: Sequence[str], found: _Rules, quantities: Quantities, file: str
 ) -> dict[str, ColumnRule]:
     """Patterns such as "k_adj_VE1" or "VE1_k_adj", where a header has them."""
     for shape in _WIDE:
@@ -152,7 +153,7 @@ def _wide_by_name(
     return {}
 
 
-def _refuse_numbered(header: Sequence[str], wide: Mapping[str, ColumnRule], file: str) -> None:
+def _refuse_numbered(header: Sequence[str], wide: _Rules, file: str) -> None:
     """Ask where "k_adj_VE1_1", "k_adj_VE1_2" may be two trials of VE1 as well as two environments."""
     for canonical, rule in wide.items():
         matches = (_pattern(rule.name).fullmatch(name) for name in header)
@@ -175,11 +176,7 @@ def _pattern(name: str) -> re.Pattern[str]:
 
 
 def _slots(
-    header: Sequence[str],
-    found: Mapping[str, ColumnRule],
-    wide: Mapping[str, ColumnRule],
-    declared: Collection[str],
-    file: str,
+    header: Sequence[str], found: _Rules, wide: _Rules, declared: Collection[str], file: str
 ) -> tuple[Slot, ...]:
     common = {canonical: _position(header, rule.name, file) for canonical, rule in found.items()}
     if not wide:

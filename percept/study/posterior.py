@@ -21,10 +21,10 @@ from percept.study.fit import Fit
 Named = dict[str, tuple[Sequence[str], Array]]
 #: Log likelihoods (draws times subjects) that a tree holds; larger studies keep fewer draws.
 _MOST = 1 << 24
-_PRIOR_DRAWS = 4000
-#: Half-widths of the average user's interval from which a prior's pull is told; SDs of a prior taken as flat;
-#: and draws to reweight.
-_PULL, _FLAT, _REWEIGHTED = 0.1, 1e3, 4000
+#: Half-widths of the average user's interval from which a prior's pull is told; SDs of a prior taken as flat.
+_PULL, _FLAT = 0.1, 1e3
+#: Of a prior; or of the posterior, to be reweighted.
+_DRAWS = 4000
 _CELL = ("parameter", "environment")
 
 
@@ -59,7 +59,7 @@ def posterior_tree(fit: Fit, *, seed: int, full: bool) -> Any:
         groups["posterior"]["population_sd"] = in_cells(fit.model.laws(points).population_sd)
         rng = generator(seed, Stream.PREDICTIVE)
         groups |= _log_densities(subjects, points, means.reshape(-1, *grid), rng)
-        drawn, *of_prior = draw_prior(subjects.density, _PRIOR_DRAWS, rng)
+        drawn, *of_prior = draw_prior(subjects.density, _DRAWS, rng)
         # Far tails of the priors' spread are beyond what a double holds.
         with np.errstate(over="ignore"):
             prior_means, prior_users = (in_cells(fit.scale.native(values)) for values in of_prior)
@@ -122,7 +122,7 @@ def prior_pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> tuple[str
     density = subjects.density
     flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
     free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
-    some = fit.points[:: max(1, len(fit.points) // _REWEIGHTED)]
+    some = fit.points[:: max(1, len(fit.points) // _DRAWS)]
     own, other = (Pooled(one).laws(some) for one in (density, free))
     # Locations are integrated out of both densities, whose ratio tells how likely draws are under the other.
     weights = special.softmax(free(some) - density(some))
