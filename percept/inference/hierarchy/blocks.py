@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ class Scalar:
     def __getitem__(self, key: Any) -> Scalar:
         return Scalar(self.v[key])
 
-    def __add__(self, other: Block) -> Scalar:
+    def __add__(self, other: Block | Precision) -> Scalar:
         assert isinstance(other, Scalar)
         return Scalar(self.v + other.v)
 
@@ -76,19 +76,33 @@ class Scalar:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Pair:
-    """A 2 x 2 covariance per entry: variance of the first, slope, variance left of the second."""
+class _Regression:
+    """A 2 x 2 block per entry: variance of one parameter, slope of the other on it, variance left."""
 
     v: Array
     g: Array
     w: Array
 
-    def __getitem__(self, key: Any) -> Pair:
-        return Pair(self.v[key], self.g[key], self.w[key])
+    def __getitem__(self, key: Any) -> Self:
+        return type(self)(self.v[key], self.g[key], self.w[key])
 
-    def __add__(self, other: Block) -> Pair:
-        assert isinstance(other, Pair)
-        return Pair(*_sum_of_two(self.v, self.g, self.w, other.v, other.g, other.w))
+    def __add__(self, other: Block | Precision) -> Self:
+        assert isinstance(other, type(self))
+        v = self.v + other.v
+        apart = self.g - other.g
+        share = other.v / v
+        # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
+        slope = (self.v * self.g + other.v * other.g) / v
+        return type(self)(v, slope, self.w + other.w + self.v * share * apart * apart)
+
+    def log_determinant(self) -> Array:
+        """Return the log determinant per entry."""
+        return np.log(self.v) + np.log(self.w)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pair(_Regression):
+    """A 2 x 2 covariance per entry: variance of the first, slope, variance left of the second."""
 
     def plus_diagonal(self, variances: Vector) -> Pair:
         """Return the sum with a diagonal block."""
@@ -104,10 +118,6 @@ class Pair:
     def inverse(self) -> PairPrecision:
         """Return the inverse block."""
         return PairPrecision(1.0 / self.w, -self.g, 1.0 / self.v)
-
-    def log_determinant(self) -> Array:
-        """Return the log determinant per entry."""
-        return np.log(self.v) + np.log(self.w)
 
     def apply(self, r: Vector) -> Vector:
         """Return block times vector."""
@@ -135,15 +145,8 @@ class Pair:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PairPrecision:
+class PairPrecision(_Regression):
     """Inverse of a `Pair`: the same regression with the parameters in the other order."""
-
-    v: Array
-    g: Array
-    w: Array
-
-    def __getitem__(self, key: Any) -> PairPrecision:
-        return PairPrecision(self.v[key], self.g[key], self.w[key])
 
     def total(self) -> PairPrecision:
         """Return the sum over the first axis."""
@@ -163,10 +166,6 @@ class PairPrecision:
         """Return the covariance this is the inverse of."""
         return Pair(1.0 / self.w, -self.g, 1.0 / self.v)
 
-    def log_determinant(self) -> Array:
-        """Return the log determinant per entry."""
-        return np.log(self.v) + np.log(self.w)
-
     def apply(self, r: Vector) -> Vector:
         """Return block times vector."""
         second = self.v * (r[1] + self.g * r[0])
@@ -175,25 +174,6 @@ class PairPrecision:
 
 Block = Scalar | Pair
 Precision = Scalar | PairPrecision
-
-
-def _sum_of_two(
-    v1: Array, g1: Array, w1: Array, v2: Array, g2: Array, w2: Array
-) -> tuple[Array, Array, Array]:
-    v = v1 + v2
-    apart = g1 - g2
-    share = v2 / v
-    # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
-    return v, (v1 * g1 + v2 * g2) / v, w1 + w2 + v1 * share * apart * apart
-
-
-def sum_of(first: Precision, second: Precision) -> Precision:
-    """Add precisions of one size."""
-    if isinstance(first, Scalar):
-        assert isinstance(second, Scalar)
-        return first + second
-    assert isinstance(second, PairPrecision)
-    return PairPrecision(*_sum_of_two(first.v, first.g, first.w, second.v, second.g, second.w))
 
 
 def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = None) -> Block:

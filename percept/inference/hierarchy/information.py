@@ -24,7 +24,6 @@ from percept.inference.hierarchy.blocks import (
     Scalar,
     Vector,
     gram,
-    sum_of,
     weighted_mean,
 )
 from percept.inference.hierarchy.scales import Scales
@@ -102,7 +101,7 @@ class Information:
         self._precisions = self._cells.inverse()
         self._known = self._precisions.total()
         self._outer = None if scales.shared is None else scales.shared + self._known.inverse()
-        left = None if scales.shared is None else sum_of(scales.shared.inverse(), self._known).inverse()
+        left = None if scales.shared is None else (scales.shared.inverse() + self._known).inverse()
         self._tau = np.concatenate([np.broadcast_to(t, (self._environments, t.size)) for t in scales.tau]).T
         matrix, right, before = self._normal_equations(_dense(kinds.inverse()), left)
         self._factor = _cholesky(matrix)

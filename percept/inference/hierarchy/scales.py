@@ -348,11 +348,8 @@ def _within_subjects(cell_means: Array) -> tuple[Array, Array]:
     several = np.isfinite(cell_means).all(axis=1).sum(axis=1) > 1
     values = cell_means[several]
     present = np.isfinite(values)
-    count = present.sum(axis=0)
-    values = np.where(present, values, 0.0)
-    rest = np.where(present, values - values.sum(axis=0) / np.maximum(count, 1), 0.0)
-    seen = present.sum(axis=2, keepdims=True)
-    rest = np.where(present, rest - rest.sum(axis=2, keepdims=True) / np.maximum(seen, 1), 0.0)
+    rest = _centred(_centred(values, present, 0), present, 2)
+    count, seen = present.sum(axis=0), present.sum(axis=2, keepdims=True)
     kept = np.where(present, 1.0 - 1.0 / np.maximum(seen, 1), 0.0).sum(axis=0)
     # Of the count - 1 degrees of freedom the subjects' means take their share.
     df = np.maximum(kept * (1.0 - 1.0 / np.maximum(count, 1)), 0.0)

@@ -20,7 +20,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.transport import Checked, Target, refuse_impossible
+from percept.inference.sampling.transport import Target, refuse_impossible
 
 Array = NDArray[np.float64]
 
@@ -191,7 +191,7 @@ def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensemb
     """Place walkers and give every ensemble a generator of its own."""
     ensembles, walkers, dimension = points.shape
     flat = points.reshape(-1, dimension)
-    log_density = Checked(target)(flat)
+    log_density = target(flat)
     refuse_impossible(target, flat, log_density)
     schedule, *generators = seed.spawn(1 + ensembles)
     return Ensembles(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from percept.inference.sampling.endpoints import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, Judged, Progress, Run, Settings, judge, pass_gate
 from percept.inference.sampling.moves import advance, start
-from percept.inference.sampling.transport import Checked, Target, Transported
+from percept.inference.sampling.transport import Target, Transported
 from percept.inference.sampling.warmup import refine, warm_up
 
 Array = NDArray[np.float64]
@@ -58,7 +58,6 @@ def sample(
     progress: Callable[[Progress], None] | None = None,
 ) -> Run:
     """Sample a target with emcee to a stated accuracy."""
-    target = Checked(target)
     seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
     here, points = warm_up(target, (settings.ensembles, settings.walkers or _WALKERS), seeds[0])
     chain = _Chain(here, points, seeds[1], estimands, settings, _STRIDE, _FIRST_ROUND)
@@ -191,7 +190,8 @@ class _Chain:
             points, components, judged.estimates, judged.errors, times, gate, state.steps, stride, settings
         )
         self._error = gate.worst_error
-        self._expected = state.steps - self.spanned + max(self.steps_by_error(run), self._steps_by_time(run))
+        wanted = max(self.steps_by_error(run), self._closed_steps + steps_to_settle(run))
+        self._expected = state.steps - self.spanned + wanted
         self._tell(progress)
         return run
 
@@ -236,13 +236,10 @@ class _Chain:
         ratio = run.gate.worst_error / self._settings.tolerance
         return self.spanned * (ratio * ratio * 1.1 if math.isfinite(ratio) else 2.0)
 
-    def _steps_by_time(self, run: Run) -> int:
-        """Predict the steps after which the part at work has settled."""
-        return self._closed_steps + steps_to_settle(run)
-
     def steps_needed(self, run: Run) -> int:
         """Predict the steps the run should span in all; it at least grows by a tenth."""
-        wanted = max(self.steps_by_error(run), self._steps_by_time(run), 1.1 * self.spanned)
+        settled = self._closed_steps + steps_to_settle(run)
+        wanted = max(self.steps_by_error(run), settled, 1.1 * self.spanned)
         return math.ceil(min(wanted, 4.0 * self.spanned))
 
 

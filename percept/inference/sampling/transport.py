@@ -33,27 +33,6 @@ class Target(Protocol):
         """Log density of points (W, d), shape (W,); -inf allowed, NaN not."""
 
 
-class Checked:
-    """A target whose values are never NaN."""
-
-    def __init__(self, target: Target) -> None:
-        self._target = target
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the coordinates."""
-        return self._target.names
-
-    def __call__(self, points: Array) -> Array:
-        """Log density of points (W, d), shape (W,)."""
-        values = self._target(points)
-        bad = np.isnan(values)
-        if bad.any():
-            where = _describe(self.names, points[int(np.argmax(bad))])
-            raise RefusalError(f"the log density is NaN at {where}.")
-        return values
-
-
 def refuse_impossible(target: Target, points: Array, values: Array) -> None:
     """Refuse to go on when the density is -inf at all of the points."""
     if np.all(np.isneginf(values)):
@@ -377,7 +356,7 @@ class Affine:
 
 
 class Transported:
-    """A target in the coordinates of a transport."""
+    """A target in the coordinates of a transport, whose values are never NaN."""
 
     def __init__(self, target: Target, transport: Affine | Transport) -> None:
         self._target = target
@@ -395,4 +374,9 @@ class Transported:
     def __call__(self, points: Array) -> Array:
         """Log density of points (W, d) of the transport's coordinates, shape (W,)."""
         x, log_jacobian = self.transport(points)
-        return self._target(x) + log_jacobian
+        values = self._target(x)
+        bad = np.isnan(values)
+        if bad.any():
+            where = _describe(self.names, x[int(np.argmax(bad))])
+            raise RefusalError(f"the log density is NaN at {where}.")
+        return values + log_jacobian
