@@ -142,7 +142,7 @@ def design_costs(
 ) -> list[DesignCost]:
     """Fit every design with every seed, each in a process of its own; nutpie on the data of the first seed.
 
-    What is done is kept line by line in `out`, and taken from there.
+    What is done is kept line by line in `out`, and taken from there: nutpie's too where it is not asked for.
     """
     for name in names:
         if name not in DESIGNS:
@@ -151,8 +151,8 @@ def design_costs(
     for name in names or DESIGNS:
         for seed in seeds:
             fit = _kept("fit", name, seed, out, log)
-            with_peer = peer and DESIGNS[name].peer and seed == seeds[0]
-            found = _compared(fit, _kept("peer", name, seed, out, log)) if with_peer else {}
+            theirs = _kept("peer", name, seed, out, log, run=peer and DESIGNS[name].peer and seed == seeds[0])
+            found = _compared(fit, theirs) if theirs else {}
             allowed, cost = DESIGNS[name].allowed, fit["cost"]
             in_time = cost["processor_s"] <= allowed and cost["steps"] > 0
             rows.append(DesignCost(name, seed, allowed, in_time, **cost, **found))
@@ -160,19 +160,19 @@ def design_costs(
 
 
 def _kept(
-    task: str, name: str, seed: int, out: str | Path | None, log: Callable[[str], None]
+    task: str, name: str, seed: int, out: str | Path | None, log: Callable[[str], None], *, run: bool = True
 ) -> dict[str, Any]:
-    """Take the result of one process from the file of `out`, or run the process."""
+    """Take the result of one process from the file of `out`, or run the process; empty without either."""
     checkpoint: Checkpoint[dict[str, Any]] = Checkpoint(
         Path(out) / "designs.jsonl" if out else None, f"{name} {task} {DESIGNS[name].plan}",
         what="measured", pack=lambda result: result, unpack=dict,
     )  # fmt: skip
     kept = checkpoint.read(seed + 1)
-    if seed not in kept:
+    if seed not in kept and run:
         log(f"{name}, seed {seed}: {task}")
         kept[seed] = _in_a_process(task, name, seed)
         checkpoint.append(seed, kept[seed])
-    return kept[seed]
+    return kept.get(seed, {})
 
 
 def _in_a_process(task: str, name: str, seed: int) -> dict[str, Any]:
@@ -243,6 +243,10 @@ def summary(rows: Sequence[DesignCost]) -> list[str]:
     without = [row.design for row in rows if row.peer_s is not None and row.z_square is None]
     if without:
         lines.append(f"Nothing to compare, since nutpie or percept gave no limits: {', '.join(without)}.")
+    compared = {row.design for row in rows if row.peer_s is not None}
+    alone = [name for name in dict.fromkeys(row.design for row in rows) if name not in compared]
+    if alone:
+        lines.append(f"Nutpie has not run on {', '.join(alone)}.")
     return lines
 
 

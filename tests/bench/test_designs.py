@@ -62,6 +62,7 @@ def test_a_fit_is_measured_kept_and_not_measured_again(tmp_path, capsys):
     page = (tmp_path / "designs.md").read_text()
     assert "`percept bench designs --rows 6x3x1 --seeds 1 --no-peer --out " in page
     assert "1 of 1 fits pass the gate." in page
+    assert "Nutpie has not run on 6x3x1." in page
 
 
 def test_an_unknown_design_is_named():
