@@ -153,14 +153,13 @@ def test_the_truth_a_method_covers_least_decides(table: pd.DataFrame, text: str)
 
 
 def test_a_study_that_cannot_be_simulated_has_theory_alone() -> None:
-    one = Study(
-        Sessions.from_frame(table_of(subjects=4)), Scene.from_tables({"inference": {"tolerance": 0.3}})
-    )
+    scene = Scene.from_tables({"inference": {"method": "classical"}})
+    one = Study(Sessions.from_frame(table_of(subjects=4)), scene)
     (text,) = recommend(one, "nowhere", "percept calibrate")
     assert text.startswith(
         "Which to use: for normal users the classical intervals cover exactly what they state."
     )
-    assert "Studies like this one cannot be simulated: calibration simulates stiffness and damping" in text
+    assert "Studies like this one cannot be simulated: calibration needs a passed Bayesian fit" in text
     assert "would tell" not in text
 
 

@@ -280,7 +280,7 @@ def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
 
 def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Drawing:
     def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18.0, bottom=38.0)
+        (ax,) = panels(figure, left=18.0, bottom=30.0)
         _curves(ax, document, study["name"])
         log_scale(ax)
         ax.set_xlabel("error of the limits (% of half-width)")
