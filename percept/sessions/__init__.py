@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from percept.sessions.chunks import Reduced, reduce_sessions
 from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
-from percept.sessions.proposal import propose_columns
 from percept.sessions.quantities import Quantity
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source
-from percept.sessions.validate import Validation, format_validation, validate
+from percept.sessions.validate import Validation, format_validation, propose_columns, validate
 
 __all__ = [
     "ColumnRule",

@@ -43,11 +43,6 @@ class Resolution:
     rules: _Rules  # The rule each canonical column was found by, with the header's own name
     announced: tuple[str, ...]  # Choices that rest on an alias or on a pattern of names
 
-    @property
-    def present(self) -> frozenset[str]:
-        """Canonical names that were found."""
-        return frozenset(self.rules)
-
 
 def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolution:
     """Find the canonical columns in a header."""
@@ -211,21 +206,18 @@ def check_columns(
     header: Sequence[str], found: Resolution, options: ReadOptions, named: Collection[str], *, file: str
 ) -> None:
     """Hold a header to what an analysis of trials needs; `named` columns come from the file's name."""
-    present = found.present | set(named)
-    wide = any(slot.environment is not None for slot in found.slots)
-    missing = [
-        c for c in ("subject", "environment") if c not in present and not (wide and c == "environment")
-    ]
+    present = {*found.rules, *named}
+    if any(slot.environment is not None for slot in found.slots):
+        present.add("environment")
+    missing = [c for c in ("subject", "environment") if c not in present]
     first, *others = (f"{name}_adj" for name in options.quantities)
     if not present & {first, *others}:
         missing.append(f"{first} (or {' or '.join(others)})" if others else first)
     else:
-        for p in options.quantities:
-            declared = any(f"{p}_ref" in references for references in options.environments.values())
-            if f"{p}_adj" in present and f"{p}_ref" not in present and not declared:
-                missing.append(f"{p}_ref")
-            if f"{p}_ref" in present and f"{p}_adj" not in present:
-                missing.append(f"{p}_adj")
+        declared = {name for references in options.environments.values() for name in references}
+        pairs = [(f"{p}_adj", f"{p}_ref") for p in options.quantities]
+        missing += [ref for adj, ref in pairs if adj in present and ref not in present | declared]
+        missing += [adj for adj, ref in pairs if ref in present and adj not in present]
     if missing:
         from_name = ', or take it from file names with [sessions] filename = "{subject}"'
         hint = f"Name it in the scene's [columns]{from_name if 'subject' in missing else ''}."

@@ -144,7 +144,7 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
             found = resolve(header, options, file=file)
         except UsageError:
             return False
-        return found.form == "summary" or any(f"{p}_adj" in found.present for p in options.quantities)
+        return found.form == "summary" or any(f"{p}_adj" in found.rules for p in options.quantities)
 
     yield from text_blocks(
         text, file=file, delimiter=options.delimiter, large=entry.data is None, resolves=resolves

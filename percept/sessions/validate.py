@@ -1,22 +1,57 @@
-"""What `percept validate` says: what was read, every notice, every problem, and the exit code."""
+"""What percept says of files before an analysis: what it read, every problem, or a mapping of names."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from percept.errors import PerceptError, counted, printable
+from percept.errors import PerceptError, UsageError, counted, printable
+from percept.sessions.columns import resolve
+from percept.sessions.files import expand, load
+from percept.sessions.grids import Grid
 from percept.sessions.options import ReadOptions
+from percept.sessions.quantities import quantity_of
 from percept.sessions.read import Sessions, read_sessions
-from percept.sessions.records import Exclusion, Notice, ReadError, Source, summarised
+from percept.sessions.reading import open_blocks
+from percept.sessions.records import IDS, MASS, Exclusion, Notice, ReadError, Source, summarised
+from percept.sessions.values import is_missing
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
+_WORDS = {
+    "subject": "participant subject subj sub pp ppid vp observer person respondent id",
+    "session": "session visit day",
+    "environment": "environment condition standard stimulus reference cond stim level item",
+    "trial": "trial repetition rep repeat",
+    "adjusted": "response resp adjusted adjustment adj match matched matching estimate estimated final "
+    "reproduced reproduction judgment judgement setting answer",
+    "reference": "reference ref standard stimulus stim target true actual physical presented",
+    "empty": "value mean level size magnitude the of in id nr no num number",
+}
+#: Words of each id, the likeliest first.
+_IDS = {name: _WORDS[name].split() for name in (*IDS, "trial")}
+_ADJUSTED, _REFERENCE = (frozenset(_WORDS[name].split()) for name in ("adjusted", "reference"))
+#: Words that say nothing of what was adjusted.
+_EMPTY = frozenset(_WORDS["empty"].split()).union(*_IDS.values())
+#: What a unit is of, where no word says it; of an impedance the names are percept's own.
+_UNITS: Mapping[str, str] = {
+    "ms": "duration", "s": "duration", "sec": "duration", "g": "weight", "kg": "weight", "mm": "length",
+    "cm": "length", "m": "length", "N": "force", "Hz": "frequency", "dB": "level", "deg": "angle",
+    "N/m": "k", "N/mm": "k", "N*s/m": "b", "N·s/m": "b", "Ns/m": "b",
+}  # fmt: skip
+_IMPEDANCE: Mapping[str, tuple[str, str]] = {
+    "k": ("k", "N/m"), "b": ("b", "N·s/m"), "stiffness": ("k", "N/m"), "damping": ("b", "N·s/m"),
+}  # fmt: skip
+#: Files of a folder that are looked at, and rows of each.
+_FILES, _ROWS = 20, 5000
 
 
 @dataclass(frozen=True)
@@ -169,3 +204,184 @@ def _problem(problem: PerceptError) -> str:
     value = f" (found {problem.value!r})" if problem.value is not None else ""
     hint = f" {problem.hint}" if problem.hint else ""
     return f"{place + ': ' if place else ''}{problem.message}{value}{hint}"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """How percept would read a file with unknown column names."""
+
+    text: str  # TOML of a scene, what was seen as comments; of what was not found commented lines
+    guessed: tuple[str, ...]  # Canonical columns that rest on a guess of this module
+    missing: tuple[str, ...]  # Canonical columns that an analysis needs and that were not found
+
+
+class _Column:
+    """One column of the file: its words, the unit that its name gives, and its cells."""
+
+    def __init__(self, name: str, cells: pd.Series[str]) -> None:
+        self.name, self.cells = name, cells
+        stem, unit = name, None
+        if bracket := re.search(r"[(\[]\s*([^)\]]+?)\s*[)\]]\s*$", name):
+            stem, unit = name[: bracket.start()], bracket[1]
+        words = re.findall(r"[A-Za-z0-9]+", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", stem))
+        if unit is None and len(words) > 1 and words[-1] in _UNITS:
+            unit = words.pop()
+        self.unit, self.words = unit, [word.casefold() for word in words]
+        self.texts = list(dict.fromkeys(cell.strip() for cell in cells if not is_missing(cell)))
+        try:
+            self.numbers = sorted(float(text.replace(",", ".")) for text in self.texts)
+        except ValueError:
+            self.numbers = []
+
+    def seen(self) -> str:
+        """Say what the column holds, for a comment."""
+        if len(self.numbers) > _FILES:
+            return f"{self.numbers[0]:g} to {self.numbers[-1]:g}"
+        some = ", ".join(self.texts[:4]) + (" …" if len(self.texts) > 4 else "")
+        return printable(f"{len(self.texts)} different: {some}")[:80]
+
+    def about(self, roles: frozenset[str]) -> str:
+        """Name what the column is of: the words that give no role."""
+        return "_".join(w for w in self.words if w not in roles | _EMPTY and not w.isdigit())
+
+
+def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> Proposal:
+    """Propose how to read a file with unknown column names.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file; of an archive or a folder the first table with adjustments counts.
+    options : ReadOptions, optional
+        How to read it; columns that it declares stay.
+
+    Returns
+    -------
+    Proposal
+        `text`, TOML of a scene; `guessed`, columns that rest on words and values; `missing`, needed ones.
+
+    Raises
+    ------
+    UsageError
+        The file is no table.
+    """
+    options = options or ReadOptions()
+    best: Proposal | None = None
+    for file in expand([path]).files[:_FILES]:
+        for entry in islice(load(file), _FILES):
+            try:
+                with closing(open_blocks(entry, options, [])) as blocks:
+                    found = _proposal(next(blocks).grid(), options, entry.name)
+            except UsageError:
+                if best is None and file == str(path):
+                    raise
+                continue
+            if not found.missing:
+                return found
+            best = min(best or found, found, key=lambda one: len(one.missing))
+    if best is None:
+        raise UsageError("the folder holds no table to propose a mapping for.", file=str(path))
+    return best
+
+
+def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
+    cells = grid.cells.head(_ROWS)
+    columns = {name: _Column(name, cells[at]) for at, name in enumerate(grid.header)}
+    remarks = [f"What percept makes of {printable(Path(file).name)}: look through it before you go on."]
+    found: dict[str, _Column] = {}
+    try:
+        rules = resolve(grid.header, options, file=file).rules
+        found = {c: columns[rule.name] for c, rule in rules.items() if rule.name in columns}
+    except PerceptError as error:
+        # Several columns with one meaning: the first that fits best is proposed, and the others are said.
+        remarks.append(str(error))
+    known = tuple(found)
+    free = [column for column in columns.values() if column not in found.values()]
+    quantities: dict[str, str] = {}
+    if not any(c.endswith("_adj") for c in known):
+        numbers, quantities = _numbers(free)
+        found |= numbers
+        free = [column for column in free if column not in (found[c] for c in numbers if c.endswith("_adj"))]
+    for canonical, words in _IDS.items():
+        if canonical not in found and (column := _id(words, free)):
+            found[canonical] = column
+    references = [column for c, column in found.items() if c.endswith("_ref")]
+    if "environment" not in found and references:
+        # The reference itself tells environments apart.
+        found["environment"] = references[0]
+    stems = dict.fromkeys(quantity_of(c) for c in found if c not in (*_IDS, MASS)) or ["NAME"]
+    needed = ["subject", "environment", *(f"{stem}_{kind}" for stem in stems for kind in ("ref", "adj"))]
+    declared = {name for references in options.environments.values() for name in references}
+    missing = tuple(c for c in needed if c not in found and c not in declared)
+    ask = "  # no name of a column gives it: fill it in"
+    lines = [*(f"# {' '.join(remark.split())}" for remark in remarks), ""]
+    lines += [f"[quantities.{n}]\nunit = {_toml(u)}{'' if u else ask}\n" for n, u in quantities.items()]
+    lines.append("[columns]")
+    for canonical in sorted(found, key=lambda c: [*_IDS, c].index(c) + c.endswith("_adj")):
+        column, own = found[canonical], quantities.get(quantity_of(canonical), "")
+        name = _toml(column.name)
+        if canonical not in _IDS and column.unit and column.unit != own:
+            name = f"{{ name = {name}, unit = {_toml(column.unit)} }}"
+        lines.append(f"{canonical} = {name}  # {column.seen()}")
+    lines += [f'# {canonical} = ""  # not found: fill in the name of its column' for canonical in missing]
+    ids = [column.cells for c, column in found.items() if c in _IDS]
+    experiment = next((c for c in columns.values() if c.words == ["experiment"] and len(c.texts) > 1), None)
+    if experiment is not None and "subject" in found:
+        both = f"subject = [{_toml(experiment.name)}, {_toml(found['subject'].name)}]"
+        if _repeats([*ids, experiment.cells]) < _repeats(ids):
+            at = next(at for at, line in enumerate(lines) if line.startswith("subject ="))
+            lines[at] = f"{both}  # numbers seem to restart with every experiment"
+        else:
+            lines.append(f"# {both}  # in its place, if numbers restart with every experiment")
+        ids.append(experiment.cells)
+    if "trial" not in found and not options.keep and ids and (repeats := _repeats(ids)):
+        seen = f"{counted(repeats, 'row')} of {len(cells)} repeat a subject and environment, without numbers"
+        lines += ["", "[sessions]", f'trial = "order"  # {seen}']
+    rest = [c for c in columns.values() if c not in found.values()]
+    lines += ["", *(f"# not used: {_toml(c.name)}: {c.seen()}" for c in rest)]
+    return Proposal("\n".join(lines).rstrip() + "\n", tuple(c for c in found if c not in known), missing)
+
+
+def _repeats(ids: Sequence[pd.Series[str]]) -> int:
+    """How many rows repeat the ids of an earlier one."""
+    return int(pd.concat(ids, axis=1).duplicated().sum())
+
+
+def _numbers(free: Sequence[_Column]) -> tuple[dict[str, _Column], dict[str, str]]:
+    """Find adjustments and their references among columns of numbers, and the quantities they are of."""
+    found: dict[str, _Column] = {}
+    quantities: dict[str, str] = {}
+    numeric = [column for column in free if column.numbers]
+    adjusted = [column for column in numeric if _ADJUSTED & set(column.words)]
+    references = [column for column in numeric if _REFERENCE & set(column.words) and column not in adjusted]
+    for column in adjusted:
+        about = column.about(_ADJUSTED)
+        own = [ref for ref in references if ref.about(_REFERENCE) == about] or (
+            references if len(references) == 1 or len(adjusted) == 1 else []
+        )
+        unit = column.unit or next((ref.unit for ref in own[:1] if ref.unit), None)
+        name = about or next((n for ref in own[:1] if (n := ref.about(_REFERENCE))), "")
+        name = name or _UNITS.get(unit or "", "response")
+        name, usual = _IMPEDANCE.get(name, (name, ""))
+        if not re.match("[a-z]", name) or f"{name}_adj" in found:
+            continue
+        if not usual:
+            quantities[name] = unit or ""
+        found[f"{name}_adj"] = column
+        found |= {f"{name}_ref": ref for ref in own[:1]}
+    return found, quantities
+
+
+def _id(words: Sequence[str], free: Sequence[_Column]) -> _Column | None:
+    """Return the column whose words most likely name an id; a whole name goes before a part."""
+    for word in words:
+        whole = [column for column in free if "".join(column.words) == word]
+        part = [column for column in free if word in column.words and word != "id"]
+        if whole or part:
+            return (whole or part)[0]
+    return None
+
+
+def _toml(text: str) -> str:
+    # A JSON string is a TOML basic string, but for DEL, which TOML wants escaped.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -161,26 +161,21 @@ def pick(cell: str, path: str) -> str:
     except (json.JSONDecodeError, RecursionError):
         raise CellError("not a JSON record or list") from None
     for step in path.split("."):
-        value = _step(value, step)
-    if value is None:
-        return ""
-    if not isinstance(value, str):
+        if value is None:
+            break
+        if isinstance(value, dict):
+            if step not in value:
+                raise CellError(f"the record has no {step!r}", value)
+            value = value[step]
+        elif isinstance(value, list) and re.fullmatch(r"-?[0-9]{1,9}", step):
+            if not -len(value) <= int(step) < len(value):
+                raise CellError(f"the list has no item {step}")
+            value = value[int(step)]
+        else:
+            raise CellError(f"there is no {step!r} in it")
+    if value is not None and not isinstance(value, str):
         raise CellError(f"{path!r} leads to a record, a list or true/false, not to a number")
-    return value
-
-
-def _step(value: Any, step: str) -> Any:
-    if isinstance(value, dict):
-        if step not in value:
-            raise CellError(f"the record has no {step!r}", value)
-        return value[step]
-    if isinstance(value, list) and re.fullmatch(r"-?[0-9]{1,9}", step):
-        if -len(value) <= int(step) < len(value):
-            return value[int(step)]
-        raise CellError(f"the list has no item {step}")
-    if value is None:
-        return None
-    raise CellError(f"there is no {step!r} in it")
+    return value or ""
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -61,7 +61,8 @@ def test_every_optional_key_is_understood(tmp_path):
     assert scene.device.response == "zd.csv"
     assert scene.report.zoom == {"A": (9.9, 10.1)}
     options = ReadOptions.from_mapping(tables)
-    fields = ReadOptions.model_fields.keys() - {"quantities", "columns", "environments", "split"}
+    elsewhere = {"quantities", "columns", "environments", "split", "family"}
+    fields = ReadOptions.model_fields.keys() - elsewhere
     assert {*tables["sessions"], "trial"} == fields
     assert options.columns["subject"].also == ("participant",)
     assert options.exclude[0].above == 1e5
