@@ -286,7 +286,7 @@ def _side_by_side(models: list[Prepared]) -> Prepared:
 
 def _of_trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Build the model of parameters that are modelled together."""
-    data = trials(sessions, scene, parameters)
+    data = trials(sessions, scene, parameters, partial=scene.inference.method == "both")
     statistics = from_trials(
         data.response,
         data.subject,

@@ -82,15 +82,15 @@ def decades(reference: Array) -> Array:
     return logs - logs.mean(axis=1, keepdims=True)
 
 
-def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials:
-    """Take the trials with all parameters asked for, in unit-free responses."""
+def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool = False) -> Trials:
+    """Take trials with all parameters asked for, unit-free; in part where values have no logarithm."""
     columns = [f"{p}_adj" for p in parameters]
     complete = sessions.table[columns].notna().all(axis=1)
     table = sessions.table[complete]
     lognormal = scene.inference.family == "lognormal"
     low = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(sort=False)
     # Without their environment: to leave out the lowest trials alone would bias what is left there.
-    others = lognormal and scene.inference.method == "both" and len(low) < table["environment"].nunique()
+    others = lognormal and partial and len(low) < table["environment"].nunique()
     left_out = low if others else low[:0]
     table = table[~table["environment"].isin(left_out.index)]
     subjects = tuple(dict.fromkeys(table["subject"]))
