@@ -13,6 +13,7 @@ from percept.report.numbers import bare, percentage, rounded
 from percept.report.select import (
     KINDS,
     METHODS,
+    STATISTICS,
     Record,
     Section,
     distinct,
@@ -213,7 +214,7 @@ def _messages(record: Record) -> list[str]:
     if record["models"]:
         messages += [record["models"]["sentence"], *record["models"]["failed"]]
     return messages + [
-        f"The {row['statistic']} of {row['parameter']} in {row['environment']} is unusual for the model."
+        f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for the model."
         for row in record["statistics"]
         if row["unusual"]
     ]

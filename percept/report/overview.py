@@ -10,6 +10,7 @@ from percept.errors import counted
 from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import (
     METHODS,
+    STATISTICS,
     Record,
     Section,
     distinct,
@@ -357,7 +358,7 @@ def _misfits(checks: Record | None) -> Iterator[str]:
     if checks.get("loo"):
         yield from checks["loo"]["messages"]
         unusual = [
-            f"{row['statistic']} of {row['parameter']} in {row['environment']}"
+            f"{STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']}"
             for row in checks["statistics"]
             if row["unusual"]
         ]

@@ -21,6 +21,8 @@ EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
 KIND_NAMES = {"mean": "average user", "user": "next user", "share": "share of users"}
 METHODS = ("classical", "bayesian")
+#: Statistics of the predictive check, in words.
+STATISTICS = {"mean": "mean", "sd": "SD", "farthest": "farthest subject"}
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 
 
