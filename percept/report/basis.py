@@ -214,7 +214,8 @@ def _messages(record: Record) -> list[str]:
     if record["models"]:
         messages += [record["models"]["sentence"], *record["models"]["failed"]]
     return messages + [
-        f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for the model."
+        f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for "
+        "the model."
         for row in record["statistics"]
         if row["unusual"]
     ]
