@@ -13,7 +13,7 @@ from importlib import metadata
 
 from percept import __version__
 from percept.commands import Command
-from percept.errors import UsageError
+from percept.errors import UsageError, counted
 
 _CACHE = """Show what posteriors are kept for next time, or clear them.
 
@@ -124,7 +124,7 @@ def _cache(arguments: argparse.Namespace) -> None:
     if arguments.action == "clear":
         removed = cache.clear()
         told = {"folder": str(folder), "removed": removed}
-        print(json.dumps(told) if arguments.json else f"{folder}: {removed} posteriors removed")
+        print(json.dumps(told) if arguments.json else f"{folder}: {counted(removed, 'posterior')} removed")
         return
     entries = cache.entries()
     total = sum(entry.size for entry in entries)
@@ -133,7 +133,8 @@ def _cache(arguments: argparse.Namespace) -> None:
         kept = {"folder": str(folder), "bytes": total, "limit": cache.limit, "entries": listed}
         print(json.dumps(kept, indent=1))
         return
-    print(f"{folder}: {len(entries)} posteriors, {total / 1e6:.1f} of {cache.limit / 1e6:.0f} MB")
+    posteriors = counted(len(entries), "posterior")
+    print(f"{folder}: {posteriors}, {total / 1e6:.1f} of {cache.limit / 1e6:.0f} MB")
     for entry in reversed(entries):
         used = datetime.datetime.fromtimestamp(entry.used / 1e9).isoformat(" ", "minutes")
         print(f"  {entry.key[:16]}  {entry.size / 1e6:8.1f} MB  last used {used}")

@@ -72,10 +72,10 @@ def test_show_and_clear(kept, tmp_path, monkeypatch, capsys):
     assert entry["bytes"] == state["bytes"] == next(folder.iterdir()).stat().st_size
     assert main(["cache"]) == 0
     shown = capsys.readouterr().out
-    assert "1 posteriors" in shown
+    assert "1 posterior" in shown
     assert entry["key"][:16] in shown
     assert main(["cache", "clear"]) == 0
-    assert "1 posteriors removed" in capsys.readouterr().out
+    assert "1 posterior removed" in capsys.readouterr().out
     assert list(folder.iterdir()) == []
     assert main(["cache", "clear", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["removed"] == 0
