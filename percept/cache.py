@@ -9,13 +9,13 @@ import io
 import json
 import logging
 import os
-import sys
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import platformdirs
 
 import percept
 from percept.errors import UsageError
@@ -37,13 +37,7 @@ def cache_folder() -> Path | None:
         return None
     if named:
         return Path(named).expanduser()
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
-    elif sys.platform == "darwin":
-        base = "~/Library/Caches"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    return Path(base).expanduser() / "percept"
+    return platformdirs.user_cache_path("percept", appauthor=False)
 
 
 def cache_limit() -> int:
@@ -157,7 +151,7 @@ class PosteriorCache:
                 path.unlink()
             return None
         with suppress(OSError):  # gone by another process, or not ours to touch: its turn comes sooner
-            path.touch()
+            os.utime(path)  # a `touch` would make what is gone
         _log.info("posterior %s found in %s", path.stem[:12], self.folder)
         return run
 

@@ -213,17 +213,13 @@ def in_words_of(scene: Scene) -> Callable[[str], str]:
 
 def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
-    fit = study.fit
+    fit, say = study.fit, in_words_of(study.scene)
     if fit is None and study.scene.inference.method != "classical":
         why = next((why for what, why in study.skipped if what == "Bayesian intervals"), "")
-        say = in_words_of(study.scene)
         print(f"percept: there are no Bayesian intervals: {say(why)}", file=sys.stderr)
         return RefusalError.exit_code
     if fit is not None and not fit.run.gate.passed:
-        print(
-            f"percept: Bayesian intervals are withheld: {in_words_of(study.scene)(fit.withheld)}",
-            file=sys.stderr,
-        )
+        print(f"percept: Bayesian intervals are withheld: {say(fit.withheld)}", file=sys.stderr)
         return RefusalError.exit_code
     tell_error(study)
     return 0
@@ -257,6 +253,10 @@ class Working:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Clear the line, before results are printed."""
         if self._bar is not None:
             self._bar.stop()
 

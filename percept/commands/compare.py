@@ -9,6 +9,7 @@ from percept.commands import Command
 from percept.commands.analysis import (
     Working,
     add_analysis_arguments,
+    in_words_of,
     open_study,
     print_json,
     settings,
@@ -57,7 +58,7 @@ def _run(arguments: argparse.Namespace) -> None:
                 raise UsageError("--by compares groups under one scene; leave --other-scene out.")
             study = open_study(arguments, progress, groups=[column])
             if within_subjects(study.sessions, column):
-                return _contrasts(study.over(by_level(study.sessions, column)), arguments)
+                return _contrasts(study.over(by_level(study.sessions, column)), arguments, progress)
             groups = split_by(study.sessions, column)
             if len(groups) > 2:
                 raise UsageError(
@@ -68,7 +69,7 @@ def _run(arguments: argparse.Namespace) -> None:
             studies = {f"{column} {group}": study.over(sessions) for group, sessions in groups.items()}
             names, (a, b) = list(studies), studies.values()
         elif len(paths) == 1 and not arguments.other_scene:
-            return _methods(open_study(arguments, progress), arguments)
+            return _methods(open_study(arguments, progress), arguments, progress)
         elif len(paths) > 2:
             raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
         else:
@@ -87,7 +88,8 @@ def _run(arguments: argparse.Namespace) -> None:
         studies_named = dict(zip("ab", names, strict=True))
         return print_json({"studies": studies_named, **_stated(a), "notes": comparison.notes, **tables})
     unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
-    print("\n".join([f"A: {names[0]}", f"B: {names[1]}", *comparison.notes]))
+    notes = map(in_words_of(a.scene), comparison.notes)
+    print("\n".join([f"A: {names[0]}", f"B: {names[1]}", *notes]))
     print(f"Both: {_claim(a)}.")
     if len(comparison.differences):
         print(f"\nAverage users, {unit}; spread between users, ratio B/A:")
@@ -100,7 +102,7 @@ def _run(arguments: argparse.Namespace) -> None:
     return None
 
 
-def _contrasts(study: Study, arguments: argparse.Namespace) -> None:
+def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -> None:
     """Print the contrasts of conditions that the same subjects went through."""
     import pandas as pd
 
@@ -112,6 +114,7 @@ def _contrasts(study: Study, arguments: argparse.Namespace) -> None:
     table, factor = pd.DataFrame(results(rows)), study.sessions.factor
     assert factor is not None
     notes = [f"{row.what}: {row.why}" for row in rows if isinstance(row, Skipped)]
+    progress.stop()
     if not len(table):
         raise RefusalError("no contrast can be worked out.", column=factor.name, hint="; ".join(notes))
     if arguments.json:
@@ -129,7 +132,7 @@ def _contrasts(study: Study, arguments: argparse.Namespace) -> None:
     return None
 
 
-def _methods(study: Study, arguments: argparse.Namespace) -> None:
+def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> None:
     """Print the comparison of the two methods on one study."""
     import numpy as np
 
@@ -152,9 +155,10 @@ def _methods(study: Study, arguments: argparse.Namespace) -> None:
             "no interval of one method has a counterpart in the other.",
             hint="percept fit prints the intervals there are, and why others are left out.",
         )
-    tell_error(study)
     ladder = study.ladder
     assert ladder is not None
+    progress.stop()
+    tell_error(study)
     asked = {"scene": arguments.scene, **settings(arguments), "out": arguments.coverage}
     flags = [f"--{name} {value}" for name, value in asked.items() if value is not None]
     command = " ".join(["percept calibrate", *arguments.sessions, *flags, "--advice"])
@@ -166,7 +170,7 @@ def _methods(study: Study, arguments: argparse.Namespace) -> None:
     _print(table[_PAIRS])
     kind, effects = study.scene.inference.kinds[0], ladder.effects
     print("\nWhy they differ, step by step from the classical interval of the normal family:")
-    print("\n".join([*ladder.sentences, *ladder.notes, "", *advice]))
+    print("\n".join(map(in_words_of(study.scene), [*ladder.sentences, *ladder.notes, "", *advice])))
     print(f"\nThe steps of kind {kind}. width: ratio of widths; centre: shift in classical half-widths;")
     print("error: Monte Carlo standard error (log_width_error: of the ratio's logarithm).")
     _print(effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind][_STEPS])

@@ -57,7 +57,7 @@ def _run(arguments: argparse.Namespace) -> None:
     with Working("predicting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         if arguments.leave_one_out:
-            _left_out(study, arguments)
+            _left_out(study, arguments, progress)
             return
         prediction = predict(
             study, stiffness=arguments.k, damping=arguments.b, at=references_of(arguments.at)
@@ -97,7 +97,7 @@ def references_of(texts: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _left_out(study: Study, arguments: argparse.Namespace) -> None:
+def _left_out(study: Study, arguments: argparse.Namespace, progress: Working) -> None:
     from percept.files import filled_folder
     from percept.provenance import made_by
     from percept.report.plain import dumps
@@ -105,6 +105,7 @@ def _left_out(study: Study, arguments: argparse.Namespace) -> None:
     from percept.study.prediction import leave_one_environment_out
 
     document = left_out_document(study, leave_one_environment_out(study))
+    progress.stop()
     page = f"{left_out_markdown(document)}\n{made_by(arguments.typed).sentence}\n"
     texts = {"leave_one_out.json": dumps(document), "leave_one_out.md": page}
     if not arguments.out:

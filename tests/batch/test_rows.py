@@ -7,7 +7,6 @@ import pyarrow.parquet as pq
 from percept import Scene, Study, read_sessions
 from percept.batch import SCHEMA, StudySource, analyse, encode
 from tests.batch.conftest import study_text
-from tests.unmixed import UNMIXED, unmixed_sessions
 
 
 def read(data):
@@ -42,16 +41,6 @@ def test_equal_studies_give_equal_bytes(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text(study_text(1))
     assert analyse(job(path)).table == analyse(job(path)).table
-
-
-def test_a_gate_that_fails_leaves_the_classical_rows_and_says_why(tmp_path):
-    path = tmp_path / "s.csv"
-    unmixed_sessions().to_csv(path, index=False)
-    outcome = analyse(StudySource(str(path), Scene.from_tables({"inference": UNMIXED}), {}).read())
-    found = read(outcome.table).to_pandas()
-    assert set(found["status"]) == {"withheld"}
-    assert set(found["method"]) == {"classical"}
-    assert "autocorrelation times" in found["message"][0]
 
 
 def test_a_study_that_misses_its_tolerance_is_done_and_says_its_error(tmp_path):

@@ -151,3 +151,7 @@ def test_a_withheld_posterior_is_no_success(tmp_path, capsys):
     captured = capsys.readouterr()
     assert "autocorrelation times" in captured.err
     assert "1 study (1 withheld)" in captured.out
+    found = pq.read_table(tmp_path / "out" / "batch.parquet").to_pandas()
+    assert set(found["status"]) == {"withheld"}
+    assert set(found["method"]) == {"classical"}
+    assert "autocorrelation times" in found["message"][0]

@@ -143,7 +143,7 @@ def test_nothing_but_equal_values_is_refused(tmp_path):
 
 
 def test_a_failed_gate_is_told(tmp_path):
-    unmixed_sessions("VE2", "VE4").to_csv(tmp_path / "s.csv", index=False)
+    unmixed_sessions().to_csv(tmp_path / "s.csv", index=False)
     reduced = reduce_sessions(tmp_path / "s.csv")
     both = reduced_intervals(reduced, scene(**UNMIXED))
     assert set(both["method"]) == {"classical"}

@@ -141,7 +141,7 @@ def test_a_window_on_an_environment_that_is_not_there_is_said():
 
 
 def test_failed_gate_withholds_the_bayesian_numbers():
-    study = Study(Sessions.from_frame(unmixed_sessions("VE2", "VE4")), hbfd_scene(**UNMIXED))
+    study = Study(Sessions.from_frame(unmixed_sessions()), hbfd_scene(**UNMIXED))
     assert set(study.intervals["method"]) == {"classical"}
     assert study.posterior is None
     assert "autocorrelation times" in dict(study.skipped)["Bayesian intervals"]
