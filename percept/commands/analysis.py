@@ -263,6 +263,10 @@ class Working:
     def show(self, words: str, done: int, total: int) -> None:
         """Show how much of a whole is done, with what else there is to say."""
         if self._bar is not None:
+            from rich.progress import TextColumn, TimeRemainingColumn
+
+            if self._bar.tasks[0].total is None:
+                self._bar.columns += (TimeRemainingColumn(), TextColumn("left"))
             self._bar.update(self._bar.task_ids[0], description=words, completed=done, total=total)
 
     def __call__(self, state: Progress) -> None:
@@ -281,11 +285,10 @@ class Working:
 
 def _bar(what: str) -> rich.progress.Progress:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    columns = [TextColumn("{task.description}", markup=False), TimeElapsedColumn(), TimeRemainingColumn()]
-    columns += [TextColumn("left")]
+    columns = [TextColumn("{task.description}", markup=False), TimeElapsedColumn()]
     if console.width >= _WIDE:
         columns.insert(1, BarColumn(bar_width=16))
     # Standard output is for the results alone.
