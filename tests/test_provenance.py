@@ -1,13 +1,17 @@
 """What made a page: the last commit of the code, and whether files differ from it."""
 
+import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
 from percept import provenance
 from percept.provenance import Made, commit_of_code, made_by
 
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted(path for path in (ROOT / "reports").glob("*/*") if path.suffix in (".md", ".html"))
 needs_git = pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
 
 
@@ -51,3 +55,16 @@ def test_without_a_repository_there_is_no_commit(tmp_path, monkeypatch):
 def test_all_of_it_in_a_sentence():
     made = Made("percept plan", "2024-05-01", "abc", {"percept": "1", "numpy": "2"})
     assert made.sentence == "Made on 2024-05-01 by `percept plan` from commit abc. percept 1, numpy 2."
+
+
+@needs_git
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_committed_pages_name_a_commit_of_the_history(page):
+    text = page.read_text(encoding="utf-8")
+    (commit,) = set(re.findall(r"from commit ([0-9a-f]{7,40})(?! with changes)\b", text))
+    found = subprocess.run(
+        ["git", "merge-base", "--is-ancestor", commit, "HEAD"], cwd=ROOT, capture_output=True, check=False
+    )
+    if b"shallow" in found.stderr or not (ROOT / ".git").exists():
+        pytest.skip("needs the whole history")
+    assert found.returncode == 0, commit
