@@ -49,7 +49,7 @@ def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
     checks = document["checks"]
     assert set(checks) == {
         "normality", "loo", "statistics", "prior", "sensitivity", "shrinkage", "correlation", "weber",
-        "models",
+        "models", "pull",
     }  # fmt: skip
     assert checks["models"] is None
     assert checks["correlation"] is None
