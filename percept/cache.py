@@ -9,6 +9,7 @@ import io
 import json
 import logging
 import os
+import time
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -151,7 +152,7 @@ class PosteriorCache:
                 path.unlink()
             return None
         with suppress(OSError):  # gone by another process, or not ours to touch: its turn comes sooner
-            os.utime(path)  # a `touch` would make what is gone
+            _mark_used(path)
         _log.info("posterior %s found in %s", path.stem[:12], self.folder)
         return run
 
@@ -167,6 +168,7 @@ class PosteriorCache:
                 if held:
                     remove_abandoned(self.folder)
                 write_whole(path, data)
+                _mark_used(path)
                 self._evict(keep=path.stem)
         except OSError as error:
             _log.warning("The posterior was not kept for next time in %s: %s.", self.folder, _why(error))
@@ -205,6 +207,12 @@ class PosteriorCache:
             if total > self.limit and entry.key != keep:
                 self._path(entry.key).unlink(missing_ok=True)
                 total -= entry.size
+
+
+def _mark_used(path: Path) -> None:
+    """Set the time of a file by the clock: the kernel's own stamps may lag behind each other by a tick."""
+    now = time.time_ns()
+    os.utime(path, ns=(now, now))  # a `touch` would make what is gone
 
 
 def _why(error: OSError) -> str:

@@ -123,8 +123,12 @@ class Magnitude:
         # A normal's tail falls about as fast as its score.
         fall = first
         if (beyond := excess(first)) > 0.0:
-            score = float(optimize.newton(excess, first, x1=first + beyond / fall, tol=_CLOSE))
-            score = min(max(first + _CLOSE, score), first + _FARTHEST)
+            step = 2.0 * beyond / fall
+            while excess(first + step) > 0.0 and step < _FARTHEST:
+                step *= 2.0
+            score = first + min(step, _FARTHEST)
+            if excess(score) < 0.0:
+                score = max(first + _CLOSE, float(optimize.brentq(excess, first, score, xtol=_CLOSE)))
             fall = (beyond - excess(score)) / (score - first)
         logs, slopes = self._known(score)
         _, m = self._leaving(logs[None], self._law.cumulated[0])

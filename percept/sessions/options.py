@@ -244,7 +244,15 @@ def _one_of(names: Sequence[str], name: str, key: str) -> None:
 
 
 class FilesTable(Table):
-    """Which files of folders and archives are read, as patterns of their names such as "*_trials.csv"."""
+    """Which files of folders and archives are read, as patterns of their names.
+
+    Attributes
+    ----------
+    include : tuple of str
+        Patterns of the files to read, such as "*_trials.csv"; every file by default.
+    exclude : tuple of str
+        Patterns of the files to leave out.
+    """
 
     include: Texts = ()
     exclude: Texts = ()

@@ -395,7 +395,7 @@ def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
     simpler = '[model] common_spread = true or [inference] parameters = ["k"] or ["b"].'
     assert f"A model with fewer scales mixes faster: {simpler}" in captured.err
     assert re.search(
-        r"slowest quantity, (lower|upper) share limit of [kb] in VE\d+; 10 are needed\. "
+        r"slowest quantity, (lower|upper) (mean|user|share) limit of [kb] in VE\d+; 10 are needed\. "
         r"most_steps = \d+ gives it more \(now 200\)\.",
         captured.err,
     )
