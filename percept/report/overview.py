@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -55,7 +56,7 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return the rows of the first table, how real each environment feels, and the sentences above them.
 
     A row's numbers come from the Bayesian intervals of the study's family where there are any. `bias` is the
-    estimate over the reference, less one; a reference of zero has none.
+    estimate over the reference, less one; of a reference of zero it is the estimate, in units.
     """
     intervals = matching(document["intervals"], joint="marginal")
     best = {"method": METHODS[::-1], "family": families_of(document)}
@@ -98,6 +99,8 @@ def _ratio(interval: Record | None, name: str) -> float | None:
 
 
 def _over(interval: Record | None, name: str) -> float | None:
+    if interval is not None and interval["reference"] == 0 and isinstance(interval[name], (int, float)):
+        return float(interval[name])
     ratio = _ratio(interval, name)
     return None if ratio is None else ratio - 1.0
 
@@ -143,9 +146,11 @@ def _biases(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
     """Say for every quantity where users set too much and where too little."""
     several = len(distinct(rows, "environment")) > 1
     sentences = []
-    for parameter in distinct(rows, "parameter"):
+    for parameter, ratios in itertools.product(distinct(rows, "parameter"), (True, False)):
         clear = [
-            row for row in matching(rows, parameter=parameter) if None not in (row["bias"], row["bias_lower"])
+            row
+            for row in matching(rows, parameter=parameter)
+            if None not in (row["bias"], row["bias_lower"]) and (row["reference"] != 0) == ratios
         ]
         parts = [
             f"{_sizes(found)} too {word}{f' in {_names(found, clear)}' if several else ''}"
@@ -166,6 +171,9 @@ def _biases(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
 
 def _sizes(rows: Sequence[Record]) -> str:
     sizes = sorted(abs(row["bias"]) for row in rows)
+    if rows[0]["reference"] == 0:
+        ends = dict.fromkeys(bare(rounded(size, 2)) for size in (sizes[0], sizes[-1]))
+        return f"{' to '.join(ends)} {rows[0]['unit']}".strip()
     shown = [_size(size) for size in (sizes[0], sizes[-1])]
     if shown[0] == shown[1]:
         return shown[0]

@@ -119,13 +119,16 @@ def test_what_the_scene_s_coupling_breaks_is_named(stability, row, breaks):
     assert found["breaks"] == breaks
 
 
-def test_a_reference_of_zero_has_no_bias():
+def test_the_bias_from_a_reference_of_zero_is_in_units():
     made = document([SOFT])
     for row in made["intervals"]:
         row["reference"] = 0.0
-    (row,) = overview(made)["rows"]
-    assert row["bias"] is row["bias_lower"] is row["user_upper_ratio"] is None
-    assert row["estimate"] == 15
+    found = overview(made)
+    (row,) = found["rows"]
+    assert row["user_upper_ratio"] is None
+    assert row["estimate"] == row["bias"] == 15
+    assert (row["bias_lower"], row["bias_upper"]) == (12, 18)
+    assert found["sentences"][0] == "Stiffness is set 15 N/m too high."
 
 
 def test_rows_are_the_bayesian_intervals_of_the_study_s_family(both):

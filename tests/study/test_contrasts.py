@@ -196,9 +196,12 @@ def test_the_page_has_a_section_of_the_factor():
     )
     page = render_page(document, {}, date="2026-01-01")
     assert "hand: right against left" in page
+    assert "Levels of hand were compared within subjects by paired t-intervals" in page
     overall = next(i for i, row in enumerate(document["contrast"]) if row["environment"] is None)
     assert f'data-at="/contrast/{overall}/lower"' in page
     rows = csv_tables(document)["contrast.csv"].splitlines()
     assert len(rows) == 1 + len(document["contrast"])
     assert "VE1; VE2; VE3" in rows[1 + overall]
-    assert "hand:" not in render_page(document | {"contrast": []}, {}, date="2026-01-01")
+    without = render_page(document | {"contrast": []}, {}, date="2026-01-01")
+    assert "hand:" not in without
+    assert "compared within subjects" not in without
