@@ -42,6 +42,7 @@ _SOME = 600
 _BLOCK_VALUES, _TINY = 1 << 20, np.finfo(np.float64).tiny
 # A level is calibrated to this many SDs of a normal.
 _CLOSE, _FARTHEST = 0.003, 3.0
+_MOST_LOG = 600.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -123,10 +124,10 @@ class Magnitude:
         # A normal's tail falls about as fast as its score.
         fall = first
         if (beyond := excess(first)) > 0.0:
-            step = 2.0 * beyond / fall
-            while excess(first + step) > 0.0 and step < _FARTHEST:
-                step *= 2.0
-            score = first + min(step, _FARTHEST)
+            step = min(beyond / fall, _FARTHEST)
+            while step < _FARTHEST and excess(first + step) > 0.0:
+                step = min(1.5 * step, _FARTHEST)
+            score = first + step
             if excess(score) < 0.0:
                 score = max(first + _CLOSE, float(optimize.brentq(excess, first, score, xtol=_CLOSE)))
             fall = (beyond - excess(score)) / (score - first)
@@ -153,7 +154,8 @@ class Magnitude:
         b = outer.native(np.linspace(outer.low, outer.high, table.shape[1]))
         square = (np.multiply.outer(b, gain_out) + offset_out) ** 2
         # Where a ball does not reach the line both its ends are the same.
-        side = np.sqrt(np.maximum(np.exp(2.0 * logs[:, :, None]) - square, 0.0))
+        # Squares stay finite: far beyond the tables all limits are alike.
+        side = np.sqrt(np.maximum(np.exp(np.minimum(2.0 * logs[:, :, None], _MOST_LOG)) - square, 0.0))
         ends = [inner.fraction(inner.place((sign * side - offset) / gain)[0]) for sign in (-1.0, 1.0)]
         left, right = (np.moveaxis(_along(table, end), 1, 0) for end in ends)
         order = left[0].argsort(axis=-1)

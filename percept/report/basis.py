@@ -268,7 +268,7 @@ def methods(document: Record) -> Section:
         "bayesian": "bayesian" in used,
         "model": _model(document),
         "pooled": scene.get("model", {}).get("pooling", "partial") == "partial",
-        "contrast": document["contrast"],
+        "contrast": document.get("contrast"),
         "subjects": max((row["n"] for row in intervals), default=0),
         "version": document["provenance"]["versions"]["percept"],
         "references": references,

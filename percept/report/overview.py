@@ -27,8 +27,7 @@ from percept.report.select import (
 #: More names than this are counted, not listed.
 _NAMED = 5
 _KIND = "user"  # whose boundary decides whether an environment feels real
-#: Fewer subjects than this are called few.
-_FEW = 5
+_FEW = 5  # fewer subjects than this are called few
 #: Of the reader's warnings the summary repeats the first.
 _WARNINGS = 4
 
@@ -184,13 +183,9 @@ def _size(size: float) -> str:
     """Write the size of a bias: a percentage of two digits, a multiple from ten times the reference on."""
     if size >= 9.0:
         return f"{bare(rounded(1.0 + size, 3))} times"
-    return (
-        "less than 0.1 %"
-        if size < 0.001
-        else f"{100.0 * size:.2g} %"
-        if size < 0.995
-        else f"{100 * size:.0f} %"
-    )
+    if size < 0.001:
+        return "less than 0.1 %"
+    return f"{100.0 * size:.2g} %" if size < 0.995 else f"{100 * size:.0f} %"
 
 
 def _names(rows: Sequence[Record], of: Sequence[Record]) -> str:
