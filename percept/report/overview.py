@@ -24,12 +24,10 @@ from percept.report.select import (
     quantities_of,
 )
 
-#: More names than this are counted, not listed.
-_NAMED = 5
+_NAMED = 5  # more names than this are counted, not listed
 _KIND = "user"  # whose boundary decides whether an environment feels real
 _FEW = 5  # fewer subjects than this are called few
-#: Of the reader's warnings the summary repeats the first.
-_WARNINGS = 4
+_WARNINGS = 4  # the summary repeats the reader's first warnings
 
 
 def findings(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -189,8 +187,10 @@ def _size(size: float) -> str:
 
 
 def _names(rows: Sequence[Record], of: Sequence[Record]) -> str:
-    names = distinct(rows, "environment")
-    return listed(names) if len(names) <= _NAMED else f"{len(names)} of {len(distinct(of, 'environment'))}"
+    names, every = distinct(rows, "environment"), len(distinct(of, "environment"))
+    if len(names) <= _NAMED:
+        return listed(names)
+    return f"all {every}" if len(names) == every else f"{len(names)} of {every}"
 
 
 def _feelings(realism: Sequence[Record]) -> list[str]:

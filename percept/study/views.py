@@ -42,7 +42,7 @@ _CALLS = {
 class StudyViews:
     """What `percept.Study` shows of its results.
 
-    Every plot draws on the matplotlib axes `ax`, by default on those of a new figure, and returns them. It
+    Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the axes. It
     raises UsageError for a name that the study does not have, RefusalError where there is nothing to plot.
     """
 
@@ -124,7 +124,7 @@ class StudyViews:
         return _plots().plot_intervals(self, parameter, kinds=kinds, ax=ax)
 
     def plot_boundary(self, environment: str, *, kind: str | None = None, ax: Any = None) -> Any:
-        """Plot boundaries of abs(Z_h), N·s/m, over omega, rad/s: the next user's, or those of a kind."""
+        """Plot boundaries of abs(Z_h), N·s/m, over omega, rad/s, for one kind: the next user by default."""
         return _plots().plot_boundary(self, environment, kind=kind, ax=ax)
 
     def plot_band(self, parameter: str | None = None, *, ax: Any = None) -> Any:
