@@ -31,7 +31,7 @@ _CORRELATION = 0.3
 #: Times the allowed time, and seconds at least, after which a fit is given up.
 _PATIENCE, _LEAST_PATIENCE = 10.0, 300.0
 #: Seconds that nutpie samples, and that its process may take with compiling.
-_SAMPLING, _PEER_PATIENCE = 600.0, 1500.0
+_SAMPLING, _PEER_PATIENCE = 180.0, 900.0
 _KINDS = 2  # mean and user: their limits are compared
 
 
