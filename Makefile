@@ -68,12 +68,10 @@ reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
 reports: reproduced digits bench coverage calibrate  ## every page of reports/ (hours; each target alone resumes)
 
 .PHONY: reproduced digits
-reproduced: $(STAMP)  ## the example page, the paper and leave-one-out of reports/ (minutes)
+reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)
 	@$(MAKE) --no-print-directory report
 	@cp build/hbfd/report.html reports/example/report.html
 	@$(BIN)/percept reproduce --out reports/hbfd --quiet
-	@$(BIN)/percept predict datasets/hbfd_table1.csv --scene datasets/hbfd.toml --leave-one-out \
-	    --out reports/hbfd --quiet
 
 digits: $(STAMP)  ## digits, propagation, growth and skipping of reports/benchmark (half an hour)
 	@for part in digits propagation growth skipping; do \

@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from percept.commands import Command
 from percept.commands.analysis import (
@@ -19,9 +17,6 @@ from percept.commands.analysis import (
 )
 from percept.errors import UsageError
 
-if TYPE_CHECKING:
-    from percept.study import Study
-
 _COLUMNS = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
 
 
@@ -32,16 +27,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at", nargs="+", default=[], metavar="NAME=X", help="references of other quantities, in their units"
     )
-    parser.add_argument(
-        "--leave-one-out",
-        action="store_true",
-        help="instead predict each tested environment from the others, and compare",
-    )
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        help="with --leave-one-out: write leave_one_out.json and leave_one_out.md there",
-    )
     parser.add_argument("--json", action="store_true", help="print as JSON, with the boundaries")
 
 
@@ -50,15 +35,8 @@ def _run(arguments: argparse.Namespace) -> None:
     from percept.report.plain import plain
     from percept.study.prediction import predict
 
-    if arguments.leave_one_out and (arguments.k is not None or arguments.b is not None or arguments.at):
-        raise UsageError("--leave-one-out predicts the tested environments; --k and --b name another.")
-    if arguments.out and not arguments.leave_one_out:
-        raise UsageError("--out goes with --leave-one-out.")
     with Working("predicting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        if arguments.leave_one_out:
-            _left_out(study, arguments, progress)
-            return
         prediction = predict(
             study, stiffness=arguments.k, damping=arguments.b, at=references_of(arguments.at)
         )
@@ -97,28 +75,8 @@ def references_of(texts: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _left_out(study: Study, arguments: argparse.Namespace, progress: Working) -> None:
-    from percept.files import filled_folder
-    from percept.provenance import made_by
-    from percept.report.plain import dumps
-    from percept.report.tables import left_out_document, left_out_markdown
-    from percept.study.prediction import leave_one_environment_out
-
-    document = left_out_document(study, leave_one_environment_out(study))
-    progress.stop()
-    page = f"{left_out_markdown(document)}\n{made_by(arguments.typed).sentence}\n"
-    texts = {"leave_one_out.json": dumps(document), "leave_one_out.md": page}
-    if not arguments.out:
-        print(texts["leave_one_out.json" if arguments.json else "leave_one_out.md"], end="")
-        return
-    with filled_folder(arguments.out, last="leave_one_out.md") as folder:
-        for name, text in texts.items():
-            (folder / name).write_text(text, encoding="utf-8")
-    print(Path(arguments.out) / "leave_one_out.md")
-
-
 PREDICT = Command(
-    "Predict intervals and the boundary of an environment nobody tested, or test how well that goes.",
+    "Predict intervals and the boundary of an environment nobody tested.",
     "percept predict sessions.csv --k 15000 --b 12 --scene scene.toml",
     _add_arguments,
     _run,

@@ -1,22 +1,16 @@
-"""Tables of a report as CSV and LaTeX; predictions of environments left out as JSON and Markdown."""
+"""Tables of a report as CSV and LaTeX."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from percept.report.document import provenance
 from percept.report.interval_tables import interval_tables
 from percept.report.numbers import SUPERSCRIPT, number
-from percept.report.plain import plain
 from percept.report.select import Record, distinct, matching, quantities_of
 from percept.sessions.read import neutralised
-
-if TYPE_CHECKING:
-    from percept.study import Study
-    from percept.study.prediction import LeftOut
 
 _INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
 _CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
@@ -162,67 +156,3 @@ def _latex_number(document: Mapping[str, Any], pointer: str) -> str:
     mantissa, _, power = text.partition(" × 10")
     digits = mantissa.replace("−", "-").replace("∞", r"\infty")
     return rf"${digits} \times 10^{{{power.translate(_LOWERED)}}}$" if power else f"${digits}$"
-
-
-LEFT_OUT_SCHEMA = "percept-leave-one-out/1"
-_LEFT_OUT = (
-    "Place: predictive probability that as many other users have a lower mean; for "
-    "published limits even over (0, 1) where the predictions mean what they say. (Users of sessions were "
-    "seen in the other environments too: what they have in common there draws their places towards one half, "
-    "and the noise of single trials drives them apart.) Users inside: of a population with the observed mean "
-    "and SD, the share between the limits of the next user. Extrapolation: how far the reference lies "
-    "outside those the model had seen.\n"
-)
-
-
-def left_out_document(study: Study, result: LeftOut) -> dict[str, Any]:
-    """Build what leave_one_out.json holds."""
-    return {
-        "schema": LEFT_OUT_SCHEMA,
-        "provenance": provenance(study),
-        "simulated": study.sessions.simulated,
-        "quantities": [study.sessions.quantities[p].model_dump() for p in study.parameters],
-        "sentence": result.sentence,
-        **plain(result),
-    }
-
-
-def left_out_markdown(document: Mapping[str, Any]) -> str:
-    """Write environments predicted from the others as a page."""
-    mean = "geometric mean" if document["family"] == "lognormal" else "mean"
-    rows = [
-        {
-            "environment": " ".join(row["environment"].split()).replace("\\", "\\\\").replace("|", "\\|"),
-            "parameter": row["parameter"],
-            "reference": f"{row['reference']:g}",
-            f"observed {mean}": f"{row['observed']:.5g}",
-            "predicted, average user": f"{row['lower']:.4g} to {row['upper']:.4g}",
-            "inside": "yes" if row["inside"] else "no",
-            "place": f"{row['place']:.3f}",
-            "predicted, next user": f"{row['user_lower']:.4g} to {row['user_upper']:.4g}",
-            "users inside": f"{row['users_inside']:.1%}",
-            "extrapolation": f"{abs(beyond):.2g} decades {'above' if beyond > 0 else 'below'}"
-            if (beyond := row["beyond"])
-            else "",
-        }
-        for row in document["rows"]
-    ]
-    heads = list(rows[0]) if rows else []
-    files = ", ".join(file["name"] for file in document["provenance"]["files"])
-    units = ", ".join(f"{q['symbol']} in {q['unit']}".removesuffix(" in ") for q in document["quantities"])
-    return "\n".join(
-        [
-            "# Each environment predicted from the others",
-            "",
-            f"{files}, {document['family']} family. {document['sentence']}",
-            *(["", "The sessions are simulated."] if document["simulated"] else []),
-            "",
-            *(
-                f"| {' | '.join(cells)} |"
-                for cells in (heads, ["---"] * len(heads), *(r.values() for r in rows))
-            ),
-            *(f"\nNo prediction of {name}: {why}" for name, why in document["skipped"]),
-            "",
-            f"{units}. {_LEFT_OUT}",
-        ]
-    )

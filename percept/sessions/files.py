@@ -23,7 +23,7 @@ from percept.errors import UsageError, counted
 from percept.sessions.records import NoDataError, Notice
 
 #: What tells a folder of results from one of sessions.
-_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "leave_one_out.sha256", "batch.parquet")
+_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.parquet")
 #: Suffixes of files of other kinds that are named.
 _KINDS = 6
 _SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".gz", ".zip", ".parquet", ".xlsx")

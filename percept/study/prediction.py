@@ -1,4 +1,4 @@
-"""Intervals and boundaries of an environment nobody tested, and how well the tested ones are predicted."""
+"""Intervals and boundaries of an environment nobody tested."""
 
 from __future__ import annotations
 
@@ -9,21 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import special
 
 from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.models import NewEnvironment, NewEstimands, new_environment
-from percept.inference.record import Kind, percent
+from percept.inference.record import Kind
 from percept.scene import InferenceTable
 from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance
-from percept.study.basics import Array, Skipped, Stream, generator
+from percept.study.basics import Array, Stream, generator
 from percept.study.boundaries import Drawing
 from percept.study.fit import Fit, estimands_of, sampled
-from percept.study.intervals import bayesian_row, cell_moments, known_moments
+from percept.study.intervals import bayesian_row
 from percept.study.regions import Law, posterior_law, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
@@ -32,8 +30,6 @@ if TYPE_CHECKING:
 
 # Spreads of the new environment per posterior draw.
 _REPEATS = 4
-# Environments that leaving one out leaves a trend to.
-_FEWEST = 3
 #: Why a reference of zero cannot be predicted from, nor for.
 _NO_PLACE = "and has no place on the scale that environments are compared on"
 
@@ -278,93 +274,3 @@ def _laws(
 def _native(scale: ResponseScale, response: Array) -> Array:
     with np.errstate(over="ignore", under="ignore"):
         return scale.native(response)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class LeftOut(NotebookRecord):
-    """Predictions of environments that the model had not seen, against what was found there."""
-
-    family: str  # Of the model
-    level: float  # Of the intervals
-    rows: pd.DataFrame  # A row per environment and parameter
-    skipped: tuple[Skipped, ...] = ()  # Environments without a prediction, and why
-
-    @property
-    def sentence(self) -> str:
-        """How many observed means the predictions hold."""
-        held = int(self.rows["inside"].sum()) if len(self.rows) else 0
-        said = (
-            f"{held} of {len(self.rows)} observed means lie inside the {percent(self.level)} interval of the "
-            "average user predicted from the other environments."
-        )
-        outside = [
-            f"{row.parameter} of {row.environment}" for row in self.rows.itertuples() if not row.inside
-        ]
-        return f"{said} Outside: {', '.join(outside)}." if outside else said
-
-
-def leave_one_environment_out(study: Study) -> LeftOut:
-    """Predict each environment from a fit to all others, and compare with its users."""
-    if len(study.environments) < _FEWEST:
-        raise RefusalError(
-            f"leaving one of {len(study.environments)} environments out leaves no trend to predict from; "
-            f"{_FEWEST} are needed."
-        )
-    asked = study.scene.inference
-    if asked.method == "classical":
-        _fit(study)
-    refuse_no_ratio(study.reference, study.sessions.quantities, why=_NO_PLACE)
-    observed = known_moments(cell_moments(study.sessions, study.parameters, asked.family), asked.family)
-    rows: list[dict[str, Any]] = []
-    skipped = []
-    for environment in study.environments:
-        table = study.sessions.table
-        kept = dataclasses.replace(study.sessions, table=table[table["environment"] != environment])
-        others = study.over(kept)
-        reference = np.array([study.reference[p, environment] for p in study.parameters])
-        try:
-            found = _predicted(others, _fit(others), reference, environment, ("mean", "user"), curves=False)
-        except RefusalError as refused:
-            skipped.append(Skipped(environment, str(refused)))
-            continue
-        assert others.fit is not None
-        expected = expected_users(others.fit, np.array(list(found.decades.values())), asked)
-        rows += _against(found, expected, observed)
-    return LeftOut(asked.family, asked.level, pd.DataFrame(rows), tuple(skipped))
-
-
-def _against(
-    found: Prediction, expected: NewEnvironment, observed: Mapping[tuple[str, str], Moments]
-) -> Iterator[dict[str, Any]]:
-    """Yield a row for every parameter whose users are known."""
-    limits = {(row["parameter"], row["kind"]): row for row in found.intervals.to_dict("records")}
-    laws = expected.laws
-    for p, (parameter, beyond) in enumerate(found.beyond.items()):
-        moments = observed.get((parameter, found.environment))
-        if moments is None:
-            continue
-        mean, user = (limits[parameter, kind] for kind in ("mean", "user"))
-        log = mean["family"] == "lognormal"
-        centre, sd, n = float(moments.mean), float(moments.sd), int(moments.n)
-        reference = float(mean["reference"])
-        response = centre - np.log(reference) if log else (centre - reference) / reference
-        spread = np.hypot(laws.sd[:, p], laws.population_sd[:, p] / np.sqrt(n))
-        ends = np.array([user["lower"], user["upper"]], dtype=float)
-        held = np.diff(special.ndtr(((np.log(ends) if log else ends) - centre) / sd))
-        value = float(np.exp(centre)) if log else centre
-        yield {
-            "environment": found.environment,
-            "parameter": parameter,
-            "reference": reference,
-            "lower": float(mean["lower"]),
-            "upper": float(mean["upper"]),
-            "estimate": float(mean["estimate"]),
-            "observed": value,
-            "n": n,
-            "inside": bool(mean["lower"] <= value <= mean["upper"]),
-            "place": float(special.ndtr((response - laws.mean[:, p]) / spread).mean()),
-            "user_lower": float(ends[0]),
-            "user_upper": float(ends[1]),
-            "users_inside": float(held[0]),
-            "beyond": beyond,
-        }

@@ -33,8 +33,6 @@ def test_extrapolation_is_said_in_both_forms(capsys):
         (["--k", "1e4"], 2, "damping of the new environment is missing"),
         (["--k", "-1", "--b", "1"], 2, "stiffness of the new environment must be a positive number"),
         (["--k", "1e4", "--b", "1", "--method", "classical"], 1, "classical method has no model"),
-        (["--leave-one-out", "--k", "1e4"], 2, "--k and --b name another"),
-        (["--k", "1e4", "--b", "1", "--out", "folder"], 2, "--out goes with --leave-one-out"),
     ],
 )
 def test_refused_before_anything_is_sampled(words, code, message, capsys):

@@ -1,24 +1,19 @@
-"""Environments nobody tested, against dense conditioning; and each left out in turn."""
+"""Environments nobody tested, against dense conditioning."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.cache import PosteriorCache
 from percept.inference.hierarchy.models import Pooled, Product, new_environment
 from percept.inference.sampling.endpoints import mixture_quantile
-from percept.report.tables import left_out_document, left_out_markdown
 from percept.sessions import Sessions
-from percept.study.prediction import LeftOut, expected_users, leave_one_environment_out, predict
+from percept.study.prediction import expected_users, predict
 from tests import DATASETS
-from tests.unmixed import UNMIXED, unmixed_sessions
 
 
 def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -235,151 +230,3 @@ def test_refused(fitted: Study) -> None:
     one = dataclasses.replace(fitted.sessions, table=table[table["environment"] == "VE3"])
     with pytest.raises(RefusalError, match="one environment says nothing on others"):
         predict(Study(one, fitted.scene.with_inference(tolerance=0.2)), stiffness=100.0, damping=1.0)
-
-
-KEPT = ("VE2", "VE3", "VE4")
-
-
-def limits_of(*environments: str, store: PosteriorCache | None = None, **inference: object) -> Study:
-    sessions = read_sessions(DATASETS / "hbfd_table1.csv")
-    table = sessions.table[sessions.table["environment"].isin(environments)]
-    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(**{"tolerance": 0.3, "level": 0.9, **inference})
-    return Study(dataclasses.replace(sessions, table=table), scene, store=store)
-
-
-@pytest.fixture(scope="module")
-def store(tmp_path_factory) -> PosteriorCache:
-    """Keeps runs: what is left where VE3 is left out is sampled once."""
-    return PosteriorCache(tmp_path_factory.mktemp("runs"))
-
-
-@pytest.fixture(scope="module")
-def study(store: PosteriorCache) -> Study:
-    return limits_of(*KEPT, store=store)
-
-
-@pytest.fixture(scope="module")
-def others(store: PosteriorCache) -> Study:
-    """What is left where VE3 is left out."""
-    return limits_of("VE2", "VE4", store=store)
-
-
-@pytest.fixture(scope="module")
-def found(study: Study) -> LeftOut:
-    return leave_one_environment_out(study)
-
-
-def test_each_row_is_the_prediction_of_a_study_without_it(found: LeftOut, others: Study) -> None:
-    assert [(row.environment, row.parameter) for row in found.rows.itertuples()] == [
-        (e, p) for e in KEPT for p in ("k", "b")
-    ]
-    predicted = predict(others, stiffness=1e4, damping=10.0)
-    for row in found.rows[found.rows["environment"] == "VE3"].to_dict("records"):
-        own = predicted.intervals["parameter"] == row["parameter"]
-        limits = predicted.intervals[own].set_index("kind")
-        assert (row["lower"], row["upper"]) == tuple(limits.loc["mean", ["lower", "upper"]])
-        assert (row["user_lower"], row["user_upper"]) == tuple(limits.loc["user", ["lower", "upper"]])
-        assert row["beyond"] == 0.0
-    assert found.rows.set_index(["environment", "parameter"]).loc[("VE4", "k"), "beyond"] == pytest.approx(
-        np.log10(2.5)
-    )
-
-
-def test_observed_mean_and_users_by_hand(found: LeftOut) -> None:
-    row = found.rows.set_index(["environment", "parameter"]).loc[("VE3", "b")]
-    # Back from the limits 8.1880 and 13.1459 at 99 %, n = 10, then from mean and SD to their logarithms.
-    limits = read_sessions(DATASETS / "hbfd_table1.csv").table.set_index(["environment", "parameter"])
-    lower, upper = limits.loc[("VE3", "b"), ["lower", "upper"]].astype(float)
-    mean = 0.5 * (lower + upper)
-    sd = 0.5 * (upper - lower) / stats.t.isf(0.005, 9) * np.sqrt(10)
-    log_sd = np.sqrt(np.log1p((sd / mean) ** 2))
-    geometric = mean / np.exp(0.5 * log_sd**2)
-    assert row["observed"] == pytest.approx(geometric)
-    assert row["inside"] == (row["lower"] <= geometric <= row["upper"])
-    users = stats.norm(np.log(geometric), log_sd)
-    share = users.cdf(np.log(row["user_upper"])) - users.cdf(np.log(row["user_lower"]))
-    assert row["users_inside"] == pytest.approx(share)
-
-
-def test_place_is_that_of_a_mean_of_as_many_users(found: LeftOut, others: Study) -> None:
-    """Simulated means of ten predicted users, instead of the mixture's distribution function."""
-    assert others.fit is not None
-    x = np.log10(1e4 / np.sqrt(1e3 * 25e3)), np.log10(10.0 / np.sqrt(1.0 * 25.0))
-    laws = expected_users(others.fit, np.array(x), others.scene.inference).laws
-    rng = np.random.default_rng(1)
-    rows = found.rows.set_index(["environment", "parameter"])
-    for p, (parameter, reference) in enumerate((("k", 1e4), ("b", 10.0))):
-        average = laws.mean[:, p] + laws.sd[:, p] * rng.standard_normal(len(laws.mean))
-        noise = rng.standard_normal((len(average), 10)).mean(axis=1)
-        means = reference * np.exp(average + laws.population_sd[:, p] * noise)
-        row = rows.loc[("VE3", parameter)]
-        share = np.mean(means < row["observed"])
-        error = np.sqrt(share * (1.0 - share) / len(means))
-        assert abs(row["place"] - share) < 4.0 * error
-
-
-def test_place_under_the_normal_family_is_relative_to_the_reference(store: PosteriorCache) -> None:
-    asked = {"family": "normal", "method": "bayesian", "parameters": ("k",)}
-    found = leave_one_environment_out(limits_of(*KEPT, store=store, **asked))
-    row = found.rows.set_index("environment").loc["VE3"]
-    others = limits_of("VE2", "VE4", store=store, **asked)
-    assert others.fit is not None
-    x = np.array([np.log10(1e4 / np.sqrt(1e3 * 25e3))])
-    laws = expected_users(others.fit, x, others.scene.inference).laws
-    rng = np.random.default_rng(1)
-    average = laws.mean[:, 0] + laws.sd[:, 0] * rng.standard_normal(len(laws.mean))
-    noise = rng.standard_normal((len(average), 10)).mean(axis=1)
-    means = 1e4 * (1.0 + average + laws.population_sd[:, 0] * noise)
-    share = np.mean(means < row["observed"])
-    assert 0.0 < share < 1.0
-    assert abs(row["place"] - share) < 4.0 * np.sqrt(share * (1.0 - share) / len(means))
-
-
-def test_document_and_page_say_the_same(study: Study, found: LeftOut) -> None:
-    document = json.loads(json.dumps(left_out_document(study, found)))
-    assert document["sentence"] == found.sentence
-    assert [row["place"] for row in document["rows"]] == found.rows["place"].tolist()
-    page = left_out_markdown(document)
-    assert "hbfd_table1.csv" in page
-    lines = [line for line in page.splitlines() if line.startswith("| VE")]
-    assert len(lines) == 6
-    for line, row in zip(lines, document["rows"], strict=True):
-        assert f"| {row['place']:.3f} |" in line
-        assert ("| yes |" in line) == row["inside"]
-    assert "0.4 decades above" in next(line for line in lines if line.startswith("| VE4 | k"))
-
-
-@pytest.mark.parametrize(("family", "mean"), [("lognormal", "geometric mean"), ("normal", "mean")])
-def test_the_observed_mean_is_named_by_its_family(study: Study, found: LeftOut, family, mean) -> None:
-    document = {**left_out_document(study, found), "family": family}
-    assert f"| observed {mean} |" in left_out_markdown(document)
-
-
-def test_a_name_stays_in_its_cell(study: Study, found: LeftOut) -> None:
-    document = left_out_document(study, found)
-    document["rows"][0]["environment"] = "V|1\n\\x"
-    (line,) = (line for line in left_out_markdown(document).splitlines() if line.startswith("| V\\|1"))
-    assert line.startswith("| V\\|1 \\\\x | k |")
-
-
-def test_what_lies_outside_is_named(found: LeftOut) -> None:
-    rows = found.rows.assign(inside=[True, True, False, True, True, False])
-    said = dataclasses.replace(found, rows=rows).sentence
-    assert said.startswith("4 of 6 observed means lie inside the 90 % interval")
-    assert said.endswith("Outside: k of VE3, b of VE4.")
-
-
-def test_an_environment_whose_fit_is_withheld_is_skipped_with_the_reason() -> None:
-    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(level=0.9, **UNMIXED)
-    found = leave_one_environment_out(Study(Sessions.from_frame(unmixed_sessions(*KEPT)), scene))
-    skipped = [name for name, _ in found.skipped]
-    assert skipped  # at least one run has not mixed
-    assert all("withheld" in why for _, why in found.skipped)
-    assert sorted([*skipped, *found.rows["environment"].unique()]) == list(KEPT)
-
-
-def test_what_cannot_be_left_out_is_refused() -> None:
-    with pytest.raises(RefusalError, match="leaving one of 2 environments out"):
-        leave_one_environment_out(limits_of("VE2", "VE3"))
-    with pytest.raises(RefusalError, match="classical method has no model"):
-        leave_one_environment_out(limits_of(*KEPT, method="classical"))

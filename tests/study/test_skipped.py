@@ -9,7 +9,7 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.errors import RefusalError
 from percept.sessions import Sessions
-from percept.study.prediction import leave_one_environment_out
+from percept.study.prediction import predict
 from tests import DATASETS
 
 PLACES = {"VE1": (15.0, 0.7), "VE2": (1000.0, 1.5), "VE3": (20000.0, 20.0), "VE4": (50000.0, 100.0)}
@@ -65,7 +65,7 @@ def test_free_space_has_boundaries_and_no_band():
     assert "free" in {boundary.environment for boundary in found.boundaries}
     both = study(data, **{**scene, "inference": {**scene["inference"], "method": "both"}})
     with pytest.raises(RefusalError, match="the reference stiffness of free is 0, and has no place"):
-        leave_one_environment_out(both)
+        predict(both, stiffness=1e3, damping=1.0)
 
 
 def test_an_environment_without_one_reference():
