@@ -97,7 +97,7 @@ def _toml(value: Any) -> str:
 
 def _rows(table: dict[str, Any], said: dict[str, str], definitions: dict[str, Any]) -> list[str]:
     """Return a Markdown table of a table's keys."""
-    rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    rows = ["| key | value | default | meaning |", "|---|---|---|---|"] if table["properties"] else []
     for key, schema in table["properties"].items():
         cells = (
             f"`{key}`",

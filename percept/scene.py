@@ -196,10 +196,7 @@ class ModelTable(Table):
 
 
 class ChecksTable(Table):
-    """Further checks of the hierarchical model. `percept report` makes the usual ones without this table."""
-
-    refit: StrictBool = False
-    compare: StrictBool = False
+    """Asks for checks of the model; it has no keys. `percept report` makes them without this table."""
 
 
 def _plural(word: str) -> str:

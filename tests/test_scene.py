@@ -34,7 +34,7 @@ from percept.sessions import ReadOptions
             "[device]\nmass = true\ndamping = 2\nperiod = 1e-3\n",
             "device.mass = True: must be a number.",
         ),
-        ('[checks]\nrefit = "yes"\n', "checks.refit = 'yes': must be true or false."),
+        ('[model]\nweber = "yes"\n', "model.weber = 'yes': must be true or false."),
         ("[report.zoom]\nVE1 = [9, 9]\n", "report.zoom: the window of VE1 must begin below its end."),
         (
             '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',

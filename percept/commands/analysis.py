@@ -62,18 +62,12 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_check_arguments(parser: argparse.ArgumentParser, *, usual: bool = False) -> None:
-    """Add the keys of `[checks]`; each of them asks for the checks, which may be usual."""
+    """Add `--checks` and `--no-checks`, which go before the scene's `[checks]`."""
     parser.add_argument(
         "--checks",
         action=argparse.BooleanOptionalAction,
         default=usual or None,
         help=f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})",
-    )
-    parser.add_argument(
-        "--refit", action="store_true", help="and sample again without each influential subject"
-    )
-    parser.add_argument(
-        "--models", action="store_true", help="and compare smaller models; samples four more posteriors"
     )
 
 
@@ -89,14 +83,9 @@ def settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
-    """Return the scene with what the flags ask for beside what it asks for itself."""
-    flags = vars(arguments)
-    if not any(flags.get(name) for name in ("checks", "refit", "models")):
-        # `--no-checks` also sets aside what the scene asks for.
-        return scene.with_tables(checks=None) if flags.get("checks") is False else scene
-    own = scene.checks.model_dump() if scene.checks is not None else {}
-    asked = {"refit": flags.get("refit"), "compare": flags.get("models")}
-    return scene.with_tables(checks={key: bool(flag or own.get(key)) for key, flag in asked.items()})
+    """Return the scene with or without its checks, as the flags say; without a flag as it is."""
+    asked = getattr(arguments, "checks", None)
+    return scene if asked is None else scene.with_tables(checks={} if asked else None)
 
 
 def read_scene(arguments: argparse.Namespace) -> tuple[Scene, ReadOptions]:

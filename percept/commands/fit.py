@@ -77,19 +77,12 @@ def _print_intervals(study: Study, *, every: bool) -> None:
 
 def _print_checks(study: Study, say: Callable[[str], str]) -> None:
     """Print what the checks say in words, where they were asked for."""
-    options = study.scene.checks
-    if options is None or study.checks is None:
+    if study.scene.checks is None or study.checks is None:
         return
     loo = study.checks.loo
     print(say(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats."))
-    for message in loo.messages or ("No subject is influential or an outlier.",):
+    for message in (*(loo.messages or ("No subject is influential or an outlier.",)), *study.checks.pull):
         print(say(message))
-    sensitivity = study.checks.sensitivity
-    for row in sensitivity[sensitivity["diagnosis"] != ""].itertuples():
-        print(f"{row.environment} {row.parameter}, {row.quantity}: {row.diagnosis} ({row.prior:.2f}).")
-    if options.compare and len(study.environments) > 1:
-        print(study.model_choice.table.to_string(index=False, float_format="{:.1f}".format))
-        print(say(study.model_choice.sentence))
 
 
 def _add_report(parser: argparse.ArgumentParser) -> None:

@@ -129,18 +129,6 @@ _TABLES = (
         {**_plain(4, elpd="log density"), **_plain(2, pareto_k="Pareto index", farther="as far or farther")},
     ),
     _Table(
-        "models/table",
-        "Smaller models by the log predictive density of subjects left out, with standard errors.",
-        {"model": "Model"},
-        {
-            **_plain(4, elpd="log density"),
-            **_plain(2, se="error"),
-            **_plain(3, difference="to the first"),
-            **_plain(2, difference_se="error"),
-            "rough": ("rough", 3, "count"),
-        },
-    ),
-    _Table(
         "statistics",
         "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new studies "
         "drawn from the posterior.",
@@ -151,31 +139,11 @@ _TABLES = (
         },
     ),
     _Table(
-        "shrinkage",
-        "Centres before and after pooling, in {units}, and the fraction of the way from the raw "
-        "mean to the trend over environments that they moved.",
-        _CELL,
-        {**_plain(4, raw="raw mean", centre="centre", trend="trend"), "moved": ("moved", 2, "percent")},
-    ),
-    _Table(
         "correlation",
         "Correlation of {pair} between users: of the deviations within an environment, of the effect "
         "shared by all, and of the population of each environment.",
         {"of": "Of", "environment": "Environment"},
         _SIGN,
-    ),
-    _Table(
-        "weber",
-        "κ, the change of log spread per decade of the reference; zero is Weber's law.",
-        {"parameter": "Parameter"},
-        _SIGN,
-    ),
-    _Table(
-        "sensitivity",
-        "Sensitivity of the posterior of the average user, the next user and the spread to raising priors or "
-        "likelihood to a power; from 0.05 on it is worth a look.",
-        {**_CELL, "quantity": "Of", "diagnosis": "Diagnosis"},
-        _plain(2, prior="priors", likelihood="likelihood"),
     ),
     _Table(
         "prior",
@@ -208,11 +176,6 @@ def checks(document: Record) -> Section | None:
 
 def _messages(record: Record) -> list[str]:
     messages = list(record["loo"]["messages"])
-    refitted = [row["subject"] for row in record["loo"]["subjects"] if row["refitted"]]
-    if refitted:
-        messages.append(f"Sampled again without each of {', '.join(refitted)}: their rows below are exact.")
-    if record["models"]:
-        messages += [record["models"]["sentence"], *record["models"]["failed"]]
     return messages + [
         f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for "
         "the model."

@@ -170,17 +170,15 @@ def _stable_edge(study: Study) -> dict[str, Any] | None:
 
 def _checks(study: Study) -> dict[str, Any] | None:
     """Collect the model checks that the scene asks for."""
-    options = study.scene.checks
-    normality = plain(normality_tests(study.sessions, study.parameters)) if options is not None else []
-    if options is None or (study.checks is None and not normality):
+    if study.scene.checks is None:
         return None
+    normality = plain(normality_tests(study.sessions, study.parameters))
     if study.checks is None:
-        return {"normality": normality}
+        return {"normality": normality} if normality else None
     checks: dict[str, Any] = {"normality": normality, **plain(study.checks)}
     # A row per subject, environment and parameter would be most of the document.
     checks["loo"]["cells"] = [row for row in checks["loo"]["cells"] if row["outlier"]]
-    compared = options.compare and len(study.environments) > 1
-    return checks | {"models": plain(study.model_choice) if compared else None}
+    return checks
 
 
 def _skipped(study: Study, *, curves: bool) -> list[dict[str, str]]:

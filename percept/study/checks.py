@@ -1,62 +1,38 @@
-"""Checks of the hierarchical fit for the analyst: its subjects, data and priors, and smaller models."""
+"""Checks of the hierarchical fit for the analyst: its subjects, its data and its priors."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from scipy import special
 
-from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, predict_left_out
 from percept.inference.checks.predictive import (
-    GROUPS,
     STATISTICS,
     correlation_draws,
     draw_prior,
     replicate,
-    shrinkage,
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.scales import Options
-from percept.inference.sampling.gate import Progress, Settings
-from percept.scene import Scene
-from percept.sessions import Sessions
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.models import Pooled
 from percept.sessions.quantities import Quantities
-from percept.study.band import weber_trend
 from percept.study.basics import Array, Skipped, Stream, generator
-from percept.study.fit import Fit, RunStore, fit_model, prepare
-from percept.study.posterior import posterior_tree, prior_pull
+from percept.study.fit import Fit
 
-_Told = Callable[[Progress], None] | None
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is looked at.
 FALSE_ALARM = 0.05
-#: Sensitivity (a distance of distributions per doubling of the power) from which it is worth a look.
-THRESHOLD = 0.05
-#: Accuracy of sampling without a subject, SDs of the log density; error, nats, above which its mean is rough.
-_ACCURACY, _ROUGH = 0.05, 0.2
-#: Models compared, by what they leave out of the full one. "Weber trend" keeps each environment's own spread
-#: about the trend, which takes up what the trend lacks: it seldom differs from "full". Weber's law itself is
-#: put to the test by "exact Weber" against "common spread".
-MODELS = {
-    "full": Options(),
-    "Weber trend": Options(weber=True),
-    "common spread": Options(common_spread=True),
-    "exact Weber": Options(weber=True, common_spread=True),
-    "no subject effect": Options(subject_effect=False),
-}
-#: Differences below this many nats are too small for their standard error to be believed
-#: (Sivula, Magnusson & Vehtari 2020, arXiv:2008.10296).
-_SMALL = 4.0
 _REPLICATES = 4000
 _PRIOR_DRAWS = 40_000
 _PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
-_QUANTITIES = {"mean": "population_mean", "user": "new_user", "spread": "population_sd"}
+#: Half-widths of the average user's interval from which a prior's pull is told; SDs of a prior taken as flat.
+_PULL, _FLAT = 0.1, 1e3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,74 +54,26 @@ class ModelChecks(NotebookRecord):
     loo: SubjectChecks  # Each subject against the others
     statistics: pd.DataFrame  # Posterior predictive check of each cell's mean, SD and farthest subject
     prior: pd.DataFrame  # Quantiles of the average and the next user before any data
-    sensitivity: pd.DataFrame  # How far results move when priors or data count slightly more
-    shrinkage: pd.DataFrame | None  # How far each environment moved to the trend
     correlation: pd.DataFrame | None  # Of two parameters between users
-    weber: pd.DataFrame | None  # Trend of the log spread per decade of the reference
     pull: tuple[str, ...]  # How far the prior of the common bias moves the average user, where it does
 
 
-def model_checks(fit: Fit, scene: Scene, *, progress: _Told = None) -> ModelChecks | Skipped:
+def model_checks(fit: Fit, *, level: float, seed: int) -> ModelChecks | Skipped:
     """Check a fit against its data, its priors and its own assumptions."""
-    if isinstance(fit.subjects, Skipped):
-        return fit.subjects
-    level, seed = scene.inference.level, scene.inference.seed
-    weber = weber_trend(fit, level=level)
-    if weber is not None:
-        weber = weber.drop(columns="below_zero").assign(positive=1.0 - weber["below_zero"])
-    return ModelChecks(
-        loo=check_subjects(fit, fit.subjects, scene, progress=progress),
-        statistics=_statistics(fit.subjects, fit.points, level=level, seed=seed),
-        prior=_prior_quantiles(fit, fit.subjects, seed=seed),
-        sensitivity=power_scaling(posterior_tree(fit, seed=seed, full=True)),
-        shrinkage=_shrinkage(fit, fit.subjects),
-        correlation=correlation_table(fit, fit.subjects, level=level),
-        weber=weber,
-        pull=prior_pull(fit, fit.subjects, level=level),
-    )
-
-
-def check_subjects(
-    fit: Fit, subjects: SubjectDensity, scene: Scene, *, progress: _Told = None
-) -> SubjectChecks:
-    """Leave every subject out: by reweighting, and where that fails and the scene says so by sampling."""
+    subjects = fit.subjects
+    if isinstance(subjects, Skipped):
+        return subjects
     loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
-    predicted = predict_left_out(subjects, loo.points, loo.weights)
-    refitted = np.zeros(subjects.subjects, dtype=bool)
-    refit = scene.checks is not None and scene.checks.refit
-    if refit:
-        loo, predicted, refitted = _refit(subjects, loo, predicted, scene, progress)
-    return subject_tables(fit, loo, predicted, refitted, refit=refit)
-
-
-def _refit(
-    subjects: SubjectDensity, loo: Loo, predicted: Predicted, scene: Scene, progress: _Told
-) -> tuple[Loo, Predicted, NDArray[np.bool_]]:
-    """Replace what reweighting cannot tell; a run that fails its gate changes nothing."""
-    from percept.inference.checks.left_out import sample_without
-
-    asked = scene.inference
-    settings = Settings(
-        tolerance=_ACCURACY, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
+    return ModelChecks(
+        loo=subject_tables(fit, loo, predict_left_out(subjects, loo.points, loo.weights)),
+        statistics=_statistics(subjects, fit.points, level=level, seed=seed),
+        prior=_prior_quantiles(fit, subjects, seed=seed),
+        correlation=correlation_table(fit, subjects, level=level),
+        pull=prior_pull(fit, subjects, level=level),
     )
-    pointwise, below, farther = loo.pointwise.copy(), predicted.below.copy(), predicted.farther.copy()
-    done = np.zeros(subjects.subjects, dtype=bool)
-    names = subjects.density.statistics.subjects
-    for i in np.flatnonzero(loo.influential):
-        without = sample_without(subjects, int(i), names[i], settings, progress=progress)
-        if without is None:
-            continue
-        done[i] = without.error <= _ROUGH
-        pointwise[i] = without.log_density
-        even = np.full((len(without.points), 1), 1.0 / len(without.points))
-        own = predict_left_out(subjects, without.points, even, np.array([i]))
-        below[i], farther[i] = own.below[0], own.farther[0]
-    return dataclasses.replace(loo, pointwise=pointwise), Predicted(below, farther), done
 
 
-def subject_tables(
-    fit: Fit, loo: Loo, predicted: Predicted, refitted: NDArray[np.bool_], *, refit: bool
-) -> SubjectChecks:
+def subject_tables(fit: Fit, loo: Loo, predicted: Predicted) -> SubjectChecks:
     """Name the subjects and cells that lie far from what the others predict."""
     assert isinstance(fit.subjects, SubjectDensity)
     statistics = fit.subjects.density.statistics
@@ -155,7 +83,6 @@ def subject_tables(
             "elpd": loo.pointwise,
             "pareto_k": loo.pareto_k,
             "influential": loo.influential,
-            "refitted": refitted,
             "farther": predicted.farther,
             "outlier": predicted.farther < FALSE_ALARM / len(statistics.subjects),
         }
@@ -174,26 +101,20 @@ def subject_tables(
     )
     tail = 2.0 * np.minimum(cells["below"], 1.0 - cells["below"])
     cells["outlier"] = tail < FALSE_ALARM / len(cells)
-    messages = tuple(_messages(table, cells, loo.good_k, fit.quantities, refit=refit))
+    messages = tuple(_messages(table, cells, loo.good_k, fit.quantities))
     return SubjectChecks(loo.elpd, loo.se, loo.good_k, table, cells, messages)
 
 
 def _messages(
-    table: pd.DataFrame, cells: pd.DataFrame, good_k: float, quantities: Quantities, *, refit: bool
+    table: pd.DataFrame, cells: pd.DataFrame, good_k: float, quantities: Quantities
 ) -> Iterator[str]:
     influential = table[table["influential"]]
     if len(influential):
         named = ", ".join(f"{row.subject} ({row.pareto_k:.2f})" for row in influential.itertuples())
         yield (
             f"{named} {'is' if len(influential) == 1 else 'are'} influential (Pareto index above "
-            f"{good_k:.2f}). Inspect their sessions, and report the intervals with and without them."
-        )
-    if rough := ", ".join(influential.loc[~influential["refitted"], "subject"]):
-        yield (
-            f"The predictive density of {rough} stays rough, though sampled again: hardly any spread that "
-            "the others allow explains them."
-            if refit
-            else f"Leave-one-out results of {rough} are rough: --refit samples the posterior without them."
+            f"{good_k:.2f}), and their own leave-one-out results are rough. Inspect their sessions, and "
+            "report the intervals with and without them."
         )
     for row in table[table["outlier"]].itertuples():
         yield (
@@ -235,7 +156,7 @@ def _statistics(subjects: SubjectDensity, points: Array, *, level: float, seed: 
 
 def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.DataFrame:
     """Quantiles of the average and the next user before any data."""
-    _, means, users = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))
+    means, users = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))[1:]
     rows: list[dict[str, Any]] = []
     for kind, drawn in (("mean", means), ("user", users)):
         # The map to the quantity is increasing, so quantiles pass through it; far tails may be infinite.
@@ -246,26 +167,6 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Dat
             at = {"environment": environment, "parameter": p, "kind": kind}
             rows.append(at | quantiles | {"unit": fit.quantities[p].unit})
     return pd.DataFrame(rows)
-
-
-def _shrinkage(fit: Fit, subjects: SubjectDensity) -> pd.DataFrame | None:
-    """How far the centre of each environment moved from its raw mean to the trend over environments."""
-    found = shrinkage(subjects.density, fit.points)
-    if found is None:
-        return None
-    raw, centre, trend = (fit.scale.native(part.ravel()) for part in (found.raw, found.centre, found.trend))
-    return pd.DataFrame(
-        {
-            "environment": environment,
-            "parameter": parameter,
-            "raw": raw[c],
-            "centre": centre[c],
-            "trend": trend[c],
-            "moved": found.moved.ravel()[c],
-            "unit": fit.quantities[parameter].unit,
-        }
-        for (parameter, environment), c in fit.column.items()
-    )
 
 
 def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd.DataFrame | None:
@@ -281,119 +182,26 @@ def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd
     return pd.DataFrame(rows) if rows else None
 
 
-def power_scaling(tree: Any) -> pd.DataFrame:
-    """Sensitivity of every environment's mean, new user and spread to the priors and to the data.
-
-    Priors (all together, and by what they speak of) and likelihood are raised to powers just off one by
-    Pareto-smoothed reweighting (Kallioinen et al. 2024, doi:10.1007/s11222-023-10366-5).
-    """
-    import arviz_stats
-    import xarray
-
-    posterior = tree["posterior"].to_dataset().merge(tree["posterior_predictive"].to_dataset())
-    quantities = posterior[list(_QUANTITIES.values())].rename({old: new for new, old in _QUANTITIES.items()})
-    groups = {name: tree[name].to_dataset() for name in ("log_prior", "log_likelihood")}
-    wanted = xarray.DataTree.from_dict({"posterior": quantities, **groups})
-    powers: dict[str, dict[str, Any]] = {"prior": {"group": "prior"}, "likelihood": {"group": "likelihood"}}
-    for name, variables in GROUPS.items():
-        if known := [variable for variable in variables if variable in groups["log_prior"]]:
-            powers[f"prior_{name}"] = {"group": "prior", "group_var_names": known}
-    found = {name: arviz_stats.psense(wanted, **how) for name, how in powers.items()}  # type: ignore[attr-defined, no-untyped-call]
-    rows = []
-    for environment in posterior["environment"].to_numpy().tolist():
-        for parameter in posterior["parameter"].to_numpy().tolist():
-            at = {"environment": environment, "parameter": parameter}
-            for quantity in _QUANTITIES:
-                values = {name: float(table[quantity].sel(at)) for name, table in found.items()}
-                rows.append({**at, "quantity": quantity, **values, "diagnosis": _diagnosis(values)})
-    return pd.DataFrame(rows)
-
-
-def _diagnosis(values: dict[str, float]) -> str:
-    if not np.isfinite(values["prior"]) or values["prior"] < THRESHOLD:
-        return ""
-    groups = {name: value for name, value in values.items() if name.startswith("prior_")}
-    most = max(groups, key=lambda name: groups[name]).removeprefix("prior_")
-    if values["likelihood"] < THRESHOLD:
-        return f"the priors (of {most} most) decide, the data hardly count"
-    return f"the priors (of {most} most) count beside the data"
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class ModelChoice(NotebookRecord):
-    """Models in the order of their predictive density."""
-
-    table: pd.DataFrame  # A row per model, with its difference to the best
-    failed: tuple[str, ...]  # Models that failed the gate, with the reason
-    sentence: str  # What can be told
-
-
-def compare_models(
-    sessions: Sessions,
-    scene: Scene,
-    parameters: tuple[str, ...],
-    *,
-    models: tuple[str, ...] = tuple(MODELS),
-    progress: _Told = None,
-    store: RunStore | None = None,
-) -> ModelChoice:
-    """Fit models of `MODELS` and compare them by leave-one-subject-out predictive density."""
-    if len(sessions.environments) == 1:
-        raise RefusalError(
-            "with one environment there is one model only.",
-            hint="Models differ in how they join several environments.",
-        )
-    if unknown := [name for name in models if name not in MODELS]:
-        raise UsageError(f"no such model; there are {', '.join(MODELS)}.", key="models", value=unknown[0])
-    if sessions.form == "summary" or scene.model.pooling == "none":
-        raise RefusalError(
-            "models are compared on the sessions of subjects, pooled over environments.",
-            hint='Give sessions instead of published limits, and pooling = "partial".',
-        )
-    found, failed = dict[str, SubjectChecks](), list[str]()
-    for name in models:
-        model = scene.model.model_dump(exclude_none=True) | dataclasses.asdict(MODELS[name])
-        asked = scene.with_tables(model=model)
-        fit = fit_model(prepare(sessions, asked, parameters), asked.inference, progress=progress, store=store)
-        if fit.passed:
-            assert not isinstance(fit.subjects, Skipped)
-            found[name] = check_subjects(fit, fit.subjects, asked, progress=progress)
-        else:
-            failed.append(f"{name}: {fit.withheld}")
-    if not found:
-        raise RefusalError("no model passes the gate of the sampler.", hint=" ".join(failed))
-    table = ranked(found)
-    return ModelChoice(table, tuple(failed), sentence_of(table))
-
-
-def ranked(found: Mapping[str, SubjectChecks]) -> pd.DataFrame:
-    """Put models in the order of their density, with how far each lies behind the first."""
-    order = sorted(found, key=lambda name: -found[name].elpd)
-    best = found[order[0]].subjects["elpd"].to_numpy()
-    behind = {name: found[name].subjects["elpd"].to_numpy() - best for name in order}
-    return pd.DataFrame(
-        {
-            "model": name,
-            "elpd": found[name].elpd,
-            "se": found[name].se,
-            "difference": float(behind[name].sum()),
-            "difference_se": float(np.sqrt(best.size * behind[name].var(ddof=1))),
-            "rough": int((subjects["influential"] & ~subjects["refitted"]).sum()),
-        }
-        for name in order
-        for subjects in [found[name].subjects]
+def prior_pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> tuple[str, ...]:
+    """Say how far the prior of the common bias moves average users from where a flat one has them."""
+    density = subjects.density
+    flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
+    free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
+    some = fit.points[:: max(1, len(fit.points) // _REPLICATES)]
+    own, other = (Pooled(one).laws(some) for one in (density, free))
+    # Locations are integrated out of both densities, whose ratio tells how likely draws are under the other.
+    weights = special.softmax(free(some) - density(some))
+    half_width = special.ndtri(0.5 * (1.0 + level)) * np.hypot(own.sd, own.mean.std(axis=0)).mean(axis=0)
+    moved = (own.mean.mean(axis=0) - weights @ other.mean) / half_width
+    cells = ", ".join(
+        f"{fit.quantities[p].label} in {e} ({moved[c]:+.2f})"
+        for (p, e), c in fit.column.items()
+        if abs(moved[c]) > _PULL
     )
-
-
-def sentence_of(table: pd.DataFrame) -> str:
-    """Say which model is best, and which of the others are clearly worse."""
-    behind = table.iloc[1:]
-    clear = (behind["difference"] < -_SMALL) & (behind["difference"] < -2.0 * behind["difference_se"])
-    told = f'"{table["model"].iloc[0]}" predicts a subject left out best'
-    if not clear.all():
-        told += f", not distinguishable from {', '.join(behind.loc[~clear, 'model'])}"
-    if clear.any():
-        told += f"; {', '.join(behind.loc[clear, 'model'])} clearly worse"
-    rough = int(table["rough"].sum())
-    more = f" {rough} of the left-out densities are rough (Pareto index too high): use --refit to be sure."
-    return f"{told}.{more * bool(rough)}"
+    if not cells:
+        return ()
+    return (
+        f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate of the "
+        f"average user, in half-widths of the interval: {cells}. It expects settings near their references. "
+        "Where these or their unit are arbitrary, set a larger alpha_sd in [model.priors].",
+    )

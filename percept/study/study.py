@@ -47,7 +47,7 @@ from percept.study.views import StudyViews
 # What imports the hierarchical model is imported where it is needed: the classical method does without.
 if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
-    from percept.study.checks import ModelChecks, ModelChoice
+    from percept.study.checks import ModelChecks
     from percept.study.fit import Fit, RunStore
     from percept.study.ladder import Ladder
 
@@ -177,8 +177,7 @@ class Study(StudyViews):
             return None
         from percept.study.posterior import posterior_tree
 
-        full = self.scene.checks is not None
-        return posterior_tree(self._passed, seed=self.scene.inference.seed, full=full)
+        return posterior_tree(self._passed, seed=self.scene.inference.seed)
 
     @cached_property
     def checks(self) -> ModelChecks | None:
@@ -187,17 +186,9 @@ class Study(StudyViews):
             return None
         from percept.study.checks import model_checks
 
-        found = model_checks(self._passed, self.scene, progress=self.progress)
+        asked = self.scene.inference
+        found = model_checks(self._passed, level=asked.level, seed=asked.seed)
         return None if isinstance(found, Skipped) else found
-
-    @cached_property
-    def model_choice(self) -> ModelChoice:
-        """Smaller models against the full one, by leave-one-subject-out; samples each of them."""
-        from percept.study.checks import compare_models
-
-        return compare_models(
-            self.sessions, self.scene, self.parameters, progress=self.progress, store=self.store
-        )
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:

@@ -28,7 +28,7 @@ _KEPT = {"_intervals": "intervals", "_fitted": "fit", "_contrasts": "contrasts"}
     name: name
     for name in (
         "posterior", "checks", "regions", "boundaries", "band", "coupling", "coupling_design",
-        "sensitivity", "ladder", "model_choice",
+        "sensitivity", "ladder",
     )
 }  # fmt: skip
 _CALLS = {

@@ -17,14 +17,13 @@ def parsed(*words):
     return parser.parse_args(words)
 
 
-def test_flags_add_to_what_the_scene_asks_for():
-    assert with_checks(Scene(), parsed()).checks is None
-    assert with_checks(Scene(), argparse.Namespace()).checks is None
+def test_flags_go_before_the_scene():
+    asked = Scene(checks=ChecksTable())
+    for none in (parsed(), argparse.Namespace()):
+        assert with_checks(Scene(), none).checks is None
+        assert with_checks(asked, none).checks == ChecksTable()
     assert with_checks(Scene(), parsed("--checks")).checks == ChecksTable()
-    assert with_checks(Scene(), parsed("--models")).checks == ChecksTable(compare=True)
-    asked = Scene(checks=ChecksTable(refit=True))
-    assert with_checks(asked, parsed("--models")).checks == ChecksTable(refit=True, compare=True)
-    assert with_checks(asked, parsed()).checks == ChecksTable(refit=True)
+    assert with_checks(asked, parsed("--no-checks")).checks is None
 
 
 @pytest.fixture
@@ -47,17 +46,13 @@ def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
     assert "S01 lies far from what the others predict" in printed
     document = json.loads((out / "fit.json").read_text(encoding="utf-8"))
     checks = document["checks"]
-    assert set(checks) == {
-        "normality", "loo", "statistics", "prior", "sensitivity", "shrinkage", "correlation", "weber",
-        "models", "pull",
-    }  # fmt: skip
-    assert checks["models"] is None
+    assert set(checks) == {"normality", "loo", "statistics", "prior", "correlation", "pull"}
     assert checks["correlation"] is None
     assert [row["subject"] for row in checks["loo"]["subjects"] if row["outlier"]] == ["S01"]
     assert all(row["outlier"] for row in checks["loo"]["cells"])
-    assert document["provenance"]["scene"]["checks"] == {"refit": False, "compare": False}
+    assert document["provenance"]["scene"]["checks"] == {}
     with xarray.open_datatree(out / "posterior.nc", engine="h5netcdf") as tree:
-        assert {"log_likelihood", "log_prior", "prior", "prior_predictive"} <= set(tree.children)
+        assert {"posterior", "posterior_predictive", "sample_stats"} == set(tree.children)
 
 
 def test_nothing_is_checked_unless_asked(sessions, tmp_path, capsys):
@@ -68,5 +63,3 @@ def test_nothing_is_checked_unless_asked(sessions, tmp_path, capsys):
     document = json.loads((out / "fit.json").read_text(encoding="utf-8"))
     assert document["checks"] is None
     assert "checks" not in document["provenance"]["scene"]
-    with xarray.open_datatree(out / "posterior.nc", engine="h5netcdf") as tree:
-        assert "log_likelihood" not in tree.children

@@ -161,20 +161,9 @@ def test_messages_and_tables_stand_on_the_page(checked):
     page = render_page(checked, {}, date="2026-01-01")
     assert "S01 lies far from what the others predict" in page
     for pointer in (
-        "loo/subjects/0/pareto_k", "statistics/0/above", "shrinkage/0/moved", "correlation/0/positive",
-        "weber/1/upper", "sensitivity/0/prior", "prior/0/q99.5",
+        "loo/subjects/0/pareto_k", "statistics/0/above", "correlation/0/positive", "prior/0/q99.5",
     ):  # fmt: skip
         assert f'data-at="/checks/{pointer}"' in page, pointer
-    assert "/checks/models" not in page
-
-
-def test_compared_models_are_a_table_and_a_sentence(checked):
-    row = {"model": "full", "elpd": 1.0, "se": 2.0, "difference": 0.0, "difference_se": 0.0, "rough": 0}
-    models = {"table": [row], "failed": ["exact Weber: stuck"], "sentence": "All are alike."}
-    section = checks({**checked, "checks": {**checked["checks"], "models": models}})
-    assert {"All are alike.", "exact Weber: stuck"} <= set(section.values["messages"])
-    pointers = [table["pointer"] for table in section.values["tables"]]
-    assert pointers[2] == "/checks/models/table"
 
 
 def test_no_section_without_checks(checked):

@@ -59,7 +59,7 @@ def test_its_path_starts_from_the_scene_s_folder(tmp_path, monkeypatch):
     elsewhere.mkdir()
     monkeypatch.chdir(elsewhere)
     scene = scene_with(tmp_path, "../zd.csv")
-    for one in (scene, scene.with_inference(level=0.9), scene.with_tables(checks={"refit": True})):
+    for one in (scene, scene.with_inference(level=0.9), scene.with_tables(checks={})):
         assert device_of(one).impedance[0] == 5 + 1j
     assert scene.to_dict()["device"]["response"] == "../zd.csv"
     assert device_of(scene_with(tmp_path, tmp_path / "zd.csv")).impedance[0] == 5 + 1j

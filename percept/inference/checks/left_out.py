@@ -1,10 +1,9 @@
-"""Each subject against the others: by Pareto-smoothed importance sampling, or by sampling without it."""
+"""Each subject against the others, by Pareto-smoothed importance sampling."""
 
 from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +11,6 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.sampling.endpoints import Means
-from percept.inference.sampling.gate import Progress, Settings
 
 Array = NDArray[np.float64]
 #: Draws times subjects that are held at once; more subjects are judged by fewer draws.
@@ -50,17 +47,8 @@ class Loo:
 class Predicted:
     """Where subjects lie in what the others predict of them."""
 
-    below: Array  # (I, P, J) Predictive probability of a cell mean below the subject's own
-    farther: Array  # (I,) Predictive probability of lying as far off or farther, all cells together
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Refit:
-    """A subject left out by sampling."""
-
-    log_density: float  # Log predictive density of the subject's trials given the others
-    error: float  # Its Monte Carlo standard error, in nats
-    points: Array  # (S, d) Draws of the posterior without the subject, thinned to their effective size
+    below: Array  # (N, P, J) Predictive probability of a cell mean below the subject's own
+    farther: Array  # (N,) Predictive probability of lying as far off or farther, all cells together
 
 
 def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Loo:
@@ -108,70 +96,13 @@ def _smoothed(log_density: Array, points: Array, chains: int) -> Loo:
     )
 
 
-def predict_left_out(
-    subjects: SubjectDensity, points: Array, weights: Array, members: NDArray[np.intp] | None = None
-) -> Predicted:
-    """Compare subjects with their prediction from the others, by weighted draws (S, d) and weights (S, I)."""
-    members = np.arange(subjects.subjects) if members is None else members
-    below = np.zeros((members.size, subjects.parameters, subjects.environments))
-    farther = np.zeros(members.size)
+def predict_left_out(subjects: SubjectDensity, points: Array, weights: Array) -> Predicted:
+    """Compare subjects with their prediction from the others, by draws (S, d) with weights (S, N)."""
+    below = np.zeros((subjects.subjects, subjects.parameters, subjects.environments))
+    farther = np.zeros(subjects.subjects)
     for cut, scales in subjects.batches(points):
-        left = subjects.left_out(scales, members)
-        beyond = special.chdtrc(subjects.degrees[members], left.distance)
+        left = subjects.left_out(scales)
+        beyond = special.chdtrc(subjects.degrees, left.distance)
         below += np.einsum("wi,wipj->ipj", weights[cut], special.ndtr(left.standard))
         farther += np.einsum("wi,wi->i", weights[cut], beyond)
     return Predicted(below, farther)
-
-
-class Without:
-    """Posterior of the scales given all subjects but one, in the coordinates of the whole study."""
-
-    def __init__(self, subjects: SubjectDensity, member: int) -> None:
-        self._subjects = subjects
-        self._member = np.array([member])
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the coordinates."""
-        return self._subjects.density.names
-
-    def left_out(self, points: Array) -> Array:
-        """Log density of the subject's trials given the others, at coordinates (W, d): shape (W,)."""
-        parts = [
-            self._subjects.left_out(scales, self._member).log_density[:, 0]
-            for _, scales in self._subjects.batches(points)
-        ]
-        return np.concatenate(parts)
-
-    def __call__(self, points: Array) -> Array:
-        """Log posterior density without the subject at coordinates (W, d), shape (W,)."""
-        value = self._subjects.density(points)
-        possible = np.isfinite(value)
-        if possible.any():
-            value[possible] -= self.left_out(points[possible])
-        # Scatter so small that doubles cannot leave the subject out has no posterior mass to lose.
-        return np.where(np.isnan(value), -np.inf, value)
-
-
-def sample_without(
-    subjects: SubjectDensity,
-    member: int,
-    name: str,
-    settings: Settings,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-) -> Refit | None:
-    """Sample the posterior without one subject; None where the gate fails."""
-    from percept.inference.sampling.run import sample
-
-    target = Without(subjects, member)
-    estimand = Means((f"log density of {name} left out",), lambda points: target.left_out(points)[:, None])
-    run = sample(target, estimand, settings, progress=progress)
-    if not run.gate.passed:
-        return None
-    points = np.concatenate(run.independent())
-    log_density = target.left_out(points)
-    largest = log_density.max()
-    relative = np.exp(log_density - largest)
-    error = relative.std(ddof=1) / relative.mean() / np.sqrt(relative.size)
-    return Refit(float(largest + np.log(relative.mean())), float(error), points)

@@ -1,4 +1,4 @@
-"""Density of one subject's data: given the locations, and given everybody else's data.
+"""Density of one subject's data given everybody else's.
 
 Subjects are what a study samples, so a subject is what is left out. Given locations and scales the
 subjects are independent; with the locations integrated out, a subject's predictive law given the others
@@ -35,15 +35,15 @@ _LEAST = 1e-12
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LeftOut:
-    """What W sets of scales and the other subjects' data say of the I subjects asked for.
+    """What W sets of scales and the other subjects' data say of each of N subjects.
 
     All NaN at scales for which doubles cannot tell a subject's share of what is known of a location: a
     scatter below some 1e-7 of the locations' prior.
     """
 
-    log_density: Array  # (W, I) Of the subject's trials, on the response scale
-    distance: Array  # (W, I) Squared Mahalanobis distance of the subject's cell means
-    standard: Array  # (W, I, P, J) Each cell mean less its predictive mean, in predictive SDs
+    log_density: Array  # (W, N) Of the subject's trials, on the response scale
+    distance: Array  # (W, N) Squared Mahalanobis distance of the subject's cell means
+    standard: Array  # (W, N, P, J) Each cell mean less its predictive mean, in predictive SDs
 
 
 class SubjectDensity:
@@ -83,54 +83,31 @@ class SubjectDensity:
             cut = slice(start, min(start + step, len(points)))
             yield cut, self.density.layout.scales(np.ascontiguousarray(points[cut].T))
 
-    def given_locations(self, scales: Scales, beta: Array) -> Array:
-        """Log density of each subject's trials given locations and scales, its own effects integrated out."""
-        value = np.empty((beta.shape[-1], self.subjects))
-        for pattern, cell in zip(
-            self.density.statistics.patterns, self.density.cell_blocks(scales), strict=True
-        ):
-            covariance = SharedCovariance(cell, scales.shared)
-            apart = [
-                self._means[pattern.members, p][:, pattern.environments, None] - beta[p, pattern.environments]
-                for p in range(self.parameters)
-            ]
-            squares = sum(
-                np.square(component).reshape(pattern.subjects, -1, component.shape[-1]).sum(axis=1)
-                for piece in covariance.whiten(tuple(apart))
-                for component in piece
-            )
-            value[:, pattern.members] = -0.5 * (squares + covariance.log_determinant()).T
-        return value + self._between_trials(scales, slice(None)) - 0.5 * _LOG_2PI * self.degrees
-
-    def left_out(self, scales: Scales, members: Indices | None = None) -> LeftOut:
+    def left_out(self, scales: Scales) -> LeftOut:
         """Predictive law of each subject's data given scales and the other subjects' data."""
-        members = np.arange(self.subjects) if members is None else members
         law = self.density.locations(scales)
         mean, columns = np.stack(law.mean), law.columns()
         width = scales.log_prior.size
         predicted = LeftOut(
-            np.empty((width, members.size)),
-            np.empty((width, members.size)),
-            np.full((width, members.size, self.parameters, self.environments), np.nan),
+            np.empty((width, self.subjects)),
+            np.empty((width, self.subjects)),
+            np.full((width, *self._means.shape), np.nan),
         )
         cells = self.density.cell_blocks(scales)
         for pattern, cell in zip(self.density.statistics.patterns, cells, strict=True):
-            at = np.flatnonzero(np.isin(members, pattern.members))
-            if at.size:
-                present = pattern.environments
-                apart = self._means[members[at]][..., present, None] - mean[:, present]
-                _leave_out(predicted, at, present, apart, columns[:, :, present], cell, scales.shared)
-        normalising = 0.5 * _LOG_2PI * self.degrees[members]
-        predicted.log_density[...] += self._between_trials(scales, members) - normalising
+            at, present = pattern.members, pattern.environments
+            apart = self._means[at][..., present, None] - mean[:, present]
+            _leave_out(predicted, at, present, apart, columns[:, :, present], cell, scales.shared)
+        predicted.log_density[...] += self._between_trials(scales) - 0.5 * _LOG_2PI * self.degrees
         return predicted
 
-    def _between_trials(self, scales: Scales, members: Indices | slice) -> Array | float:
-        """Log density of trials about their cell means, and of turning means into trials: (W, I) or zero."""
+    def _between_trials(self, scales: Scales) -> Array | float:
+        """Log density of trials about their cell means, and of turning means into trials: (W, N) or zero."""
         trial = self.density.trial_block(scales)
         if trial is None:
             return 0.0
-        counts = self._counts[members]
-        first, slope, left = (part[members][..., None] for part in self._trials)
+        counts = self._counts
+        first, slope, left = (part[..., None] for part in self._trials)
         if isinstance(trial, Pair):
             tilt = slope - trial.g
             squares = (first / trial.v + (left + first * tilt * tilt) / trial.w).sum(axis=1)

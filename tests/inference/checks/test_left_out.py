@@ -1,14 +1,12 @@
-"""Leaving subjects out against quadrature, ratios of evidences, and sampling without the subject."""
+"""Leaving subjects out against quadrature and ratios of evidences."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from percept.errors import UsageError
-from percept.inference.checks.left_out import Without, leave_one_out, predict_left_out, sample_without
-from percept.inference.sampling.gate import Settings
+from percept.inference.checks.left_out import leave_one_out, predict_left_out
 from tests.inference.checks import small
-from tests.inference.checks.test_subjects import prepared
 
 RESPONSE = np.array([0.12, -0.05, 0.2, 0.31, 0.02, -0.11, 0.17, 0.26])
 
@@ -34,52 +32,13 @@ def test_pointwise_densities_are_ratios_of_evidences():
     np.testing.assert_allclose(found.weights.sum(axis=0), 1.0)
 
 
-def test_an_influential_subject_is_rough_until_sampled_without():
+def test_an_influential_subject_is_rough():
     response = np.append(RESPONSE, 1.2)
     subjects = small.subjects_of(response)
     found = leave_one_out(subjects, small.even_draws(subjects.density, 4000), chains=4)
     assert np.flatnonzero(found.influential).tolist() == [8]
     exact = evidence_ratios(response)[8]
     assert abs(found.pointwise[8] - exact) > 0.1
-    refit = sample_without(subjects, 8, "S09", Settings(tolerance=0.05, seed=4))
-    assert refit is not None
-    assert refit.error < 0.2
-    assert refit.log_density == pytest.approx(exact, abs=4 * refit.error)
-    # The draws are those of the others alone: the spread between users by quadrature.
-    others = small.density_of(RESPONSE)
-    mass, _ = small.weights(others)
-    expected = np.sum(mass * np.log(others.layout.scales(small.GRID[None]).named["sigma"][0, 0]))
-    log_sigma = np.log(subjects.density.layout.scales(refit.points.T).named["sigma"][0, 0])
-    assert log_sigma.mean() == pytest.approx(expected, abs=4 * log_sigma.std() / np.sqrt(log_sigma.size))
-
-
-def test_a_wild_subject_stays_rough_and_nothing_hangs():
-    response = np.append(RESPONSE, 30.0)
-    subjects = small.subjects_of(response)
-    refit = sample_without(subjects, 8, "S09", Settings(tolerance=0.05, seed=4, most_steps=2000))
-    assert refit is not None
-    assert refit.error > 0.2
-
-
-def test_without_a_subject_is_the_posterior_of_the_others():
-    subjects = small.subjects_of(RESPONSE)
-    others = small.density_of(np.delete(RESPONSE, 3))
-    # The coordinates differ by their centring; log sigma and its density do not.
-    points = np.linspace(-3, 3, 9)[:, None]
-    scales = subjects.density.layout.scales(points.T)
-    ours = Without(subjects, 3)(points) - scales.log_prior
-    theirs = others.log_likelihood(scales)
-    np.testing.assert_allclose(ours, theirs, rtol=1e-10)
-
-
-def test_points_out_of_reach_are_impossible_rather_than_wrong():
-    rng = np.random.default_rng(1)
-    _, density, _, subjects = prepared("trials", rng)
-    points = np.zeros((3, density.dimension))
-    points[1] = 36.0
-    value = Without(subjects, 0)(points)
-    assert np.isneginf(value[1])
-    assert np.isfinite(value[[0, 2]]).all()
 
 
 def test_chains_must_divide_the_draws():
@@ -102,13 +61,12 @@ def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_other
         # Draws of the others' posterior, in the coordinates of all: here by weights on a grid.
         ours = subjects.density(small.GRID[:, None]) - left_out(subjects, i)
         weight = np.exp(ours - ours.max())
-        found = predict_left_out(
-            subjects, small.GRID[:, None], (weight / weight.sum())[:, None], np.array([i])
-        )
-        assert found.below[0, 0, 0] == pytest.approx(below, abs=1e-6)
+        weights = np.repeat((weight / weight.sum())[:, None], len(RESPONSE), axis=1)
+        found = predict_left_out(subjects, small.GRID[:, None], weights)
+        assert found.below[i, 0, 0] == pytest.approx(below, abs=1e-6)
         # One number: farther is both tails of the same law.
         tails = np.sum(mass[keep] * 2.0 * stats.norm.sf(np.abs(standard)))
-        assert found.farther[0] == pytest.approx(tails, abs=1e-6)
+        assert found.farther[i] == pytest.approx(tails, abs=1e-6)
 
 
 def left_out(subjects, i):

@@ -1,17 +1,13 @@
-"""Priors and statistics against exact laws and simulated studies, pooling against dense twins."""
+"""Priors and statistics against exact laws and simulated studies."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from percept.inference.checks.predictive import (
-    GROUPS,
     correlation_draws,
     draw_prior,
-    draw_trend,
-    log_prior,
     replicate,
-    shrinkage,
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
@@ -72,53 +68,6 @@ def test_users_of_one_draw_are_correlated_as_the_draw_says():
     left = (off[:, 1] - rho * off[:, 0]) / np.sqrt(1.0 - rho**2)
     assert stats.kstest(left, stats.norm.cdf).pvalue > 1e-4
     assert abs(np.corrcoef(left, off[:, 0])[0, 1]) < 5 / np.sqrt(20_000)
-
-
-@pytest.mark.parametrize("name", ["trials", "one environment, trials", "k only"])
-def test_log_prior_is_scipys(name):
-    rng = np.random.default_rng(33)
-    study = designs.study(name, rng)
-    density = CollapsedDensity(study.statistics, OTHER)
-    scales = density.layout.scales(rng.normal(size=(density.dimension, 5)))
-    beta = rng.normal(size=(*study.x.shape, 5))
-    found = log_prior(density, scales, beta, np.random.default_rng(1))
-    known = laws(OTHER)
-    for key, (_, value) in found.items():
-        if key in ("tau", "sigma_u", "omega", "omega_e", "kappa", "kappa_e", "rho_w", "rho_u", "rho_e"):
-            expected = known[key].logpdf(np.moveaxis(scales.named[key], -1, 0))
-        elif key in ("s", "s_e", "sigma", "sigma_e"):
-            end = "_e" if key.endswith("_e") else ""
-            law = stats.norm(getattr(OTHER, f"log_s{end}_mean"), getattr(OTHER, f"log_s{end}_sd"))
-            expected = law.logpdf(np.log(np.moveaxis(scales.named[key], -1, 0)))
-        elif "tau" in scales.named:
-            alpha, gamma = draw_trend(density, scales, beta, np.random.default_rng(1))
-            drawn, sd = (alpha, OTHER.alpha_sd) if key == "alpha" else (gamma, OTHER.gamma_sd)
-            expected = stats.norm.logpdf(drawn.T, 0.0, sd)
-        else:
-            assert key == "alpha"
-            expected = stats.norm.logpdf(beta[:, 0].T, 0.0, OTHER.alpha_sd)
-        np.testing.assert_allclose(value, expected, rtol=1e-10, err_msg=key)
-    assert set(found) <= {key for group in GROUPS.values() for key in group}
-
-
-def test_trend_given_locations_is_the_dense_regression():
-    rng = np.random.default_rng(34)
-    study, density, scales, _ = prepared("balanced", rng, Options(), draws=4)
-    beta = rng.normal(size=(*study.x.shape, 4))
-    alpha, gamma = draw_trend(density, scales, beta)
-    priors = density.priors
-    for p, x in enumerate(study.x):
-        design = np.stack([np.ones_like(x), x], axis=1)
-        for w in range(4):
-            tau = scales.named["tau"][p, w]
-            precision = design.T @ design / tau**2 + np.diag([priors.alpha_sd**-2.0, priors.gamma_sd**-2.0])
-            mean = np.linalg.solve(precision, design.T @ beta[p, :, w] / tau**2)
-            np.testing.assert_allclose([alpha[p, w], gamma[p, w]], mean, rtol=1e-10)
-    many = density.layout.scales(np.zeros((density.dimension, 20_000)))
-    drawn = draw_trend(density, many, np.repeat(beta[..., :1], 20_000, axis=2), rng)
-    tau = many.named["tau"][0, 0]
-    precision = len(study.x[0]) / tau**2 + priors.alpha_sd**-2.0
-    assert drawn[0][0].var() * precision == pytest.approx(1.0, abs=5 * np.sqrt(2.0 / 20_000))
 
 
 def test_statistics_are_those_of_numpy_where_cells_are_missing():
@@ -194,63 +143,10 @@ def test_an_outlier_that_was_planted_is_the_farthest_subject():
     assert (above[:, [0, 1, 3]] > 0.005).all()
 
 
-def points_at(density, **coordinates):
-    """Two equal points, zero but where a name begins as said."""
-    point = np.zeros(density.dimension)
-    for start, value in coordinates.items():
-        point[[name.startswith(start + "[") for name in density.names]] = value
-    return np.stack([point, point])
-
-
-def test_moved_is_the_weight_of_the_trend():
-    """Without subject effects each centre is a weighted mean of its raw mean and the trend of the others."""
-    rng = np.random.default_rng(41)
-    study = designs.study("k only", rng)
-    density = CollapsedDensity(study.statistics, options=Options(subject_effect=False))
-    for tau in (-3.0, 0.0, 2.0):
-        points = points_at(density, tau=tau)
-        found = shrinkage(density, points)
-        named = density.layout.scales(points.T).named
-        noise = named["sigma"][0, :, 0] ** 2 / len(study.statistics.subjects)
-        weight = noise / (noise + named["tau"][0, 0] ** 2)
-        np.testing.assert_allclose(found.moved[0], weight, rtol=1e-8)
-        np.testing.assert_allclose(found.raw, study.statistics.cell_means.mean(axis=0), rtol=1e-12)
-
-
-@pytest.mark.parametrize(("tau", "expected"), [(-8.0, 1.0), (4.0, 0.0)])
-def test_all_the_way_without_biases_of_their_own_and_nowhere_with_large_ones(tau, expected):
-    rng = np.random.default_rng(42)
-    study = designs.study("balanced", rng)
-    density = CollapsedDensity(study.statistics)
-    moved = shrinkage(density, points_at(density, tau=tau)).moved
-    np.testing.assert_allclose(moved[np.isfinite(moved)], expected, atol=0.02)
-    assert np.isfinite(moved).sum() >= 6
-
-
-def test_nothing_to_move_through_is_no_number():
-    rng = np.random.default_rng(43)
-    study = designs.study("k only", rng)
-    response = 0.3 + 0.0 * study.response + rng.permuted(np.tile([-0.1, 0.1], 12)).reshape(-1, 1)
-    flat = response - np.array([[response[study.environment == j].mean() - 0.0] for j in study.environment])
-    statistics = designs.from_trials(
-        flat,
-        study.subject,
-        study.environment,
-        study.x,
-        parameters=("k",),
-        environments=study.statistics.environments,
-        subjects=study.statistics.subjects,
-    )
-    density = CollapsedDensity(statistics)
-    assert np.isnan(shrinkage(density, points_at(density)).moved).all()
-
-
-def test_one_environment_has_no_trend_and_one_parameter_no_correlation():
+def test_one_parameter_has_no_correlation():
     rng = np.random.default_rng(44)
-    alone = CollapsedDensity(designs.study("one environment", rng).statistics)
-    assert shrinkage(alone, points_at(alone)) is None
     single = CollapsedDensity(designs.study("k only", rng).statistics)
-    assert correlation_draws(single, points_at(single)) == {}
+    assert correlation_draws(single, np.zeros((2, single.dimension))) == {}
 
 
 def test_correlations_are_those_of_the_dense_population():

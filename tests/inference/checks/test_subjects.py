@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from percept.errors import RefusalError
-from percept.inference.checks.left_out import Without, leave_one_out
+from percept.inference.checks.left_out import leave_one_out
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity, Resolution
 from percept.inference.hierarchy.scales import Options
@@ -27,27 +27,6 @@ def of_trials(study, scales, w, **prior):
 def flat(study, who):
     size = study.response.shape[1]
     return np.concatenate([np.arange(size) + size * m for m in np.flatnonzero(who)])
-
-
-@pytest.mark.parametrize("name", designs.NAMES)
-def test_given_locations_equals_a_dense_normal_of_the_trials(name):
-    rng = np.random.default_rng(21)
-    study, density, scales, subjects = prepared(name, rng)
-    beta = density.locations(scales).draw(rng)
-    found = subjects.given_locations(scales, beta)
-    w = 0
-    # Without the location prior and without tau only the subject's own effects are left.
-    named = {key: value for key, value in scales.named.items() if key != "tau"}
-    own = type("Own", (), {"named": named})
-    covariance = of_trials(study, own, w, alpha_sd=0.0, gamma_sd=0.0)
-    for i in range(subjects.subjects):
-        who = study.subject == i
-        rows = flat(study, who)
-        mean = beta[:, study.environment[who], w].T.ravel()
-        expected = stats.multivariate_normal(mean, covariance[np.ix_(rows, rows)]).logpdf(
-            study.response[who].ravel()
-        )
-        assert found[w, i] == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 CASES = [(name, Options()) for name in designs.NAMES]
@@ -117,16 +96,6 @@ def test_left_out_densities_chain_to_the_densities_of_all():
     np.testing.assert_allclose(subjects.left_out(scales).log_density[:, 0], difference, rtol=1e-9)
 
 
-def test_a_few_subjects_are_those_of_all():
-    rng = np.random.default_rng(24)
-    _, _, scales, subjects = prepared("many patterns", rng)
-    everybody = subjects.left_out(scales)
-    few = subjects.left_out(scales, np.array([1, 4]))
-    np.testing.assert_array_equal(few.distance, everybody.distance[:, [1, 4]])
-    np.testing.assert_array_equal(few.standard, everybody.standard[:, [1, 4]])
-    np.testing.assert_allclose(few.log_density, everybody.log_density[:, [1, 4]], rtol=1e-14)
-
-
 def test_resolution_widens_both_levels():
     rng = np.random.default_rng(25)
     study, density, scales, subjects = prepared("trials", rng)
@@ -157,7 +126,6 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
     found = subjects.left_out(density.layout.scales(points.T))
     assert np.isnan(found.log_density[:, 0]).all()
     assert np.isnan(found.standard[:, 0]).all()
-    assert np.isneginf(Without(subjects, 0)(points)).all()
     with pytest.raises(RefusalError, match="what the others say of S01 cannot be told"):
         leave_one_out(subjects, points, chains=4)
 
