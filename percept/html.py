@@ -1,23 +1,14 @@
-"""Records as a notebook shows them, and pages printed by the machine's Chromium; standard library only."""
+"""Records as a notebook shows them; standard library only."""
 
 from __future__ import annotations
 
 import dataclasses
 import html
-import os
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
-
-from percept.errors import UsageError
 
 #: Longer sequences are told by their shape or length.
 _MOST = 6
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
-_PATIENCE = 120.0  # seconds for one page
 
 
 class NotebookRecord:
@@ -67,59 +58,3 @@ def _brief(value: object) -> str:
         parts = list(value)
         return ", ".join(_brief(one) for one in parts) if len(parts) <= _MOST else f"{len(parts)} values"
     return str(value)
-
-
-def find_browser() -> str | None:
-    """Return the path of a Chromium, None where there is none."""
-    named = os.environ.get("PERCEPT_BROWSER")
-    return next((path for name in ([named] if named else _BROWSERS) if (path := shutil.which(name))), None)
-
-
-def needed_browser() -> str:
-    """Return the path of a Chromium, or raise UsageError where there is none."""
-    browser = find_browser()
-    if browser is None:
-        raise UsageError(
-            "report.pdf needs a Chromium, and none was found.",
-            hint="Install one (Debian: apt-get install chromium), name it in PERCEPT_BROWSER, or print "
-            "report.html from any browser.",
-        )
-    return browser
-
-
-def print_pdf(page: Path, target: Path) -> None:
-    """Print a page to a PDF, fonts embedded."""
-    browser = needed_browser()
-    with tempfile.TemporaryDirectory(prefix="percept-pdf-") as profile:
-        command = [
-            browser,
-            "--headless",
-            "--disable-gpu",
-            "--disable-quic",
-            "--disable-sync",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--no-first-run",
-            "--no-pdf-header-footer",
-            f"--user-data-dir={profile}",
-            f"--print-to-pdf={target.resolve()}",
-        ]
-        # Chromium's sandbox refuses to run as root.
-        if hasattr(os, "geteuid") and os.geteuid() == 0:
-            command.append("--no-sandbox")
-        try:
-            ran = subprocess.run(
-                [*command, page.resolve().as_uri()],
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                check=False,
-                timeout=_PATIENCE,
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise UsageError(f"report.pdf could not be printed: {error}.", file=browser) from error
-    if ran.returncode or not target.exists():
-        raise UsageError(
-            f"report.pdf could not be printed (exit code {ran.returncode}).",
-            file=browser,
-            hint="Print report.html from any browser instead.",
-        )

@@ -1,18 +1,15 @@
-"""A notebook shows every record with its fields and numbers; a browser on the machine prints pages."""
+"""A notebook shows every record with its fields and numbers."""
 
 from __future__ import annotations
 
 import dataclasses
-import stat
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from percept import Scene, Study, haptics, inference, read_sessions
-from percept.errors import UsageError
-from percept.html import NotebookRecord, fields_html, find_browser, print_pdf
+from percept.html import NotebookRecord, fields_html
 from percept.planning import plan_mean
 from tests import DATASETS
 
@@ -91,42 +88,3 @@ def test_records_within_records_and_tables_shown_as_text():
     assert "<td>Coupling: stiffness 0.333333, damping 2</td>" in fields_html(inner)
     with pd.option_context("display.notebook_repr_html", False):
         assert "<td>None</td>" not in fields_html({"table": pd.DataFrame({"x": [1.0]})})
-
-
-def program(folder, name):
-    path = folder / name
-    path.write_text("#!/bin/sh\n")
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
-    return path
-
-
-def test_a_browser_on_the_path_is_found(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.delenv("PERCEPT_BROWSER", raising=False)
-    assert find_browser() is None
-    found = program(tmp_path, "chromium")
-    assert Path(find_browser()) == found
-
-
-def test_the_one_that_is_named_goes_before_those_on_the_path(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    program(tmp_path, "chromium")
-    mine = program(tmp_path, "my-browser")
-    monkeypatch.setenv("PERCEPT_BROWSER", str(mine))
-    assert Path(find_browser()) == mine
-    monkeypatch.setenv("PERCEPT_BROWSER", str(tmp_path / "nowhere"))
-    assert find_browser() is None
-
-
-def test_without_a_browser_a_pdf_is_refused_with_a_way_out(tmp_path, monkeypatch):
-    monkeypatch.setenv("PERCEPT_BROWSER", "no-such-browser")
-    with pytest.raises(UsageError, match="needs a Chromium") as caught:
-        print_pdf(tmp_path / "page.html", tmp_path / "page.pdf")
-    assert "PERCEPT_BROWSER" in caught.value.hint
-
-
-def test_a_browser_that_fails_is_named(tmp_path, monkeypatch):
-    monkeypatch.setenv("PERCEPT_BROWSER", "false")
-    with pytest.raises(UsageError, match="could not be printed") as caught:
-        print_pdf(tmp_path / "page.html", tmp_path / "page.pdf")
-    assert Path(caught.value.file).name == "false"

@@ -92,7 +92,6 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--why", action="store_true", help="say why the methods differ; samples the models between them"
     )
-    parser.add_argument("--pdf", action="store_true", help="also write report.pdf (needs Chromium)")
     parser.add_argument(
         "--formats",
         nargs="+",
@@ -109,8 +108,7 @@ def _report(arguments: argparse.Namespace) -> int:
 
     with Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        asked = {"formats": arguments.formats, "pdf": arguments.pdf, "why": arguments.why}
-        page = write_report(study, arguments.out, **asked)
+        page = write_report(study, arguments.out, formats=arguments.formats, why=arguments.why)
     if not arguments.quiet:
         summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
         # What `verdict` says stands on standard error.

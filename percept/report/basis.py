@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache, reduce
 from importlib import resources
-from typing import Any, NamedTuple
+from typing import Any
 
 from percept import __version__
 from percept.report.numbers import bare, percentage, rounded
@@ -95,63 +95,25 @@ def diagnostics(document: Record) -> Section | None:
     return Section("diagnostics", "Sampling and its checks", values)
 
 
-class _Table(NamedTuple):
-    """A table of the checks: what it shows, in words and in numbers."""
-
-    steps: str  # Where it stands under /checks
-    caption: str  # What it says
-    words: Mapping[str, str]  # Heads of the columns of text
-    numbers: Mapping[str, tuple[str, int, str]]  # Heads of the columns of numbers, their digits and style
-
-
-def _plain(digits: int, **heads: str) -> dict[str, tuple[str, int, str]]:
-    return {name: (head, digits, "plain") for name, head in heads.items()}
-
-
-_CELL = {"environment": "Environment", "parameter": "Parameter"}
-_SIGN = {
-    **_plain(2, lower="lower", value="mean", upper="upper"),
-    **_plain(3, positive="probability above 0"),
+#: Tables of the checks by where they stand under /checks, with what each says.
+_CHECKS = {
+    "normality": "Shapiro–Wilk tests of the values of the subjects (normal) and of their logarithms "
+    "(lognormal): what the classical intervals of each family assume. With ten subjects only gross misfit "
+    "shows.",
+    "loo/subjects": "Each subject left out: log predictive density given the others, Pareto index of "
+    "leaving it out, and the probability of lying as far off or farther.",
+    "statistics": "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new "
+    "studies drawn from the posterior.",
+    "correlation": "Correlation of {} between users: of the deviations within an environment, of the effect "
+    "shared by all, and of the population of each environment.",
+    "prior": "What the priors alone say, before any data: quantiles of the average and the next user.",
 }
-_TABLES = (
-    _Table(
-        "normality",
-        "Shapiro–Wilk tests of the values of the subjects (normal) and of their logarithms (lognormal): what "
-        "the classical intervals of each family assume. With ten subjects only gross misfit shows.",
-        {**_CELL, "family": "Family"},
-        {**_plain(4, statistic="W"), **_plain(2, p_value="p"), "n": ("subjects", 3, "count")},
-    ),
-    _Table(
-        "loo/subjects",
-        "Each subject left out: log predictive density given the others, Pareto index of leaving it out, and "
-        "the probability of lying as far off or farther.",
-        {"subject": "Subject"},
-        {**_plain(4, elpd="log density"), **_plain(2, pareto_k="Pareto index", farther="as far or farther")},
-    ),
-    _Table(
-        "statistics",
-        "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new studies "
-        "drawn from the posterior.",
-        {**_CELL, "statistic": "Statistic"},
-        {
-            **_plain(3, observed="observed", lower="lower", upper="upper"),
-            **_plain(2, above="probability of more"),
-        },
-    ),
-    _Table(
-        "correlation",
-        "Correlation of {pair} between users: of the deviations within an environment, of the effect "
-        "shared by all, and of the population of each environment.",
-        {"of": "Of", "environment": "Environment"},
-        _SIGN,
-    ),
-    _Table(
-        "prior",
-        "What the priors alone say, before any data: quantiles of the average and the next user, in {units}.",
-        {**_CELL, "kind": "Kind"},
-        _plain(3, **{f"q{percent}": f"{percent} %" for percent in (0.5, 5, 25, 50, 75, 95, 99.5)}),
-    ),
-)
+_HEADS = {
+    "elpd": "log density", "pareto_k": "Pareto index", "farther": "as far or farther", "p_value": "p",
+    "above": "probability of more", "value": "mean", "positive": "probability above 0",
+}  # fmt: skip
+#: What the messages above the tables say.
+_UNSHOWN = {"influential", "outlier", "unusual"}
 
 
 def checks(document: Record) -> Section | None:
@@ -159,28 +121,28 @@ def checks(document: Record) -> Section | None:
     record = document.get("checks")
     if not record:
         return None
-    tables = []
-    bayesian = record.get("loo") is not None
     pair = " and ".join(quantity.symbol for quantity in quantities_of(document).values())
-    for table in _TABLES:
-        rows: Any = reduce(lambda inner, step: inner and inner.get(step), table.steps.split("/"), record)
+    tables = []
+    for steps, caption in _CHECKS.items():
+        rows: Any = reduce(lambda inner, step: inner and inner.get(step), steps.split("/"), record)
         if rows:
-            caption = table.caption.format(units=units_said(document), pair=pair)
-            tables.append(
-                {**table._asdict(), "caption": caption, "pointer": f"/checks/{table.steps}", "rows": rows}
-            )
-    messages = _messages(record) if bayesian else []
-    values = {"messages": messages, "tables": tables, "bayesian": bayesian}
+            heads = {name: _HEADS.get(name, name) for name in rows[0] if name not in _UNSHOWN}
+            table = {"caption": caption.format(pair), "pointer": f"/checks/{steps}", "heads": heads}
+            tables.append({**table, "rows": rows})
+    bayesian = record.get("loo") is not None
+    values = {"messages": _messages(record) if bayesian else [], "tables": tables, "bayesian": bayesian}
     return Section("checks", "Checks of the model", values)
 
 
 def _messages(record: Record) -> list[str]:
-    messages = list(record["loo"]["messages"])
-    return messages + [
-        f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for "
-        "the model."
-        for row in record["statistics"]
-        if row["unusual"]
+    return [
+        *record["loo"]["messages"],
+        *(
+            f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for "
+            "the model."
+            for row in record["statistics"]
+            if row["unusual"]
+        ),
     ]
 
 

@@ -14,9 +14,8 @@ from percept.report.basis import (
     methods,
     provenance,
     skipped,
-    worst_curve,
 )
-from percept.report.interval_tables import intervals
+from percept.report.numbers import digits_of
 from percept.report.overview import summary
 from percept.report.select import (
     KINDS,
@@ -26,12 +25,15 @@ from percept.report.select import (
     array,
     distinct,
     each_by_itself,
+    families_of,
     family_of,
+    first,
     matching,
     ordered,
     pointed,
     quantities_of,
 )
+from percept.sessions.quantities import Quantity
 
 _SHAPES = {
     "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
@@ -52,6 +54,65 @@ def build_sections(document: Record) -> list[Section]:
         diagnostics, checks, data, methods, provenance, skipped,
     )  # fmt: skip
     return [section for build in order if (section := build(document)) is not None]
+
+
+def intervals(document: Record) -> Section | None:
+    """Return a matrix per quantity in the study's family, and what each interval covers."""
+    rows = pointed(document["intervals"], "/intervals")
+    if not rows:
+        return None
+    marginal, quantities = matching(rows, joint="marginal"), quantities_of(document)
+    names = distinct(marginal, "parameter")
+    matrices = [
+        _matrix(matching(marginal, parameter=name), families_of(document), quantities[name]) for name in names
+    ]
+    panels = [f"intervals_{name}" for name in names]
+    values = {"matrices": matrices, "panels": panels, "sentences": _sentences(rows)}
+    return Section("intervals", "Intervals of the adjustments", values)
+
+
+def _matrix(rows: list[Record], families: Sequence[str], quantity: Quantity) -> dict[str, Any]:
+    """Return a row per environment and a column per kind and method, in the first family each has."""
+    columns = [
+        {"kind": alike[0]["kind"], "method": alike[0]["method"]} for alike in _by_kind_and_method(rows)
+    ]
+    cells = {
+        name: [first(matching(rows, environment=name, **column), family=families) for column in columns]
+        for name in distinct(rows, "environment")
+    }
+    used = {cell["family"] for row in cells.values() for cell in row if cell}
+    return {
+        "title": quantity.head,
+        "parameter": rows[0]["parameter"],
+        "unit": rows[0]["unit"],
+        "family": ", else ".join(family for family in families if family in used),
+        "columns": columns,
+        "rows": [
+            {
+                "environment": name,
+                "reference": next(f"{cell['pointer']}/reference" for cell in row if cell),
+                "cells": [cell and {**cell, "digits": _digits(cell)} for cell in row],
+            }
+            for name, row in cells.items()
+        ],
+    }
+
+
+def _digits(cell: Record) -> list[int]:
+    return [digits_of(cell[end], cell["lower"], cell["upper"]) for end in ("lower", "upper")]
+
+
+def _sentences(rows: Sequence[Record]) -> list[dict[str, Any]]:
+    """Return what each kind and method covers, each sentence once, with what it holds for."""
+    found = []
+    for same in _by_kind_and_method(rows):
+        for covers in distinct(same, "covers"):
+            carried = matching(same, covers=covers)
+            alone = len(distinct(matching(same, family=carried[0]["family"]), "covers")) == 1
+            where = dict.fromkeys(f"{row['parameter']} of {row['environment']}" for row in carried)
+            families = sorted(distinct(carried, "family"), reverse=True)
+            found.append({**carried[0], "families": families, "where": [] if alone else list(where)})
+    return found
 
 
 def contrast(document: Record) -> Section | None:
@@ -97,8 +158,6 @@ def boundaries(document: Record) -> Section | None:
         "quantities": " and ".join(distinct(document["intervals"], "parameter")),
         "shapes": [{"name": name, "meaning": _SHAPES[name]} for name in ordered(_SHAPES, records, "shape")],
         "curves": [curves for name in names if (curves := _curves(document, name)) is not None],
-        "worst": worst_curve(records),
-        "errors": [row for row in pointed(records, "/boundaries") if row.get("error") is not None],
     }
     return Section("boundaries", "Realistic performance boundaries", values)
 
@@ -175,12 +234,10 @@ def _realism(records: list[dict[str, Any]], family: str) -> dict[str, Any] | Non
     ]
     rows = [
         {
-            "environment": environment,
-            "cells": [
-                next(iter(matching(kept, environment=environment, **column)), None) for column in columns
-            ],
+            "environment": name,
+            "cells": [first(matching(kept, environment=name, **column)) for column in columns],
         }
-        for environment in distinct(kept, "environment")
+        for name in distinct(kept, "environment")
     ]
     return {"family": family, "columns": columns, "rows": rows}
 

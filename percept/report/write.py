@@ -5,11 +5,10 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from percept.errors import UsageError
 from percept.files import filled_folder
-from percept.html import needed_browser, print_pdf
 from percept.report.document import build_document
 from percept.report.plain import dumps
 
@@ -25,7 +24,6 @@ def write_report(
     out_dir: str | Path,
     *,
     formats: Sequence[str] = ("svg",),
-    pdf: bool = False,
     why: bool = False,
     date: str | None = None,
     progress: Progress | None = None,
@@ -44,8 +42,6 @@ def write_report(
         Folder, made where it does not exist.
     formats : sequence of {"svg", "pdf", "png"}
         Of the figures' files; none: only those inside the page.
-    pdf : bool
-        Print the page to report.pdf too, by a Chromium of the machine.
     why : bool
         Say why the methods differ; samples the models between the two.
     date : str, optional
@@ -61,39 +57,39 @@ def write_report(
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written, a format is unknown, or no Chromium prints the PDF.
+        Where `out_dir` is a file or cannot be written, or a format is unknown.
     PerceptError
         What the study refuses.
     """
+    # `fit` needs none of these, and matplotlib is slow to import.
+    from percept.report.basis import bibtex
+    from percept.report.figures.from_document import drawings
+    from percept.report.figures.output import draw_all
+    from percept.report.page import render_page
+    from percept.report.tables import csv_tables
+
     step = progress or (lambda _: None)
     for form in formats:
         if form not in _FORMATS:
             raise UsageError(f"figures come as {', '.join(_FORMATS)}.", value=form)
-    if pdf:
-        needed_browser()
     with filled_folder(out_dir, last="report.html") as folder:
         step("results")
         document = build_document(study, why=why)
-        _write_document(folder / "report.json", document)
+        (folder / "report.json").write_text(dumps(document), encoding="utf-8")
         step("tables")
-        _write_tables(folder, document)
+        (folder / "tables").mkdir()
+        for name, text in csv_tables(document).items():
+            (folder / "tables" / name).write_text(text, encoding="utf-8")
+        (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
         if study.posterior is not None:
             step("posterior")
             study.posterior.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
         step("figures")
-        # The drawing library waits for whoever draws.
-        from percept.report.figures.from_document import drawings
-        from percept.report.figures.output import draw_all
-        from percept.report.page import render_page
-
         plots = draw_all(drawings(document), folder / "figures", formats=formats)
         step("page")
         files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
         page = render_page(document, plots, date=date or datetime.date.today().isoformat(), files=files)
         (folder / "report.html").write_text(page, encoding="utf-8")
-        if pdf:
-            step("pdf")
-            print_pdf(folder / "report.html", folder / "report.pdf")
     return Path(out_dir) / "report.html"
 
 
@@ -120,21 +116,8 @@ def write_fit(study: Study, out_dir: str | Path) -> Path:
         What the study refuses.
     """
     with filled_folder(out_dir, last="fit.json") as folder:
-        _write_document(folder / "fit.json", build_document(study, curves=False))
+        document = build_document(study, curves=False)
+        (folder / "fit.json").write_text(dumps(document), encoding="utf-8")
         if study.posterior is not None:
             study.posterior.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     return Path(out_dir) / "fit.json"
-
-
-def _write_document(path: Path, document: dict[str, Any]) -> None:
-    path.write_text(dumps(document), encoding="utf-8")
-
-
-def _write_tables(folder: Path, document: dict[str, Any]) -> None:
-    from percept.report.basis import bibtex
-    from percept.report.tables import csv_tables, latex_tables
-
-    (folder / "tables").mkdir()
-    for name, text in (csv_tables(document) | latex_tables(document)).items():
-        (folder / "tables" / name).write_text(text, encoding="utf-8")
-    (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")

@@ -26,6 +26,13 @@ _FLAGS = (
     "--remote-debugging-pipe",
 )
 _PATIENCE = 60.0
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+
+
+def find_browser() -> str | None:
+    """Path of a Chromium: that of PERCEPT_BROWSER, or the first on the path."""
+    named = os.environ.get("PERCEPT_BROWSER")
+    return next((path for name in ([named] if named else _NAMES) if (path := shutil.which(name))), None)
 
 
 def _high(pair: tuple[int, int]) -> tuple[int, int]:
@@ -168,6 +175,10 @@ class Tab:
         clip = {"x": 0, "y": 0, "width": size["width"], "height": height or size["height"], "scale": 1}
         answer = self._call("Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
         path.write_bytes(base64.b64decode(answer["data"]))
+
+    def pdf(self) -> bytes:
+        """The page as it prints."""
+        return base64.b64decode(self._call("Page.printToPDF")["data"])
 
     @property
     def complaints(self) -> list[str]:

@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.html import find_browser
 from percept.report import write_report
 
-from .browser import Browser, Tab
+from .browser import Browser, Tab, find_browser
 
 ROOT = Path(__file__).parents[2]
 

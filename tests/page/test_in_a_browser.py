@@ -210,11 +210,8 @@ def test_links_of_the_contents_lead_to_their_sections(open_tab):
     assert all(after - before <= 1 for before, after in pairwise(found))
 
 
-def test_the_printed_page_is_a_pdf_with_its_fonts(browser, page, tmp_path):
-    from percept.html import print_pdf
-
-    print_pdf(page, tmp_path / "page.pdf")
-    content = (tmp_path / "page.pdf").read_bytes()
+def test_the_printed_page_is_a_pdf_with_its_fonts(open_tab):
+    content = open_tab().pdf()
     assert content.startswith(b"%PDF")
     assert b"/FontFile2" in content
     assert b"/Type /Page\n" in content

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from percept.report.numbers import rounded
-from percept.report.tables import csv_tables, latex_tables
+from percept.report.tables import csv_tables
 
 from .conftest import DATASETS
 
@@ -65,44 +65,12 @@ def test_text_that_a_spreadsheet_would_run_is_neutralised(classical):
     assert {row["lower (N/m)"] for row in rows} == {"-inf"}
 
 
-def test_latex_shows_the_page_s_digits_and_escapes_names(classical):
-    document = copy.deepcopy(classical)
-    for row in document["intervals"]:
-        row["environment"] = row["environment"].replace("VE1", r"50%_{a}\b&c#$~^<|>")
-    text = latex_tables(document)["intervals_k.tex"]
-    assert "$10.808$ & $19.020$" in text
-    assert (
-        r"50\%\_\{a\}\textbackslash{}b\&c\#\$\textasciitilde{}\textasciicircum{}\textless{}\textbar{}\textgreater{}"
-        in text
-    )
-    body = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
-    assert {line.count(" & ") for line in body} == {6}
-    together = latex_tables(document)["intervals_k_bonferroni.tex"]
-    assert r"\label{tab:intervals-k}" in text
-    assert r"\label{tab:intervals-k-bonferroni}" in together
-    assert "widened so that stiffness and damping hold together" in together
-    assert "widened" not in text
-    assert "intervals_b.tex" in latex_tables(document)
-
-
-def test_latex_rules_span_the_limits_of_each_method(classical):
-    """Three columns of labels and counts stand before them."""
-    (rules,) = [line for line in latex_tables(classical)["intervals_k.tex"].splitlines() if "cmid" in line]
-    assert rules == r"\cmidrule(lr){4-5}\cmidrule(lr){6-7}"
-
-
 @pytest.mark.parametrize(("parameter", "unit"), [("k", "N/m"), ("b", "N·s/m")])
 def test_adjustments_are_in_the_units_of_their_heads(classical, parameter, unit):
     rows = rows_of(csv_tables(classical)[f"data_{parameter}.csv"])
     cells = [cell for cell in classical["data"]["cells"] if cell["parameter"] == parameter]
     for name in ("reference", "mean", "sd"):
         assert [float(row[f"{name} ({unit})"]) for row in rows] == [cell[name] for cell in cells]
-
-
-def test_latex_writes_powers_of_ten(classical):
-    document = copy.deepcopy(classical)
-    document["intervals"][0]["lower"] = 1.5e-9
-    assert r"$1.5000 \times 10^{-9}$" in latex_tables(document)["intervals_k.tex"]
 
 
 @pytest.mark.parametrize("name", ["intervals_k.csv", "intervals_b.csv", "band.csv", "boundaries.csv"])
