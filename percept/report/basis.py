@@ -135,14 +135,11 @@ def checks(document: Record) -> Section | None:
 
 
 def _messages(record: Record) -> list[str]:
-    return [
-        *record["loo"]["messages"],
-        *(
-            f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for "
-            "the model."
-            for row in record["statistics"]
-            if row["unusual"]
-        ),
+    unusual = (row for row in record["statistics"] if row["unusual"])
+    return record["loo"]["messages"] + [
+        f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for "
+        "the model."
+        for row in unusual
     ]
 
 

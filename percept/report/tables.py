@@ -10,7 +10,12 @@ import pandas as pd
 from percept.report.select import Record, matching, quantities_of
 from percept.sessions.read import neutralised
 
-_INTERVAL = ("environment", "kind", "method", "family", "joint", "level", "share", "confidence")
+_INTERVAL = (
+    "environment", "kind", "method", "family", "joint", "level", "share", "confidence", "lower", "upper",
+    "estimate", "reference", "n", "covers",
+)  # fmt: skip
+_DATA = ("environment", "n", "reference", "mean", "sd")
+_BAND = ("environment", "method", "kind", "family")
 _CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
 #: Columns in the unit of their table; heads name it.
 _IN_UNIT = (
@@ -20,20 +25,17 @@ _IN_UNIT = (
 
 def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
     """Return the tables of a document as CSV, by file name."""
-    band, tables = document["band"] or {"rows": ()}, {}
+    band, tables = (document["band"] or {"rows": ()})["rows"], {}
     for name, quantity in quantities_of(document).items():
-        if rows := matching(document["intervals"], parameter=name):
-            columns = (*_INTERVAL, "lower", "upper", "estimate", "reference", "n", "covers")
-            tables[f"intervals_{name}"] = _csv(rows, columns, quantity.unit)
-        if rows := matching(document["data"]["cells"], parameter=name):
-            columns = ("environment", "n", "reference", "mean", "sd")
-            tables[f"data_{name}"] = _csv(rows, columns, quantity.unit)
-        if rows := matching(band["rows"], parameter=name):
-            columns = ("environment", "method", "kind", "family", "reference", "band", "relative")
-            tables[f"band_{name}"] = _csv(rows, columns, quantity.unit)
-    if rows := matching(band["rows"], parameter=None):
-        columns = ("environment", "method", "kind", "family", "impedance", "band", "relative")
-        tables["band"] = _csv(rows, columns, "N·s/m")
+        for kind, records, columns in (
+            ("intervals", document["intervals"], _INTERVAL),
+            ("data", document["data"]["cells"], _DATA),
+            ("band", band, (*_BAND, "reference", "band", "relative")),
+        ):
+            if rows := matching(records, parameter=name):
+                tables[f"{kind}_{name}"] = _csv(rows, columns, quantity.unit)
+    if rows := matching(band, parameter=None):
+        tables["band"] = _csv(rows, (*_BAND, "impedance", "band", "relative"), "N·s/m")
     if document["boundaries"]:
         tables["boundaries"] = _curves(document["boundaries"])
     records = {
