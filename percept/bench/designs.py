@@ -163,10 +163,8 @@ def _kept(
     task: str, name: str, seed: int, out: str | Path | None, log: Callable[[str], None], *, run: bool = True
 ) -> dict[str, Any]:
     """Take the result of one process from the file of `out`, or run the process; empty without either."""
-    checkpoint: Checkpoint[dict[str, Any]] = Checkpoint(
-        Path(out) / "designs.jsonl" if out else None, f"{name} {task} {DESIGNS[name].plan}",
-        what="measured", pack=lambda result: result, unpack=dict,
-    )  # fmt: skip
+    file = Path(out) / "designs.jsonl" if out else None
+    checkpoint = Checkpoint(file, f"{name} {task} {DESIGNS[name].plan}", what="measured")
     kept = checkpoint.read(seed + 1)
     if seed not in kept and run:
         log(f"{name}, seed {seed}: {task}")

@@ -1,4 +1,4 @@
-"""Digits that means, SDs, tolerance factors and the density keep, and what direct formulas keep."""
+"""Digits that means, SDs, tolerance factors and the density keep."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from itertools import cycle, islice
-from statistics import median
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
@@ -51,11 +50,6 @@ class Digits:
         float | None,
         "Worst error over the promised one: the promise is kept up to 1. Empty without a promise.",
     ]
-    direct: Annotated[
-        float | None,
-        "Digits a direct formula keeps in doubles, in the median case: sums of squares, Woodbury's identity, "
-        "textbook impedances. Empty where there is no direct formula.",
-    ]
 
 
 def digits_of(error: float) -> float:
@@ -64,21 +58,12 @@ def digits_of(error: float) -> float:
 
 
 def digits_row(
-    quantity: str,
-    along: str,
-    at: str | float,
-    *,
-    errors: list[float],
-    direct: list[float] | None,
-    promise: float | None = None,
+    quantity: str, along: str, at: str | float, errors: list[float], promise: float | None = None
 ) -> Digits:
-    """One row of the table, from relative errors of percept and of the direct formula."""
+    """One row of the table, from the relative errors of its cases."""
     worst = max(errors)
-    return Digits(
-        quantity, along, at, len(errors), digits_of(worst),
-        None if promise is None else worst / promise,
-        None if direct is None else digits_of(median(direct)),
-    )  # fmt: skip
+    kept = None if promise is None else worst / promise
+    return Digits(quantity, along, at, len(errors), digits_of(worst), kept)
 
 
 # Means and SDs
@@ -120,27 +105,23 @@ def moment_digits(*, seed: int = 1) -> list[Digits]:
     rows = []
     for name, values in samples.items():
         moments = Moments.from_values(values)
-        direct_mean, direct_sd = _sums_of_squares([values])
         exact_mean = float(sum(map(Fraction, values.tolist()), Fraction(0)) / values.size)
-        rows.append(_moment_row("mean", name, moments.mean, exact_mean, direct_mean))
-        rows.append(_moment_row("SD", name, moments.sd, _exact_sd([values]), direct_sd))
+        rows.append(_moment_row("mean", name, moments.mean, exact_mean))
+        rows.append(_moment_row("SD", name, moments.sd, _exact_sd([values])))
     for which in range(1, 10):
         values, treatment, _ = small_large(which)
         groups = [values[treatment == index] for index in range(9)]
         within = subject_means(values, treatment).trial_sd
-        rows.append(
-            _moment_row("SD", f"SmLs0{which}", within, _exact_sd(groups), _sums_of_squares(groups)[1])
-        )
+        rows.append(_moment_row("SD", f"SmLs0{which}", within, _exact_sd(groups)))
     return rows
 
 
-def _moment_row(quantity: str, name: str, ours: Any, exact: float, direct: float) -> Digits:
-    errors = [
-        abs(value - exact) / abs(exact) if exact else 0.0 if value == exact else math.inf
-        for value in (float(ours), direct)
-    ]
-    promise = _ULPS * math.ulp(exact) / abs(exact) if exact else 1.0
-    return digits_row(quantity, "data set", name, errors=errors[:1], direct=errors[1:], promise=promise)
+def _moment_row(quantity: str, name: str, ours: Any, exact: float) -> Digits:
+    if exact:
+        error, promise = abs(float(ours) - exact) / abs(exact), _ULPS * math.ulp(exact) / abs(exact)
+    else:
+        error, promise = 0.0 if ours == exact else math.inf, 1.0
+    return digits_row(quantity, "data set", name, [error], promise)
 
 
 def _exact_sd(groups: list[Array]) -> float:
@@ -155,16 +136,6 @@ def _exact_sd(groups: list[Array]) -> float:
     variance = total / (sum(group.size for group in groups) - len(groups))
     with mpmath.workdps(60):
         return float(mpmath.sqrt(mpmath.mpf(variance.numerator) / variance.denominator))
-
-
-def _sums_of_squares(groups: list[Array]) -> tuple[float, float]:
-    """Mean, and SD about the groups' means, from sums of values and of their squares in doubles."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = np.array([group.sum() for group in groups])
-        squares = np.array([(group * group).sum() for group in groups])
-        size = np.array([group.size for group in groups])
-        left = (squares - total * total / size).sum() / (size.sum() - len(groups))
-        return float(total.sum() / size.sum()), float(np.sqrt(left))
 
 
 # Tolerance factors
@@ -186,8 +157,7 @@ def tolerance_digits(
     for along, at, (n, beta, alpha) in factors:
         factor = float(factor_of_tails(n, beta, alpha))
         exact = exact_factor(n, beta, alpha, near=factor)
-        errors = [float(abs(factor - exact) / exact)]
-        rows.append(digits_row("tolerance factor", along, at, errors=errors, direct=None))
+        rows.append(digits_row("tolerance factor", along, at, [float(abs(factor - exact) / exact)]))
     return rows
 
 
@@ -257,17 +227,12 @@ def density_digits(
     for case in _cases():
         if along and case.along not in along:
             continue
-        errors, direct = [], []
+        errors = []
         for _ in range(draws):
             response = case.offset + 0.3 * rng.standard_normal((case.subjects, _ENVIRONMENTS, _TRIALS, 2))
             exact = twin.exact(response, x, case.levels)
             errors.append(_density_error((formula or collapsed)(response, x, case.levels), exact))
-            direct.append(_density_error(twin.woodbury(response, x, case.levels), exact))
-        rows.append(
-            digits_row(
-                "log density", case.along, case.at, errors=errors, direct=direct, promise=DENSITY_PROMISE
-            )
-        )
+        rows.append(digits_row("log density", case.along, case.at, errors, DENSITY_PROMISE))
     return rows
 
 

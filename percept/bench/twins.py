@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any, TypeAlias
 
@@ -42,10 +42,8 @@ def exact(response: Array, x: Array, levels: Levels) -> Number:
     import mpmath
 
     with mpmath.workdps(DIGITS):
-        subjects = len(response)
-        covariance, design = (
-            mpmath.matrix(rows) for rows in _model(response.shape[1:3], x, levels, mpmath.mpf)
-        )
+        subjects, environments, trials, _ = response.shape
+        covariance, design = _model(environments, trials, x, levels)
         columns = [[mpmath.mpf(value) for value in row] for row in response.reshape(subjects, -1).T.tolist()]
         size = len(columns)
         total = mpmath.matrix([mpmath.fsum(column) for column in columns])
@@ -63,52 +61,28 @@ def exact(response: Array, x: Array, levels: Levels) -> Number:
         return -(distance + log_determinant + subjects * size * mpmath.log(2 * mpmath.pi)) / 2
 
 
-def woodbury(response: Array, x: Array, levels: Levels) -> float:
-    """Evaluate the same formula in doubles; NaN where a matrix is singular."""
-    values = response.reshape(len(response), -1)
-    model = _model(response.shape[1:3], x, levels, float)
-    covariance: Array = np.array(model[0])
-    design: Array = np.array(model[1])
-    subjects = len(values)
-    try:
-        with np.errstate(all="ignore"):
-            pull = design.T @ np.linalg.inv(covariance)
-            inner = np.eye(design.shape[1]) + subjects * pull @ design
-            right = pull @ values.sum(axis=0)
-            distance = np.vdot(np.linalg.inv(covariance), values.T @ values)
-            distance -= right @ np.linalg.solve(inner, right)
-            log_determinant = subjects * np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(inner)[1]
-    except np.linalg.LinAlgError:
-        return float("nan")
-    return float(-0.5 * (distance + log_determinant + values.size * np.log(2.0 * np.pi)))
-
-
-def _model(
-    shape: tuple[int, ...], x: Array, levels: Levels, number: type[Any]
-) -> tuple[list[list[Number]], list[list[Number]]]:
+def _model(environments: int, trials: int, x: Array, levels: Levels) -> tuple[Number, Number]:
     """Covariance of one subject's values about the locations, and the columns of the locations' factor."""
-    environments, trials = shape
-    rho = number(1) - number(levels.rest)
-    between, shared, trial, tau = (
-        number(sd) for sd in (levels.between, levels.shared, levels.trial, levels.tau)
-    )
-    places = [(j, r, p) for j in range(environments) for r in range(trials) for p in range(2)]
+    import mpmath
+
+    between, shared, trial, tau, rest = (mpmath.mpf(value) for value in dataclasses.astuple(levels))
+    rows = [(j, r, p) for j in range(environments) for r in range(trials) for p in range(2)]
     covariance = [
         [
-            (number(1) if p == q else rho)
-            * (shared**2 + (j == h) * between**2 + ((j, r) == (h, s)) * trial**2)
-            for h, s, q in places
+            (1 if p == q else 1 - rest) * (shared**2 + (j == h) * between**2 + ((j, r) == (h, s)) * trial**2)
+            for h, s, q in rows
         ]
-        for j, r, p in places
+        for j, r, p in rows
     ]
-    zero = number(0)
-    design = []
-    for j, _, p in places:
-        row = [number(_ALPHA_SD) if p == q else zero for q in range(2)]
-        row += [number(_GAMMA_SD) * number(float(x[p, j])) if p == q else zero for q in range(2)]
-        row += [tau if (j, p) == (h, q) else zero for h in range(environments) for q in range(2)]
-        design.append(row)
-    return covariance, design
+    design = [
+        [
+            *((p == q) * mpmath.mpf(_ALPHA_SD) for q in range(2)),
+            *((p == q) * mpmath.mpf(_GAMMA_SD) * mpmath.mpf(float(x[p, j])) for q in range(2)),
+            *(((j, p) == (h, q)) * tau for h in range(environments) for q in range(2)),
+        ]
+        for j, _, p in rows
+    ]
+    return mpmath.matrix(covariance), mpmath.matrix(design)
 
 
 # The haptics formulas
@@ -119,10 +93,10 @@ def is_nyquist(theta: float) -> bool:
     return abs(theta - np.pi) <= 4 * np.spacing(np.pi)
 
 
-def errors_over_condition(
-    computed: Sequence[complex], exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
-) -> list[float]:
-    """Return relative errors over max(1, condition of `exact` in its inputs)."""
+def error_over_condition(
+    computed: complex, exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
+) -> float:
+    """Return the relative error over max(1, condition of `exact` in its inputs)."""
     import mpmath
 
     with mpmath.workdps(DIGITS):
@@ -132,30 +106,18 @@ def errors_over_condition(
         value = exact(_point(precise, mpmath))
         size = mpmath.mpf(abs(value))
         if size > _EVERYTHING:
-            return [0.0 if np.isinf(one) else float("inf") for one in computed]
+            return 0.0 if np.isinf(computed) else float("inf")
         if size < _NOTHING:
-            return [0.0 if abs(one) < _NOTHING else float("inf") for one in computed]
+            return 0.0 if abs(computed) < _NOTHING else float("inf")
+        if not np.isfinite(computed):
+            return float("inf")
         total = mpmath.mpf(0)
         for key, number in precise.items():
             if number == 0 or (at_nyquist and key in ("omega", "period")):
                 continue
             moved = exact(_point({**precise, key: number * (1 + mpmath.mpf(_STEP))}, mpmath))
             total += abs(moved - value) / mpmath.mpf(_STEP)
-        allowed = size * max(mpmath.mpf(1), total / size)
-        return [
-            float(abs(mpmath.mpmathify(one) - value) / allowed) if np.isfinite(one) else float("inf")
-            for one in computed
-        ]
-
-
-def in_doubles(exact: Formula, inputs: Mapping[str, float]) -> complex:
-    """Evaluate a formula as it stands in double precision; NaN where it divides by zero or overflows."""
-    import mpmath
-
-    try:
-        return complex(exact(_point(inputs, mpmath.fp)))
-    except (ArithmeticError, ValueError):
-        return complex(np.nan)
+        return float(abs(mpmath.mpmathify(computed) - value) / max(size, total))
 
 
 def limit_error_over_condition(stiffness: float, device: float, coupling: float, period: float) -> float:

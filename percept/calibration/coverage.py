@@ -8,7 +8,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.calibration.judge import EACH, CoveragePlan, Judgement, judge_study
+from percept.calibration.judge import EACH, LABELS, CoveragePlan, judge_study
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
 from percept.files import write_whole
@@ -27,10 +27,10 @@ from percept.study.intervals import cell_moments, known_moments
 from percept.study.responses import refuse_no_ratio
 from percept.workers import Mapper
 
-_Group = tuple[str, str, str, str, str, str]
 #: Studies needed of the Bayesian and of the classical method, under either truth, before any is recommended.
 STUDIES = 300, 10_000
 FILE, TRUTH = "advice.csv", "truth.json"
+_COUNTED = ["subjects", "truth", "stated", "held", "error", "studies"]
 #: Standard errors by which coverage must miss the stated level to count as below it.
 _ERRORS = 2.0
 _USERS = "users of the fitted model", "normal users"
@@ -146,24 +146,6 @@ def plan_like(study: Study, subjects: int | None = None, **changes: Any) -> Cove
     )
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """How often a claim held, over simulated studies."""
-
-    claim: str  # These six as in `Judgement`
-    kind: str
-    method: str
-    family: str
-    joint: str
-    shape: str
-    subjects: int  # Per study
-    truth: str  # Distribution of the simulated users
-    stated: float | None  # What is claimed: level, or confidence for kind share
-    held: float  # Mean over studies of the share that held
-    error: float  # Its standard error, by the scatter over studies
-    studies: int  # How many
-
-
 def coverage(
     plan: CoveragePlan,
     studies: int,
@@ -172,45 +154,39 @@ def coverage(
     checkpoint: str | os.PathLike[str] | None = None,
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> list[Coverage]:
+) -> pd.DataFrame:
     """Simulate and judge studies, and average; after `seconds` no more are begun."""
     if studies < 2:
         raise UsageError("a standard error needs at least two studies.", key="studies", value=studies)
-    kept: Checkpoint[list[Judgement]] = Checkpoint(
-        checkpoint,
-        plan.key,
-        what="judged",
-        pack=lambda judged: {"judged": [asdict(one) for one in judged]},
-        unpack=lambda line: [Judgement(**one) for one in line["judged"]],
-    )
     judge = functools.partial(judge_study, plan)
-    judged = kept.complete(judge, studies, mapper=mapper, seconds=seconds, progress=progress)
-    return averaged(plan, judged)
+    kept = Checkpoint(checkpoint, plan.key, what="judged")
+    return averaged(plan, kept.complete(judge, studies, mapper=mapper, seconds=seconds, progress=progress))
 
 
-def averaged(plan: CoveragePlan, judged: list[list[Judgement]]) -> list[Coverage]:
-    """Average what became of each claim over studies; one withheld or refused counts among all of them."""
-    groups: dict[_Group, list[float]] = {}
-    for study in judged:
-        for one in study:
-            key = (one.claim, one.kind, one.method, one.family, one.joint, one.shape)
-            groups.setdefault(key, []).append(one.held)
+def averaged(plan: CoveragePlan, judged: list[dict[str, Any]]) -> pd.DataFrame:
+    """Average what became of each claim over studies; one withheld or refused counts among all of them.
+
+    `stated` is the level, or the confidence for kind share; `held` the mean fraction that was true.
+    """
+    claims = pd.DataFrame([row for study in judged for row in study["judged"]], columns=[*LABELS, "held"])
     rows = []
-    for key, values in groups.items():
-        failed = key[0] in ("withheld", "refused")
-        held = np.array(values + [0.0] * (len(judged) - len(values)) if failed else values)
+    for labels, group in claims.groupby(LABELS, sort=False):
+        held, named = group["held"].to_numpy(), dict(zip(LABELS, labels, strict=True))
+        stated = plan.confidence if named["kind"] == "share" else plan.level
+        if named["claim"] in ("withheld", "refused"):
+            held, stated = np.append(held, np.zeros(len(judged) - held.size)), math.nan
         rows.append(
-            Coverage(
-                *key,
-                subjects=plan.subjects,
-                truth=plan.truth,
-                stated=None if failed else plan.confidence if key[1] == "share" else plan.level,
-                held=float(held.mean()),
-                error=standard_error(held),
-                studies=held.size,
-            )
+            {
+                **named,
+                "subjects": plan.subjects,
+                "truth": plan.truth,
+                "stated": stated,
+                "held": float(held.mean()),
+                "error": standard_error(held),
+                "studies": held.size,
+            }
         )
-    return rows
+    return pd.DataFrame(rows, columns=[*LABELS, *_COUNTED])
 
 
 def standard_error(held: NDArray[np.float64]) -> float:
@@ -226,20 +202,21 @@ def standard_error(held: NDArray[np.float64]) -> float:
     return float(np.sqrt(rate * (1.0 - rate) / (held.size + 1.0)))
 
 
-def coverage_markdown(rows: list[Coverage]) -> str:
+def coverage_markdown(rows: pd.DataFrame) -> str:
     """Write coverage as a table in Markdown: each figure with its standard error, in per cent."""
     lines = [
         "| claim | kind | method | family | joint | shape | users | n | stated | real | ± | studies |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for row in rows:
-        stated = "" if row.stated is None else f"{100 * row.stated:g} %"
-        error = "–" if math.isnan(row.error) else f"{100 * row.error:.2f}"
+    for row in rows.to_dict("records"):
         cells = [
-            row.claim, row.kind, row.method, row.family, row.joint, row.shape, row.truth, str(row.subjects),
-            stated, f"{100 * row.held:.2f} %", error, str(row.studies),
-        ]  # fmt: skip
-        lines.append("| " + " | ".join(cells) + " |")
+            *(row[name] for name in (*LABELS, "truth", "subjects")),
+            "" if math.isnan(row["stated"]) else f"{100 * row['stated']:g} %",
+            f"{100 * row['held']:.2f} %",
+            "–" if math.isnan(row["error"]) else f"{100 * row['error']:.2f}",
+            row["studies"],
+        ]
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -261,18 +238,18 @@ def gather(
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
     """Simulate studies of each plan until enough are judged by either method; a row per interval."""
-    rows: list[dict[str, object]] = []
+    tables = []
     for plan, users in zip(plans, _USERS, strict=False):
         for method, wanted in zip(_METHODS, studies, strict=True):
             asked = plan if method == "bayesian" else replace(plan, method="classical")
-            tried, found = wanted, list[Coverage]()
+            tried, fewest = wanted, 0
             # Normal users below zero leave no lognormal fit: more studies make up for those.
-            while min((row.studies for row in found), default=0) < wanted and tried <= max(studies):
-                every = coverage(asked, tried, mapper=mapper, checkpoint=checkpoint, progress=progress)
-                found = [row for row in every if row.method == method and row.kind == "user"]
-                tried *= 2
-            rows += [{"plan": plan.key, "users": users, **asdict(row)} for row in found]
-    return pd.DataFrame(rows)
+            while fewest < wanted and tried <= max(studies):
+                rows = coverage(asked, tried, mapper=mapper, checkpoint=checkpoint, progress=progress)
+                rows = rows[(rows["method"] == method) & (rows["kind"] == "user")]
+                tried, fewest = 2 * tried, rows["studies"].min() if len(rows) else 0
+            tables.append(rows.assign(plan=plan.key, users=users))
+    return pd.concat(tables)
 
 
 def recommend(

@@ -5,11 +5,10 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
@@ -29,7 +28,6 @@ from percept.simulate.model import (
     simulate,
 )
 from percept.study import Study
-from percept.study.prediction import predict
 from percept.study.regions import displayable
 
 Array = NDArray[np.float64]
@@ -39,9 +37,10 @@ _USERS = 200
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
 #: Claims of a plan that judges each interval by itself.
 EACH = "{parameter} in {environment}"
-_LABELS = ("kind", "method", "family", "joint", "shape")
-_Labels = tuple[str, str, str, str, str]
-_Held = tuple[str, _Labels, float]
+#: What tells the claims of one study apart: what is claimed, and of which interval or boundary.
+LABELS = ["claim", "kind", "method", "family", "joint", "shape"]
+#: Labels of a claim, and for which fraction of users and frequencies it was true.
+_Held = tuple[tuple[str, ...], float]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -49,7 +48,6 @@ class CoveragePlan:
     """Studies to simulate, and how to analyse each."""
 
     references: tuple[tuple[float, ...], ...]  # Of `parameters`, in the environments tested
-    held_out: tuple[float, float] | None = None  # An environment to predict, from priors only
     environments: tuple[str, ...] = ()  # Their names; VE1, VE2, … where there are none
     subjects: int = 10  # Per study
     trials: tuple[tuple[int, ...], ...] | None = None  # Of each subject in each environment; one where None
@@ -75,13 +73,12 @@ class CoveragePlan:
             raise UsageError("a coverage study needs at least two environments.", value=len(self.references))
         if self.subjects < 2:
             raise UsageError("a coverage study needs at least two subjects.", value=self.subjects)
-        if self.values is not None and self.held_out is not None:
-            raise UsageError("an environment held out can be drawn from the prior only.")
 
     @property
     def key(self) -> str:
         """A digest that tells results of different plans apart."""
-        record = dataclasses.asdict(self)
+        # Kept studies were counted when a plan could hold an environment out.
+        record = dataclasses.asdict(self) | {"held_out": None}
         if self.parameters == PARAMETERS:
             # Studies of stiffness and damping that are kept were counted before there were others.
             del record["parameters"], record["quantities"]
@@ -97,19 +94,6 @@ class CoveragePlan:
         }
         cells = {name: np.array(value) for name, value in self.values.items() if name != "hyper"}
         return TrueValues(hyper=Hyperparameters(**hyper), **cells)
-
-
-@dataclasses.dataclass(frozen=True)
-class Judgement:
-    """What became of one claim in one study."""
-
-    claim: str
-    kind: str  # Of the interval or boundary, as the next four
-    method: str
-    family: str
-    joint: str
-    shape: str
-    held: float  # Share of the environments and parameters (and users, frequencies) for which it was true
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -163,62 +147,61 @@ class Population:
         return self.native(rng.multivariate_normal(self.mean, self.covariance, count, method="eigh"))
 
 
-def judge_study(plan: CoveragePlan, index: int) -> list[Judgement]:
-    """Simulate study number `index` of a plan, analyse it, and judge every claim."""
+def judge_study(plan: CoveragePlan, index: int) -> dict[str, Any]:
+    """Simulate study number `index` of a plan, analyse it, and judge every claim: a row each in `judged`."""
     rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(index,)))
     study, populations = _simulated(plan, rng)
-    found, refused = [], Judgement("refused", "", "bayesian", plan.family, "", "", 1.0)
+
+    def lost(claim: str) -> dict[str, Any]:
+        return dict(zip((*LABELS, "held"), (claim, "", "bayesian", plan.family, "", "", 1.0), strict=True))
+
+    rows = []
     try:
         if study.fit is None and plan.method != "classical":
-            found.append(refused)
+            rows.append(lost("refused"))
         elif study.fit is not None and not study.fit.run.gate.passed:
-            found.append(Judgement("withheld", "", "bayesian", plan.family, "", "", 1.0))
+            rows.append(lost("withheld"))
     except RefusalError:
+        rows.append(lost("refused"))
         if plan.method == "bayesian":
-            return [refused]
-        found.append(refused)
+            return {"judged": rows}
         study = Study(study.sessions, study.scene.with_inference(method="classical"))
-    users = dict(zip(study.environments, populations, strict=False))
-    held: dict[tuple[str, _Labels], list[float]] = {}
-    for claim, labels, share in _claims(plan, study, users, populations[-1], rng):
-        held.setdefault((claim, labels), []).append(share)
+    users = dict(zip(study.environments, populations, strict=True))
+    held: dict[tuple[str, ...], list[float]] = {}
+    for labels, fraction in _claims(plan, study, users, rng):
+        held.setdefault(labels, []).append(fraction)
     # Environments and parameters of one study are not independent: a study is one observation.
-    return found + [
-        Judgement(claim, *labels, held=float(np.mean(shares))) for (claim, labels), shares in held.items()
+    rows += [
+        {**dict(zip(LABELS, labels, strict=True)), "held": float(np.mean(fractions))}
+        for labels, fractions in held.items()
     ]
+    return {"judged": rows}
 
 
 def _claims(
-    plan: CoveragePlan,
-    study: Study,
-    users: dict[str, Population],
-    last: Population,
-    rng: np.random.Generator,
+    plan: CoveragePlan, study: Study, users: dict[str, Population], rng: np.random.Generator
 ) -> Iterator[_Held]:
-    """Yield each claim of a study, its labels, and the share for which it was true."""
+    """Yield each claim of a study, and how far it was true."""
+    intervals = study.intervals
     if plan.each:
-        paper = "joint == 'marginal' and (method == 'bayesian' or family == 'normal')"
-        yield from _held_intervals(EACH, study.intervals.query(paper), users)
-        return
-    yield from _held_intervals("interval", study.intervals, users)
-    if plan.parameters == PARAMETERS:
-        yield from _held_boundaries("boundary", study.boundaries, users, study, rng)
-    if plan.held_out is not None and study.fit is not None and study.fit.run.gate.passed:
-        k, b = plan.held_out
-        predicted = predict(study, stiffness=k, damping=b)
-        users = {predicted.environment: last}
-        yield from _held_intervals("prediction", predicted.intervals, users)
-        yield from _held_boundaries("predicted boundary", predicted.boundaries, users, study, rng)
+        intervals = intervals.query("joint == 'marginal' and (method == 'bayesian' or family == 'normal')")
+    for row in intervals.to_dict("records"):
+        cell = {name: row[name] for name in ("environment", "parameter")}
+        claim = EACH.format(**cell) if plan.each else "interval"
+        yield _labels(claim, row), interval_held(row, users[row["environment"]])
+    if plan.parameters == PARAMETERS and not plan.each:
+        yield from _held_boundaries(study.boundaries, users, study, rng)
 
 
 def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, list[Population]]:
-    tested = np.array(plan.references)
-    every = tested if plan.held_out is None else np.vstack([tested, plan.held_out])
-    trials = np.ones((plan.subjects, len(every)), int) if plan.trials is None else np.array(plan.trials)
-    design = Design(every, trials, plan.parameters, plan.environments)
-    truth = plan.true_values() or _from_prior(design, tested, rng)
+    """Simulate one study, and give the users of each of its environments."""
+    references = np.array(plan.references)
+    trials = np.ones((plan.subjects, len(references)), int) if plan.trials is None else np.array(plan.trials)
+    design = Design(references, trials, plan.parameters, plan.environments)
+    truth = plan.true_values()
+    if truth is None:
+        truth = draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
     table = simulate(truth, design, rng, family=plan.truth)
-    kept = table[table["environment"].isin(design.environments[: len(tested)])]
     lower, upper, points = plan.frequencies
     device = {"mass": plan.device[0], "damping": plan.device[1], "period": plan.period}
     scene = Scene.from_tables(
@@ -242,7 +225,7 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
     cov = truth.cov_u + truth.cov_w + (0.0 if design.repeated else truth.cov_e)
     populations = [
         Population(plan.truth, reference, beta, of_one, plan.parameters)
-        for reference, beta, of_one in zip(every, truth.beta, cov, strict=True)
+        for reference, beta, of_one in zip(references, truth.beta, cov, strict=True)
     ]
     # Declared units: a true median far from its reference is no slip of the unit.
     units = {
@@ -252,28 +235,11 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
         if scene.quantities[name].unit
     }
     options = ReadOptions(quantities=scene.quantities, columns=units)
-    return Study(Sessions.from_frame(kept.drop(columns="source"), options=options), scene), populations
+    return Study(Sessions.from_frame(table.drop(columns="source"), options=options), scene), populations
 
 
-def _from_prior(design: Design, tested: Array, rng: np.random.Generator) -> TrueValues:
-    """Draw from the priors as the analysis knows them: decades about the tested references only."""
-    hyper = draw_hyperparameters(design, Priors(), rng)
-    shift = np.log10(design.references).mean(axis=0) - np.log10(tested).mean(axis=0)
-    about_all = dataclasses.replace(
-        hyper, alpha=hyper.alpha + hyper.gamma * shift, s=hyper.s * np.exp(hyper.kappa * shift)
-    )
-    return draw_environments(about_all, design, rng)
-
-
-def _held_intervals(claim: str, table: pd.DataFrame, users: dict[str, Population]) -> Iterator[_Held]:
-    for row in table.to_dict("records"):
-        cell = {name: row[name] for name in ("environment", "parameter")}
-        yield claim.format(**cell), _labels(row), interval_held(row, users[row["environment"]])
-
-
-def _labels(of: dict[Any, Any]) -> _Labels:
-    kind, method, family, joint, shape = (str(of.get(name, "")) for name in _LABELS)
-    return kind, method, family, joint, shape
+def _labels(claim: str, of: dict[Any, Any]) -> tuple[str, ...]:
+    return claim, *(str(of.get(name, "")) for name in LABELS[1:])
 
 
 def interval_held(row: dict[Any, Any], users: Population) -> float:
@@ -286,11 +252,7 @@ def interval_held(row: dict[Any, Any], users: Population) -> float:
 
 
 def _held_boundaries(
-    claim: str,
-    boundaries: tuple[Boundary, ...],
-    populations: dict[str, Population],
-    study: Study,
-    rng: np.random.Generator,
+    boundaries: Iterable[Boundary], populations: dict[str, Population], study: Study, rng: np.random.Generator
 ) -> Iterator[_Held]:
     table = study.scene.device
     assert table is not None
@@ -307,6 +269,5 @@ def _held_boundaries(
             boundary.omega[:, None], study.device, points[:, 0], points[:, 1], table.period
         )
         inside = (boundary.lower[:, None] <= curves) & (curves <= boundary.upper[:, None])
-        labels = _labels(vars(boundary))
-        yield f"{claim} at an omega", labels, float(inside.mean())
-        yield f"{claim} throughout", labels, float(inside.all(axis=0).mean())
+        yield _labels("boundary at an omega", vars(boundary)), float(inside.mean())
+        yield _labels("boundary throughout", vars(boundary)), float(inside.all(axis=0).mean())

@@ -88,16 +88,11 @@ class SbcPlan:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-@dataclasses.dataclass(frozen=True)
-class Placed:
-    """Where the true values of one study lie in its posterior."""
+def place_study(plan: SbcPlan, index: int) -> dict[str, Any]:
+    """Simulate study `index` of a plan, fit it and place its true values.
 
-    reason: str  # Why there is nothing: what the gate said, or the refusal
-    values: dict[str, float]
-
-
-def place_study(plan: SbcPlan, index: int) -> Placed:
-    """Simulate study `index` of a plan, fit it and place its true values."""
+    `values` are none where there is a `reason`: what the gate said, or the refusal.
+    """
     design = SBC_DESIGNS[plan.design]
     own = np.random.SeedSequence(plan.seed, spawn_key=(list(SBC_DESIGNS).index(plan.design), index))
     truth_seed, run_seed, draw_seed = own.spawn(3)
@@ -124,10 +119,11 @@ def place_study(plan: SbcPlan, index: int) -> Placed:
     try:
         run = sample(model, IntervalEstimands(model, kinds=("mean", "user")), settings)
     except RefusalError as refusal:
-        return Placed(str(refusal), {})
+        return {"reason": str(refusal), "values": {}}
     if not run.gate.passed:
-        return Placed(" ".join(run.gate.reasons), {})
-    return Placed("", places(plan, model, run, truth, user.T.ravel(), np.random.default_rng(draw_seed)))
+        return {"reason": " ".join(run.gate.reasons), "values": {}}
+    values = places(plan, model, run, truth, user.T.ravel(), np.random.default_rng(draw_seed))
+    return {"reason": "", "values": values}
 
 
 class _WithoutJacobian(Pooled):

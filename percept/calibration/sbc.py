@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from percept.calibration.placing import FAULTS, SBC_DESIGNS, Placed, SbcPlan, place_study
+from percept.calibration.placing import FAULTS, SBC_DESIGNS, SbcPlan, place_study
 from percept.calibration.studies import Checkpoint
 from percept.errors import UsageError
 from percept.provenance import Made
@@ -125,20 +125,13 @@ def calibrate(
     """Simulate, fit and judge studies of one design."""
     if fits < 1:
         raise UsageError("a calibration needs at least one study.", key="fits", value=fits)
-    kept: Checkpoint[Placed] = Checkpoint(
-        checkpoint,
-        plan.key,
-        what="placed",
-        pack=dataclasses.asdict,
-        unpack=lambda line: Placed(line["reason"], dict(line["values"])),
-    )
-    place = functools.partial(place_study, plan)
+    place, kept = functools.partial(place_study, plan), Checkpoint(checkpoint, plan.key, what="placed")
     return judge_places(plan, kept.complete(place, fits, mapper=mapper, seconds=seconds, progress=progress))
 
 
-def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
+def judge_places(plan: SbcPlan, placed: list[dict[str, Any]]) -> Calibration:
     """Judge all quantities of a design together."""
-    passed = [one.values for one in placed if not one.reason]
+    passed = [one["values"] for one in placed if not one["reason"]]
     names = list(passed[0]) if passed else []
     band = ecdf_band(len(passed), plan.bins, ERROR / max(len(names), 1))
     return Calibration(
@@ -146,7 +139,7 @@ def judge_places(plan: SbcPlan, placed: list[Placed]) -> Calibration:
         fault=plan.fault,
         fits=len(placed),
         failed=len(placed) - len(passed),
-        reasons=tuple(dict.fromkeys(one.reason for one in placed if one.reason)),
+        reasons=tuple(dict.fromkeys(one["reason"] for one in placed if one["reason"])),
         error=ERROR,
         tail=band.tail,
         lower=tuple(band.lower.tolist()),

@@ -7,33 +7,24 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from percept.errors import RefusalError, UsageError
 from percept.files import exclusive
 from percept.workers import Mapper, in_process
 
-Result = TypeVar("Result")
 # How every line starts: what is left of one cut short is told from a file of something else.
 _START = '{"plan": "'
 
 
-class Checkpoint(Generic[Result]):
+class Checkpoint:
     """A file of JSON lines, one per study of a plan; lines of other plans stand beside them."""
 
-    def __init__(
-        self,
-        path: str | os.PathLike[str] | None,
-        plan: str,
-        *,
-        what: str,
-        pack: Callable[[Result], Mapping[str, Any]],
-        unpack: Callable[[Mapping[str, Any]], Result],
-    ) -> None:
+    def __init__(self, path: str | os.PathLike[str] | None, plan: str, *, what: str) -> None:
         self._path = None if path is None else Path(path)
-        self._plan, self._what, self._pack, self._unpack = plan, what, pack, unpack
+        self._plan, self._what = plan, what
 
-    def read(self, studies: int) -> dict[int, Result]:
+    def read(self, studies: int) -> dict[int, dict[str, Any]]:
         """Read the results of the plan's first studies by index; cut off a last line that is not whole."""
         if self._path is None or not self._path.exists():
             return {}
@@ -42,31 +33,34 @@ class Checkpoint(Generic[Result]):
         results = {}
         for row, line in enumerate(lines, start=1):
             try:
-                values = json.loads(line)
-                if values["plan"] == self._plan and int(values["index"]) < studies:
-                    results[int(values["index"])] = self._unpack(values)
-            except (ValueError, KeyError, TypeError) as error:
+                result = json.loads(line)
+                plan, index = result.pop("plan"), int(result.pop("index"))
+            except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise self._strange(row) from error
+            if not result:
+                raise self._strange(row)
+            if plan == self._plan and index < studies:
+                results[index] = result
         return results
 
-    def append(self, index: int, result: Result) -> None:
+    def append(self, index: int, result: Mapping[str, Any]) -> None:
         """Write the result of study `index` behind the others."""
         if self._path is None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        line = {"plan": self._plan, "index": index, **self._pack(result)}
+        line = {"plan": self._plan, "index": index, **result}
         with exclusive(self._path.parent), self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")
 
     def complete(
         self,
-        study: Callable[[int], Result],
+        study: Callable[[int], dict[str, Any]],
         studies: int,
         *,
         mapper: Mapper | None = None,
         seconds: float | None = None,
         progress: Callable[[int, int], None] | None = None,
-    ) -> list[Result]:
+    ) -> list[dict[str, Any]]:
         """Return the results of all studies, those not kept yet by calling `study` on the workers.
 
         After `seconds` no further study is started. Studies that end in an error are told together, when

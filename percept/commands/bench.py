@@ -112,14 +112,6 @@ def _bench(module: str, name: str) -> Any:
     return getattr(importlib.import_module(f"percept.bench.{module}"), name)
 
 
-def _published() -> Any:
-    """Study of the simulated sessions like the published ones."""
-    from percept import Scene, Study, read_sessions
-    from percept.reproduce.published import dataset
-
-    return Study(read_sessions(dataset("hbfd_sessions.csv")), Scene.load(dataset("hbfd.toml")))
-
-
 def _digits(arguments: argparse.Namespace) -> list[Any]:
     import mpmath  # noqa: F401 - missing, it is named before anything is worked out
 
@@ -132,7 +124,6 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "designs": lambda given: _bench("designs", "design_costs")(
         given.rows, seeds=given.seeds or (1, 2, 3), peer=given.peer, out=given.out, log=_log
     ),
-    "propagation": lambda _: _bench("propagation", "study_propagation")(_published()),
     "digits": _digits,
     "skipping": lambda _: _bench("skipping", "skipping_cost")(),
     "growth": lambda _: _bench("growth", "growth")(log=_log),

@@ -134,7 +134,6 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
 
 def _calibrate(arguments: argparse.Namespace) -> None:
     """Write DIR/coverage.md and DIR/coverage.csv; an interrupted run goes on from DIR/judged.jsonl."""
-    import dataclasses
     import time
 
     import pandas as pd
@@ -167,8 +166,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             left = None if stop is None else (stop - time.monotonic()) / (len(plans) - done)
             classical = arguments.classical if plan.method == "classical" else None
             studies = arguments.studies if classical is None else classical
-            rows += coverage(plan, studies, checkpoint=out / "judged.jsonl", seconds=left, **shared)
-    rows.sort(key=lambda row: (row.truth, row.subjects))
+            rows.append(coverage(plan, studies, checkpoint=out / "judged.jsonl", seconds=left, **shared))
+    table = pd.concat(rows).sort_values(["truth", "subjects"], kind="stable")
     methods = dict.fromkeys(plan.method for plan in plans)
     out.mkdir(parents=True, exist_ok=True)
     head = _HEAD.format(
@@ -180,9 +179,9 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         if is_impedance(plans[0].parameters)
         else "",
     )
-    page = f"{head}{made_by(arguments.typed).sentence}\n\n{coverage_markdown(rows)}"
+    page = f"{head}{made_by(arguments.typed).sentence}\n\n{coverage_markdown(table)}"
     (out / "coverage.md").write_text(page, encoding="utf-8")
-    pd.DataFrame([dataclasses.asdict(row) for row in rows]).to_csv(out / "coverage.csv", index=False)
+    table.to_csv(out / "coverage.csv", index=False)
     print(out / "coverage.md")
 
 

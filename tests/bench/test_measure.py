@@ -10,11 +10,10 @@ import pytest
 from percept.bench.digits import Digits
 from percept.bench.growth import Growth
 from percept.bench.measure import described, measurement, measurement_markdown
-from percept.bench.propagation import PropagationCost
 from percept.bench.skipping import Saving
 from percept.cli import main
 
-RECORDS = (PropagationCost, Digits, Saving, Growth)
+RECORDS = (Digits, Saving, Growth)
 
 
 @pytest.mark.parametrize("record", RECORDS)

@@ -71,13 +71,14 @@ def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
 def test_each_interval_by_itself_makes_up_what_is_judged_together(study: Study) -> None:
     plan = dataclasses.replace(advice_plans(study)[1], method="classical", each=False)
     (whole,) = (
-        one.held
-        for one in judge_study(plan, 3)
-        if (one.claim, one.kind, one.family, one.joint) == ("interval", "user", "normal", "marginal")
+        one["held"]
+        for one in judge_study(plan, 3)["judged"]
+        if (one["claim"], one["kind"], one["family"], one["joint"])
+        == ("interval", "user", "normal", "marginal")
     )
-    each = judge_study(dataclasses.replace(plan, each=True), 3)
-    assert {one.claim for one in each} == {"k in VE1", "k in VE2", "b in VE1", "b in VE2"}
-    assert np.mean([one.held for one in each]) == pytest.approx(whole, rel=1e-12)
+    each = judge_study(dataclasses.replace(plan, each=True), 3)["judged"]
+    assert {one["claim"] for one in each} == {"k in VE1", "k in VE2", "b in VE1", "b in VE2"}
+    assert np.mean([one["held"] for one in each]) == pytest.approx(whole, rel=1e-12)
 
 
 def test_a_recommendation_rests_on_enough_studies(plain: Study, tmp_path) -> None:

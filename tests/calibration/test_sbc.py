@@ -14,7 +14,7 @@ import pytest
 from scipy import stats
 
 from percept.calibration import placing
-from percept.calibration.placing import FAULTS, SBC_DESIGNS, Placed, SbcPlan, place_study, places
+from percept.calibration.placing import FAULTS, SBC_DESIGNS, SbcPlan, place_study, places
 from percept.calibration.sbc import (
     EcdfBand,
     calibrate,
@@ -34,9 +34,17 @@ from tests.workers.clusters import QUIET
 PLAN = SbcPlan(design="one environment")
 
 
+def placed_at(values):
+    return {"reason": "", "values": values}
+
+
+def failed(reason):
+    return {"reason": reason, "values": {}}
+
+
 def uniform_places(count, names, seed=0):
     rng = np.random.default_rng(seed)
-    return [Placed("", dict(zip(names, rng.random(len(names)), strict=True))) for _ in range(count)]
+    return [placed_at(dict(zip(names, rng.random(len(names)), strict=True))) for _ in range(count)]
 
 
 def test_right_density_stays_inside():
@@ -69,7 +77,7 @@ def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
         x = rng.normal(size=dimension)
         y = x + rng.normal(size=dimension)
         posterior = 0.5 * y + np.sqrt(0.5) * state.coords[: walkers - 1]
-        placed += [Placed("", {"x": u}) for u in ((posterior < x).sum(axis=0) + 0.5) / walkers]
+        placed += [placed_at({"x": u}) for u in ((posterior < x).sum(axis=0) + 0.5) / walkers]
     return placed
 
 
@@ -82,12 +90,12 @@ def test_snooker_move_is_caught_and_ours_is_not():
 
 def test_every_level_of_the_model_is_placed():
     placed = place_study(SbcPlan(design="three subjects"), 0)
-    assert placed.reason == ""
-    heads = {name.split("[")[0] for name in placed.values}
+    assert placed["reason"] == ""
+    heads = {name.split("[")[0] for name in placed["values"]}
     assert heads == {
         "sigma", "s", "kappa", "omega", "rho_w", "sigma_u", "rho_u", "tau", "beta", "mean", "user",
     }  # fmt: skip
-    assert all(0 < value < 1 for value in placed.values.values())
+    assert all(0 < value < 1 for value in placed["values"].values())
 
 
 def test_designs_are_the_kinds_of_study():
@@ -122,7 +130,9 @@ def test_uniform_values_pass_and_one_bent_quantity_is_named():
     names = [f"sigma[k,VE{j}]" for j in range(1, 31)]
     placed = uniform_places(300, names)
     assert judge_places(PLAN, placed).outside == ()
-    bent = [Placed("", {**one.values, "sigma[k,VE7]": one.values["sigma[k,VE7]"] ** 1.6}) for one in placed]
+    bent = [
+        placed_at({**one["values"], "sigma[k,VE7]": one["values"]["sigma[k,VE7]"] ** 1.6}) for one in placed
+    ]
     assert judge_places(PLAN, bent).outside == ("sigma[k,VE7]",)
 
 
@@ -172,13 +182,13 @@ def test_another_plan_has_another_key(change):
 
 
 def test_failed_fits_are_counted_with_their_reason():
-    placed = [*uniform_places(40, ["tau[k]"]), Placed("the ensembles disagree.", {}), Placed("stuck.", {})]
+    placed = [*uniform_places(40, ["tau[k]"]), failed("the ensembles disagree."), failed("stuck.")]
     found = judge_places(PLAN, placed)
     assert (found.fits, found.failed) == (42, 2)
     assert found.reasons == ("the ensembles disagree.", "stuck.")
     row = {**dataclasses.asdict(found), "outside": []}
     assert "| one environment |  | 42 | 2 | 1 | 0 | tau[k] |" in sbc_markdown([row])
-    nothing = judge_places(PLAN, [Placed("stuck.", {})])
+    nothing = judge_places(PLAN, [failed("stuck.")])
     assert (nothing.fits, nothing.failed, nothing.quantities) == (1, 1, ())
 
 
@@ -192,7 +202,7 @@ def test_study_is_the_same_however_it_is_run(tmp_path):
     assert told == [(3, 3)]  # the two kept are not computed again
     assert path.read_text().startswith(kept)
     assert (first.fits, both.fits) == (2, 3)
-    assert place_study(PLAN, 2).values == json.loads(path.read_text().splitlines()[2])["values"]
+    assert place_study(PLAN, 2)["values"] == json.loads(path.read_text().splitlines()[2])["values"]
 
 
 @QUIET

@@ -5,9 +5,7 @@ from __future__ import annotations
 import errno
 import sys
 import threading
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,41 +16,42 @@ from percept.files import exclusive
 posix = pytest.mark.skipif(sys.platform == "win32", reason="folders have no locks there")
 
 
-def kept(path: Path | None, plan: str = "a") -> Checkpoint[float]:
-    def unpack(line: Mapping[str, Any]) -> float:
-        return float(line["value"])
+def kept(path: Path | None, plan: str = "a") -> Checkpoint:
+    return Checkpoint(path, plan, what="tried")
 
-    return Checkpoint(path, plan, what="tried", pack=lambda value: {"value": value}, unpack=unpack)
+
+def of(value: float) -> dict[str, float]:
+    return {"value": value}
 
 
 def test_each_plan_reads_what_it_wrote(tmp_path: Path) -> None:
     path = tmp_path / "folder" / "tried.jsonl"
     assert kept(path).read(9) == {}
     for index, value in ((0, 1.5), (4, 0.1), (2, 7.0)):
-        kept(path).append(index, value)
-    kept(path, "b").append(0, -1.0)
-    assert kept(path).read(9) == {0: 1.5, 4: 0.1, 2: 7.0}
-    assert kept(path).read(3) == {0: 1.5, 2: 7.0}
-    assert kept(path, "b").read(9) == {0: -1.0}
+        kept(path).append(index, of(value))
+    kept(path, "b").append(0, of(-1.0))
+    assert kept(path).read(9) == {0: of(1.5), 4: of(0.1), 2: of(7.0)}
+    assert kept(path).read(3) == {0: of(1.5), 2: of(7.0)}
+    assert kept(path, "b").read(9) == {0: of(-1.0)}
 
 
 @pytest.mark.parametrize("length", [1, 9, 25, 36])
 def test_a_line_cut_short_anywhere_is_dropped_and_writing_goes_on(tmp_path: Path, length: int) -> None:
     path = tmp_path / "tried.jsonl"
-    kept(path).append(0, 1.5)
+    kept(path).append(0, of(1.5))
     whole = path.read_text()
     path.write_text(whole[:length])
     assert kept(path).read(9) == {}
-    kept(path).append(1, 2.5)
-    assert kept(path).read(9) == {1: 2.5}
+    kept(path).append(1, of(2.5))
+    assert kept(path).read(9) == {1: of(2.5)}
     path.write_text(whole + whole[:length])
-    assert kept(path).read(9) == {0: 1.5}
+    assert kept(path).read(9) == {0: of(1.5)}
     assert path.read_text() == whole
 
 
 def test_what_is_cut_off_needs_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "tried.jsonl"
-    kept(path).append(0, 1.5)
+    kept(path).append(0, of(1.5))
     whole = path.read_text()
     path.write_text(whole + whole[:20])
 
@@ -61,17 +60,17 @@ def test_what_is_cut_off_needs_no_room(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(Path, "write_text", full)
     monkeypatch.setattr(Path, "write_bytes", full)
-    assert kept(path).read(9) == {0: 1.5}
+    assert kept(path).read(9) == {0: of(1.5)}
     assert path.read_text() == whole
 
 
 @posix
 def test_two_runs_do_not_cut_each_other_s_lines(tmp_path: Path) -> None:
     path = tmp_path / "tried.jsonl"
-    kept(path).append(0, 1.5)
+    kept(path).append(0, of(1.5))
     with exclusive(tmp_path):
         threads = [
-            threading.Thread(target=kept(path).append, args=(1, 2.5)),
+            threading.Thread(target=kept(path).append, args=(1, of(2.5))),
             threading.Thread(target=kept(path).read, args=(9,)),
         ]
         for thread in threads:
@@ -84,12 +83,17 @@ def test_two_runs_do_not_cut_each_other_s_lines(tmp_path: Path) -> None:
             file.write('dex": 2, "value": 3.5}\n')
     for thread in threads:
         thread.join(10)
-    assert kept(path).read(9) == {0: 1.5, 1: 2.5, 2: 3.5}
+    assert kept(path).read(9) == {0: of(1.5), 1: of(2.5), 2: of(3.5)}
 
 
 @pytest.mark.parametrize(
     ("text", "row"),
-    [("notes", 1), ("notes\n", 1), ('{"plan": "a", "index": 0}\n', 1), ('{"plan": "b"}\n[]\n', 2)],
+    [
+        ("notes", 1),
+        ("notes\n", 1),
+        ('{"plan": "a", "index": 0}\n', 1),
+        ('{"plan": "b", "index": 0, "value": 1}\n[]\n', 2),
+    ],
 )
 def test_a_file_of_something_else_is_refused_and_left_alone(tmp_path: Path, text: str, row: int) -> None:
     path = tmp_path / "tried.jsonl"
@@ -100,7 +104,7 @@ def test_a_file_of_something_else_is_refused_and_left_alone(tmp_path: Path, text
 
 
 def test_no_file_keeps_nothing() -> None:
-    kept(None).append(0, 1.0)
+    kept(None).append(0, of(1.0))
     assert kept(None).read(9) == {}
 
 
@@ -115,17 +119,17 @@ def test_what_is_no_file_of_results_is_refused(tmp_path: Path) -> None:
 def test_only_what_is_not_kept_is_worked_on(tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     path = tmp_path / "tried.jsonl"
-    kept(path).append(1, 7.5)
-    results = kept(path).complete(float, 3, progress=lambda done, of: told.append((done, of)))
-    assert results == [0.0, 7.5, 2.0]
+    kept(path).append(1, of(7.5))
+    results = kept(path).complete(of, 3, progress=lambda *counts: told.append(counts))
+    assert results == [of(0), of(7.5), of(2)]
     assert told == [(2, 3), (3, 3)]
-    assert kept(path).read(9) == {0: 0.0, 1: 7.5, 2: 2.0}
+    assert kept(path).read(9) == {0: of(0.0), 1: of(7.5), 2: of(2.0)}
 
 
 def test_an_error_is_said_when_all_others_are_done(tmp_path: Path) -> None:
     path = tmp_path / "tried.jsonl"
     message = r"1 studies ended in an error; study 0: ZeroDivisionError: .*the same run again tries these"
     with pytest.raises(RefusalError, match=message) as caught:
-        kept(path).complete(lambda index: 6 / index, 3)
-    assert kept(path).read(9) == {1: 6.0, 2: 3.0}
+        kept(path).complete(lambda index: of(6 / index), 3)
+    assert kept(path).read(9) == {1: of(6.0), 2: of(3.0)}
     assert isinstance(caught.value.__cause__, ZeroDivisionError)

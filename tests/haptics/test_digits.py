@@ -43,25 +43,13 @@ def test_promise_is_kept_where_hypothesis_looks(log_period, share, parameters):
     values = {"omega": omega, "period": period, **dict(zip(NAMES, parameters, strict=True))}
     at_nyquist = twin.is_nyquist(omega * period)
     for quantity, check in QUANTITIES.items():
-        assert check(values, at_nyquist)[0] <= PROMISE, quantity
+        assert check(values, at_nyquist) <= PROMISE, quantity
 
 
 def test_sweep_reaches_nyquist_and_low_frequency(sweep):
     decades = {row.at for row in sweep}
     assert 1 in decades
     assert min(decades) <= -7
-
-
-def test_the_textbook_forms_in_doubles_keep_less(sweep):
-    """Where 1 - cos ωT is all there is nothing is left below 1e-8."""
-    for quantity in ("stability margin", "required damping at ω"):
-        rows = [row for row in sweep if row.quantity == quantity and row.at <= -8]
-        assert rows
-        assert all(row.direct < 2 < 13 < row.digits for row in rows), quantity
-    # Nothing cancels in Z_e; and nobody promises what the textbook's forms do at Nyquist itself.
-    assert all(row.direct > 13 for row in sweep if row.quantity == "Z_e" and row.at < 1)
-    searched = {row.quantity for row in sweep if row.direct is None}
-    assert searched == {"required damping", "largest stiffness"}
 
 
 def test_sweep_is_repeatable():
@@ -76,15 +64,17 @@ def test_plain_complex_arithmetic_would_be_caught():
     zoh = (z + 1) / (2 * z)
     naive = (1 - np.cos(np.angle(zoh))) * abs(zoh) / (2 * (1 / z_c).real)
     exact = twin.required_at(twin.coupling_backward, twin.hold_average)
-    assert twin.errors_over_condition([naive], exact, values)[0] > 0.1
+    assert twin.error_over_condition(naive, exact, values) > 0.1
     ours = required_damping_at(values["omega"], Coupling(110e3, 100.0), 1e-3)
-    assert twin.errors_over_condition([float(ours)], exact, values)[0] < 1e-15
+    assert twin.error_over_condition(float(ours), exact, values) < 1e-15
     assert f"{float(ours):.15g}" == "4.87903225806452"
     assert float(ours) == pytest.approx(4.879032258064516, rel=1e-15)
 
 
 def test_nan_and_wrong_infinities_are_caught():
     values = {"omega": 1.0, "period": 1e-3, "m": 1.0, "b_d": 5.0}
-    assert twin.errors_over_condition([np.nan, np.inf], twin.rigid, values) == [np.inf, np.inf]
+    for wrong in (np.nan, np.inf):
+        assert twin.error_over_condition(wrong, twin.rigid, values) == np.inf
     values["omega"] = np.pi / 1e-3
-    assert twin.errors_over_condition([1e20, np.inf], twin.rigid, values, at_nyquist=True) == [np.inf, 0]
+    assert twin.error_over_condition(1e20, twin.rigid, values, at_nyquist=True) == np.inf
+    assert twin.error_over_condition(np.inf, twin.rigid, values, at_nyquist=True) == 0.0

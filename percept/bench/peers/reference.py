@@ -100,9 +100,7 @@ def make_references(
                 "effective": fitted.effective,
             }
 
-        kept: Checkpoint[dict[str, Any]] = Checkpoint(
-            folder / "runs.jsonl", f"{study} {_TOLERANCE}", what="reference", pack=dict, unpack=dict
-        )
+        kept = Checkpoint(folder / "runs.jsonl", f"{study} {_TOLERANCE}", what="reference")
         found[study] = Reference.pooled(kept.complete(run, runs))
     (folder / FILE).write_text(json.dumps(plain(found)) + "\n", encoding="utf-8")
     return folder / FILE

@@ -55,7 +55,7 @@ def reference(count=10):
     return Reference(value, np.full(value.shape, 1e-3), 1e6, 30, 1.0)
 
 
-def document(measured, seconds=(10.0, 4.0, 15.0, 5.0, 5.0, 2.0)):
+def document(measured, seconds=(10.0, 4.0, 15.0, 14.0, 5.0, 5.0, 2.0)):
     startups = [
         Startup("published", name, (9.0, 10.0, 11.0), 12.0)
         for name in dict.fromkeys(r.engine for r in measured)
@@ -67,9 +67,12 @@ def document(measured, seconds=(10.0, 4.0, 15.0, 5.0, 5.0, 2.0)):
 
 
 def test_promised_ratios_of_whole_commands():
-    found = {(one.command, one.against): one for one in comparisons(whole((10.0, 4.0, 46.0, 5.0, 5.0, 2.0)))}
+    seconds = 10.0, 4.0, 46.0, 31.0, 5.0, 5.0, 2.0
+    found = {(one.command, one.against): one for one in comparisons(whole(seconds))}
     assert found["percept report", "import pymc"].ratio == pytest.approx(4.6)
     assert not found["percept report", "import pymc"].kept
+    # Without its checks a report has less time: 3.1 of 3.2 times.
+    assert found["percept report, no checks", "import pymc"].kept
     assert found["percept fit", "import pymc"].kept
     assert found["percept fit, 2 %", "import what percept fit needs"].ratio == pytest.approx(1.25)
 
@@ -84,11 +87,11 @@ def test_rounds_in_which_the_machine_is_slow_cancel():
 
 def test_losses_are_said():
     slow = [dataclasses.replace(one, warm=100.0 * one.warm, cold=100.0 * one.cold) for one in OURS]
-    found = document([*slow, *NUTPIE], (10.0, 4.0, 46.0, 5.0, 5.0, 2.0))["losses"]
+    found = document([*slow, *NUTPIE], (10.0, 4.0, 46.0, 31.0, 5.0, 5.0, 2.0))["losses"]
     assert "published: nutpie, written plainly reaches 10.0% warm in 0.30 times percept’s time." in found
     assert (
         "percept report takes 4.60 times the wall time and 4.60 times the processor time of import pymc; "
-        "2.8 is promised."
+        "4.5 is promised."
     ) in found
     quick = [dataclasses.replace(one, warm=1e-3 * one.warm, cold=1e-3 * one.cold) for one in OURS]
     quick = [dataclasses.replace(one, effective_per_second=1e5) for one in quick]
@@ -129,7 +132,7 @@ class Links(html.parser.HTMLParser):
 
 
 def test_page_holds_everything_and_asks_for_nothing(tmp_path):
-    made = document([*OURS, *NUTPIE, row("percept", 0.1, 1.0, 0.05)], (10.0, 4.0, 46.0, 5.0, 5.0, 2.0))
+    made = document([*OURS, *NUTPIE, row("percept", 0.1, 1.0, 0.05)], (10.0, 4.0, 46.0, 31.0, 5.0, 5.0, 2.0))
     page = write_benchmark(made, tmp_path / "out")
     text = page.read_text(encoding="utf-8")
     links = Links()
