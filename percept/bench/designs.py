@@ -282,7 +282,7 @@ def simulated(design: StudyDesign, seed: int) -> Statistics:
         table.loc[of_outlier, f"{name}_adj"] *= design.outlier
     scene = Scene.from_tables({"inference": {"family": design.family, "parameters": list(design.parameters)}})
     model: Any = prepare(Sessions.from_frame(table), scene, design.parameters).model
-    return model.density.statistics
+    return model.statistics
 
 
 def _fit(statistics: Statistics, seed: int) -> dict[str, Any]:
@@ -290,12 +290,12 @@ def _fit(statistics: Statistics, seed: int) -> dict[str, Any]:
     import resource
 
     from percept.inference.hierarchy.density import CollapsedDensity
-    from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+    from percept.inference.hierarchy.models import IntervalEstimands
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 
     started, before = time.perf_counter(), time.process_time()
-    model = Pooled(CollapsedDensity(statistics))
+    model = CollapsedDensity(statistics)
     run = sample(model, IntervalEstimands(model), Settings(seed=seed))
     wall, processor = time.perf_counter() - started, time.process_time() - before
     gate, limits = run.gate, 2 * _KINDS * len(model.cells)

@@ -16,7 +16,7 @@ from percept.boundary.law import mixture_law
 from percept.boundary.limits import Limits, Magnitude
 from percept.haptics import Device
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
@@ -129,7 +129,7 @@ def _density_call(along: str, size: int) -> Task:
 
 
 def _fit(along: str, size: int) -> Task:
-    model = Pooled(CollapsedDensity(growth_study(along, size)))
+    model = CollapsedDensity(growth_study(along, size))
     return lambda: sample(model, IntervalEstimands(model), Settings(tolerance=0.05))
 
 

@@ -20,7 +20,7 @@ from percept.calibration.judge import EACH, LABELS, CoveragePlan, judge_study
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
 from percept.files import write_whole
-from percept.inference.hierarchy.models import Pooled
+from percept.inference.hierarchy.density import CollapsedDensity
 from percept.sessions.quantities import Quantities
 from percept.study import Study
 from percept.study.intervals import cell_moments, known_moments
@@ -57,7 +57,7 @@ def fitted_values(study: Study) -> dict[str, Any]:
     """Take the posterior means of a study as the truth to simulate from."""
     refuse_unfit(study)
     fit = study.fit
-    if fit is None or not fit.passed or not isinstance(fit.model, Pooled):
+    if fit is None or not fit.passed or not isinstance(fit.model, CollapsedDensity):
         raise RefusalError(
             "calibration needs a passed Bayesian fit of the sessions.",
             hint='Set method = "both" and pooling = "partial", or calibrate from the prior.',

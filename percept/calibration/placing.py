@@ -14,7 +14,7 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import from_trials
 from percept.inference.sampling.gate import Run, Settings
@@ -114,7 +114,7 @@ def place_study(plan: SbcPlan, index: int) -> dict[str, Any]:
     user = truth.beta + np.einsum("jpq,jq->jp", np.linalg.cholesky(truth.cov_u + truth.cov_w), noise)
     if plan.fault == "prior":
         priors = dataclasses.replace(priors, log_s_sd=0.1 * priors.log_s_sd)
-    model = (_WithoutJacobian if plan.fault == "jacobian" else Pooled)(CollapsedDensity(statistics, priors))
+    model = (_WithoutJacobian if plan.fault == "jacobian" else CollapsedDensity)(statistics, priors)
     settings = Settings(tolerance=plan.tolerance, seed=int(run_seed.generate_state(1)[0]))
     try:
         run = sample(model, IntervalEstimands(model, kinds=("mean", "user")), settings)
@@ -126,12 +126,12 @@ def place_study(plan: SbcPlan, index: int) -> dict[str, Any]:
     return {"reason": "", "values": values}
 
 
-class _WithoutJacobian(Pooled):
+class _WithoutJacobian(CollapsedDensity):
     """A deliberate error: the prior of log sigma taken as a density of sigma squared."""
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,), wrong by twice the sum of log sigma."""
-        inside = np.clip(points, -self.density.layout.limits, self.density.layout.limits)
+        inside = np.clip(points, -self.layout.limits, self.layout.limits)
         with np.errstate(over="ignore"):
             sigma = self.scales(inside)["sigma"][1]
         with np.errstate(divide="ignore"):
@@ -139,7 +139,7 @@ class _WithoutJacobian(Pooled):
 
 
 def places(
-    plan: SbcPlan, model: Pooled, run: Run, truth: TrueValues, user: Array, rng: np.random.Generator
+    plan: SbcPlan, model: CollapsedDensity, run: Run, truth: TrueValues, user: Array, rng: np.random.Generator
 ) -> dict[str, float]:
     """Rank true scales and locations among draws; give distribution functions at true means and new users."""
     points = np.concatenate(run.independent())
@@ -151,7 +151,7 @@ def places(
     def add(name: str, values: Array) -> None:
         labels = [f"[{p},{e}]" for p, e in model.cells]
         if name in _BY_PARAMETER:
-            labels = [f"[{p}]" for p in model.density.statistics.parameters]
+            labels = [f"[{p}]" for p in model.statistics.parameters]
         elif name.startswith("rho"):
             labels = [""]
         found.update({name + label: float(value) for label, value in zip(labels, values, strict=True)})

@@ -21,7 +21,6 @@ from percept.inference.checks.predictive import (
 )
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import Pooled
 from percept.sessions.quantities import Quantities
 from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.fit import Fit
@@ -188,7 +187,7 @@ def prior_pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> tuple[str
     flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
     free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
     some = fit.points[:: max(1, len(fit.points) // _REPLICATES)]
-    own, other = (Pooled(one).laws(some) for one in (density, free))
+    own, other = (one.laws(some) for one in (density, free))
     # Locations are integrated out of both densities, whose ratio tells how likely draws are under the other.
     weights = special.softmax(free(some) - density(some))
     half_width = special.ndtri(0.5 * (1.0 + level)) * np.hypot(own.sd, own.mean.std(axis=0)).mean(axis=0)

@@ -14,7 +14,7 @@ from percept.errors import RefusalError
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments, Resolution
-from percept.inference.hierarchy.models import IntervalEstimands, Model, Pooled, Product, Unpooled
+from percept.inference.hierarchy.models import IntervalEstimands, Model, Product, Unpooled
 from percept.inference.hierarchy.priors import MEANINGS, Priors
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
@@ -118,11 +118,11 @@ class Fit(Prepared):
     @cached_property
     def subjects(self) -> SubjectDensity | Skipped:
         """Densities of the subjects' data under the pooled model of sessions."""
-        if not isinstance(self.model, Pooled) or self.trials is None:
+        if not isinstance(self.model, CollapsedDensity) or self.trials is None:
             needed = "they need the sessions of subjects, pooled over environments"
             return Skipped("checks of the model", needed)
         data = self.trials
-        return SubjectDensity(self.model.density, data.response, data.subject, data.environment)
+        return SubjectDensity(self.model, data.response, data.subject, data.environment)
 
     @property
     def diagnostics(self) -> dict[str, Any]:
@@ -136,7 +136,7 @@ class Fit(Prepared):
             "walkers": walkers,
             "dimension": dimension,
             "tolerance": run.settings.tolerance,
-            "priors": prior_rows(self.model.priors),
+            "priors": prior_rows(self.model.priors_in_force),
         }
 
 
@@ -316,12 +316,12 @@ def pooled(
     )
 
 
-def _model(statistics: Statistics, scene: Scene, resolution: Resolution | None = None) -> Pooled:
+def _model(statistics: Statistics, scene: Scene, resolution: Resolution | None = None) -> CollapsedDensity:
     table = scene.model
     options = Options(
         subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
     )
-    return Pooled(CollapsedDensity(statistics, Priors(**table.priors), options, resolution))
+    return CollapsedDensity(statistics, Priors(**table.priors), options, resolution)
 
 
 def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:

@@ -118,8 +118,8 @@ def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
     """Limits of a fit, with the errors of log width and midpoint by the influence of each draw on both."""
     components, scale = fit.run.components, fit.scale
     found = {}
-    for kind, part in zip(asked.kinds, estimands_of(fit.model, asked).parts(), strict=True):
-        _, influence = part.estimate(components.reshape(-1, components.shape[-1]))
+    parts = estimands_of(fit.model, asked).estimates(components.reshape(-1, components.shape[-1]))
+    for kind, (_, influence) in zip(asked.kinds, parts, strict=True):
         lower, upper = fit.limits[str(kind)]
         pulls = influence.reshape(*components.shape[:3], 2, -1) * scale.unit
         if scale.log:

@@ -14,7 +14,7 @@ from percept import haptics
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.hierarchy.models import NewEnvironment, NewEstimands, new_environment
+from percept.inference.hierarchy.new_environment import NewEnvironment, NewEstimands, new_environment
 from percept.inference.record import Kind
 from percept.scene import InferenceTable
 from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance

@@ -201,9 +201,9 @@ def _classical_laws(sources: Sources, level: float) -> Iterator[Law]:
 
 
 def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[str]) -> Iterator[Law]:
-    from percept.inference.hierarchy.models import Pooled
+    from percept.inference.hierarchy.density import CollapsedDensity
 
-    assert isinstance(fit.model, Pooled)
+    assert isinstance(fit.model, CollapsedDensity)
     mean, own, users = fit.model.pairs(fit.points)
     batch = fit.run.batches()
     for j, environment in enumerate(fit.environments):

@@ -11,7 +11,7 @@ from percept.bench.peers.cells import averaged_limits
 from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+from percept.inference.hierarchy.models import IntervalEstimands
 
 
 def test_an_irregular_study_misses_cells_and_repeats_others():
@@ -96,15 +96,16 @@ def test_the_summary_names_what_misses():
 @pytest.mark.parametrize("name", ["10x5-irregular-normal", "40x20-irregular-k", "12x8x1"])
 def test_limits_from_draws_of_the_scales_are_those_of_the_same_points(name):
     statistics = simulated(DESIGNS[name], 1)
-    model = Pooled(CollapsedDensity(statistics))
+    model = CollapsedDensity(statistics)
     points = 0.3 * np.random.default_rng(5).standard_normal((400, len(model.names)))
     estimands = IntervalEstimands(model, kinds=("mean", "user"))
-    expected, influence = estimands.estimate(estimands.components(points))
+    (mean, on_mean), (user, on_user) = estimands.estimates(estimands.components(points))
+    expected, influence = np.r_[mean.value, user.value], np.concatenate([on_mean, on_user], axis=1)
     draws = {
         key: values.reshape(4, 100, *values.shape[1:]) for key, (_, values) in model.scales(points).items()
     }
     value, error = averaged_limits(statistics, draws)
-    assert value == pytest.approx(expected.value, rel=1e-10)
+    assert value == pytest.approx(expected, rel=1e-10)
     # The points are independent: their standard error is known, the estimate of it within a third or so.
     ratio = error / (influence.std(axis=0) / np.sqrt(400))
     assert 0.75 < np.median(ratio) < 1.33

@@ -26,7 +26,7 @@ def test_a_step_counts_relative_to_where_the_subjects_adjusted() -> None:
     table = table_of(("k", "b"), subjects=4)
     table.loc[table["environment"] == "VE2", "k_adj"] = 2000.0
     scene = Scene.from_tables({"model": {"resolution": {"k": 10.0, "b": 0.1}}})
-    found = prepare(Sessions.from_frame(table), scene, ("k", "b")).model.density.resolution
+    found = prepare(Sessions.from_frame(table), scene, ("k", "b")).model.resolution
     np.testing.assert_allclose(found.between, [[0, (10 / 2000) ** 2 / 12, 0], [0, 0, 0]], rtol=1e-12)
 
 
@@ -43,7 +43,7 @@ def test_published_limits_are_taken_back_to_means_and_sds(family: str) -> None:
         sd = 0.5 * (upper - lower) / stats.t.isf(0.005, 9) * np.sqrt(10) / reference
         log_sd = np.sqrt(np.log1p((sd / mean) ** 2))
         centre, wanted = (mean - 1.0, sd) if family == "normal" else (np.log(mean) - 0.5 * log_sd**2, log_sd)
-        statistics = model.density.statistics
+        statistics = model.statistics
         np.testing.assert_allclose(statistics.sd[0], wanted, rtol=1e-9)
         found = [pattern.mean[0, 0] for pattern in statistics.patterns]
         np.testing.assert_allclose(found, centre, rtol=1e-9, atol=1e-12)

@@ -9,7 +9,9 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.inference.hierarchy.models import Pooled, Product, new_environment
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.models import Product
+from percept.inference.hierarchy.new_environment import new_environment
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
 from percept.study.prediction import expected_users, predict
@@ -19,11 +21,11 @@ from tests import DATASETS
 def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of alpha + gamma x + delta by conditioning one large Gaussian of all responses."""
     model = study.fit.model  # type: ignore[union-attr]
-    assert isinstance(model, Pooled)
+    assert isinstance(model, CollapsedDensity)
     data = study.fit.trials  # type: ignore[union-attr]
     assert data is not None
     named = {name: values[0] for name, (_, values) in model.scales(point[None]).items()}
-    priors = model.density.priors
+    priors = model.priors
     tau, s_u, sigma = named["tau"], named["sigma_u"], named["sigma"]
 
     def pair(sd: np.ndarray, rho: float) -> np.ndarray:
@@ -55,7 +57,7 @@ def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndar
 def test_location_equals_dense_conditioning(fitted: Study) -> None:
     points = fitted.fit.points[::700]  # type: ignore[arg-type]
     model = fitted.fit.model  # type: ignore[union-attr]
-    assert isinstance(model, Pooled)
+    assert isinstance(model, CollapsedDensity)
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
     for s, point in enumerate(points):
@@ -66,7 +68,7 @@ def test_location_equals_dense_conditioning(fitted: Study) -> None:
 
 def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> None:
     model = fitted.fit.model  # type: ignore[union-attr]
-    assert isinstance(model, Pooled)
+    assert isinstance(model, CollapsedDensity)
     points = fitted.fit.points[:3]  # type: ignore[arg-type]
     x, repeats = np.array([0.5, 0.5]), 400
     found = new_environment(model, points, x, repeats=repeats, rng=np.random.default_rng(1))
@@ -157,9 +159,9 @@ def test_published_limits_are_predicted_parameter_by_parameter(published: Study)
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)
     for p, (part, own) in enumerate(model.split(points)):
-        assert isinstance(part, Pooled)
-        statistics = part.density.statistics
-        priors, named = part.density.priors, {n: v for n, (_, v) in part.scales(own).items()}
+        assert isinstance(part, CollapsedDensity)
+        statistics = part.statistics
+        priors, named = part.priors, {n: v for n, (_, v) in part.scales(own).items()}
         response = np.array([pattern.mean[0, 0] for pattern in statistics.patterns])
         count = statistics.df[0] + 1.0
         decades = statistics.x[0]

@@ -202,7 +202,7 @@ def test_no_scatter_is_refused_and_resolution_answers():
     scene = Scene.from_tables({"model": {"resolution": steps}, "inference": {"tolerance": 0.1}})
     study = Study(sessions, scene)
     # Only where nothing scatters, about what was adjusted: rounding is part of any other cell's scatter.
-    resolution = study.fit.model.density.resolution
+    resolution = study.fit.model.resolution
     np.testing.assert_allclose(resolution.between, [[0.0, 0.01**2 / 12], [0.0, 0.0]], rtol=1e-14)
     assert not resolution.trial.any()
     assert study.fit.run.gate.passed

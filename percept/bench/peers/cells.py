@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Statistics
@@ -146,21 +146,23 @@ def averaged_limits(statistics: Statistics, draws: Mapping[str, Array]) -> tuple
     from arviz_stats.base.array import BaseArray
 
     array_stats: Any = BaseArray()
-    model = Pooled(CollapsedDensity(statistics))
+    model = CollapsedDensity(statistics)
     chains, length = draws["sigma_u"].shape[:2]
     # Draws last.
     flat = {
         name: np.moveaxis(kept.reshape(chains * length, *kept.shape[2:]), 0, -1)
         for name, kept in draws.items()
     }
-    step = model.density.draws_per_pass
+    step = model.draws_per_pass
     packed = [
-        model.density.moments(_scales({name: kept[..., i : i + step] for name, kept in flat.items()})).pack()
+        model.moments(_scales({name: kept[..., i : i + step] for name, kept in flat.items()})).pack()
         for i in range(0, chains * length, step)
     ]
-    estimates, influence = IntervalEstimands(model, kinds=("mean", "user")).estimate(np.concatenate(packed))
+    parts = list(IntervalEstimands(model, kinds=("mean", "user")).estimates(np.concatenate(packed)))
+    influence = np.concatenate([part for _, part in parts], axis=1)
     series = np.moveaxis(influence.reshape(chains, length, -1), -1, 0)
-    return estimates.value, np.asarray(array_stats.mcse(series, method="mean"))
+    value = np.concatenate([found.value for found, _ in parts])
+    return value, np.asarray(array_stats.mcse(series, method="mean"))
 
 
 def _scales(named: dict[str, Array]) -> Scales:

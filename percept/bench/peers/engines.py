@@ -82,16 +82,16 @@ def study_statistics(name: str) -> Statistics:
 
     parameters = ("k",) if name == "published-k" else ("k", "b")
     model: Any = prepare(read_sessions(dataset("hbfd_sessions.csv")), Scene(), parameters).model
-    statistics: Statistics = model.density.statistics
+    statistics: Statistics = model.statistics
     return statistics
 
 
 def percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
     """Return percept's model with its default priors, and the limits compared."""
     from percept.inference.hierarchy.density import CollapsedDensity
-    from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+    from percept.inference.hierarchy.models import IntervalEstimands
 
-    model = Pooled(CollapsedDensity(statistics))
+    model = CollapsedDensity(statistics)
     return model, IntervalEstimands(model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE)
 
 
@@ -142,14 +142,15 @@ def _emcee(statistics: Statistics) -> Sampler:
         scores = normal_scores(components.reshape(*kept.shape[:2], -1))
         slowest = float(autocorrelation_time(scores[None]).max())
         effective = len(components) / slowest
-        estimates, influence = estimands.estimate(components)
-        error = influence.std(axis=0) / np.sqrt(effective)
+        parts = list(estimands.estimates(components))
+        value = np.concatenate([estimates.value for estimates, _ in parts])
+        error = np.concatenate([influence.std(axis=0) for _, influence in parts]) / np.sqrt(effective)
         notes = {
             "acceptance": float(np.mean(sampler.acceptance_fraction)),
             "autocorrelation_time": slowest * _KEPT_EVERY,
         }
         seconds = time.perf_counter() - started
-        return Fitted(estimates.value.reshape(shape), error.reshape(shape), effective, seconds, notes)
+        return Fitted(value.reshape(shape), error.reshape(shape), effective, seconds, notes)
 
     return fit
 

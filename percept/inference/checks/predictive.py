@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.blocks import Block, Pair
+from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import draws_first
 from percept.inference.hierarchy.scales import Layout
@@ -98,6 +98,6 @@ def _correlations(density: CollapsedDensity, points: Array) -> dict[str, Array]:
 
 def _correlation(block: Block) -> Array:
     """Slope times the ratio of SDs, from the regression a pair is kept as."""
-    assert isinstance(block, Pair)
+    assert block.slope is not None
     first, second = block.diagonal()
-    return block.g * np.sqrt(first / second)
+    return block.slope * np.sqrt(first / second)

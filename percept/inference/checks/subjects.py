@@ -20,7 +20,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Pair, SharedCovariance
+from percept.inference.hierarchy.blocks import Block, SharedCovariance
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
 
@@ -108,16 +108,15 @@ class SubjectDensity:
             return 0.0
         counts = self._counts
         first, slope, left = (part[..., None] for part in self._trials)
-        if isinstance(trial, Pair):
-            tilt = slope - trial.g
-            squares = (first / trial.v + (left + first * tilt * tilt) / trial.w).sum(axis=1)
-        else:
-            squares = (first / trial.v).sum(axis=1)
+        squares = first / trial.variances[0]
+        if trial.slope is not None:
+            tilt = slope - trial.slope
+            squares = squares + (left + first * tilt * tilt) / trial.variances[1]
         extra = np.maximum(counts - 1.0, 0.0)
         constant = self.parameters * (
             extra.sum(axis=1) * _LOG_2PI + np.log(np.maximum(counts, 1)).sum(axis=1)
         )
-        return -0.5 * (squares + extra @ trial.log_determinant() + constant[:, None]).T
+        return -0.5 * (squares.sum(axis=1) + extra @ trial.log_determinant() + constant[:, None]).T
 
 
 def _leave_out(

@@ -10,8 +10,8 @@ distances then need positive terms only, and a correlation of 1 - 1e-9 keeps the
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any, Self
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,213 +22,153 @@ Vector = tuple[Array, ...]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Scalar:
-    """A variance (or, as an inverse, a precision) per entry: the block of a single parameter."""
+class Block:
+    """A covariance per entry, or a precision: of two parameters that regresses the first on the second."""
 
-    v: Array
+    variances: Vector  # Of the leading parameter, and of the other what the leading one leaves
+    slope: Array | None = None  # Of the other on the leading one; none of a single parameter
+    precision: bool = False  # Whether the second parameter leads
 
-    def __getitem__(self, key: Any) -> Scalar:
-        return Scalar(self.v[key])
+    def mapped(self, change: Callable[[Array], Array]) -> Block:
+        """Change the layout of the entries."""
+        slope = None if self.slope is None else change(self.slope)
+        return Block(tuple(change(part) for part in self.variances), slope, self.precision)
 
-    def __add__(self, other: Block | Precision) -> Scalar:
-        assert isinstance(other, Scalar)
-        return Scalar(self.v + other.v)
+    def __getitem__(self, key: Any) -> Block:
+        return self.mapped(lambda part: part[key])
 
-    def plus_diagonal(self, variances: Vector) -> Scalar:
-        """Return the sum with a diagonal block."""
-        return Scalar(self.v + variances[0])
+    def _leading_first(self, r: Vector) -> Vector:
+        """Swap the components where the second parameter leads; twice is not at all."""
+        return r[::-1] if self.precision else r
 
-    def total(self) -> Scalar:
-        """Return the sum over the first axis."""
-        return Scalar(self.v.sum(axis=0))
-
-    def scaled(self, factor: Array | float) -> Scalar:
-        """Return the block times a positive number per entry."""
-        return Scalar(self.v * factor)
-
-    def inverse(self) -> Scalar:
-        """Return the inverse block."""
-        return Scalar(1.0 / self.v)
-
-    def log_determinant(self) -> Array:
-        """Return the log determinant per entry."""
-        return np.log(self.v)
-
-    def apply(self, r: Vector) -> Vector:
-        """Return block times vector."""
-        return (self.v * r[0],)
-
-    def whiten(self, r: Vector) -> Vector:
-        """Return F⁻¹r, where F is the lower factor of the block, FF' = A."""
-        return (r[0] / np.sqrt(self.v),)
-
-    def distance(self, r: Vector) -> Array:
-        """Return the sum of r'A⁻¹r over the first axis of r, per entry."""
-        return np.einsum("k...,k...->...", r[0], r[0]) / self.v
-
-    def factor_columns(self) -> list[Vector]:
-        """Return the columns of F."""
-        return [(np.sqrt(self.v),)]
-
-    def diagonal(self) -> Vector:
-        """Return the variances, one array per parameter."""
-        return (self.v,)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Regression:
-    """A 2 x 2 block per entry: variance of one parameter, slope of the other on it, variance left."""
-
-    v: Array
-    g: Array
-    w: Array
-
-    def __getitem__(self, key: Any) -> Self:
-        return type(self)(self.v[key], self.g[key], self.w[key])
-
-    def __add__(self, other: Block | Precision) -> Self:
-        assert isinstance(other, type(self))
-        v = self.v + other.v
-        apart = self.g - other.g
-        share = other.v / v
+    def __add__(self, other: Block) -> Block:
+        v1, v2 = self.variances[0], other.variances[0]
+        v = v1 + v2
+        if self.slope is None or other.slope is None:
+            return Block((v,), None, self.precision)
+        apart = self.slope - other.slope
+        share = v2 / v
         # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
-        slope = (self.v * self.g + other.v * other.g) / v
-        return type(self)(v, slope, self.w + other.w + self.v * share * apart * apart)
+        slope = (v1 * self.slope + v2 * other.slope) / v
+        left = self.variances[1] + other.variances[1] + v1 * share * apart * apart
+        return Block((v, left), slope, self.precision)
+
+    def plus_diagonal(self, diagonal: Vector) -> Block:
+        """Return the sum with a diagonal block, given in the order of the parameters."""
+        added = self._leading_first(diagonal)
+        v = self.variances[0] + added[0]
+        if self.slope is None:
+            return Block((v,), None, self.precision)
+        share = added[0] / v
+        # v (g - s)² + d1 s² with s = g v/(v + d1) is g² v d1/(v + d1).
+        left = self.variances[1] + added[1] + self.slope * self.slope * self.variances[0] * share
+        return Block((v, left), self.slope * (self.variances[0] / v), self.precision)
+
+    def total(self) -> Block:
+        """Return the sum over the first axis."""
+        v = self.variances[0].sum(axis=0)
+        if self.slope is None:
+            return Block((v,), None, self.precision)
+        slope = (self.variances[0] * self.slope).sum(axis=0) / v
+        apart = self.slope - slope
+        left = self.variances[1].sum(axis=0) + (self.variances[0] * apart * apart).sum(axis=0)
+        return Block((v, left), slope, self.precision)
+
+    def scaled(self, factor: Array | float) -> Block:
+        """Return the block times a positive number per entry."""
+        return Block(tuple(part * factor for part in self.variances), self.slope, self.precision)
+
+    def inverse(self) -> Block:
+        """Return the inverse block."""
+        slope = None if self.slope is None else -self.slope
+        return Block(tuple(1.0 / part for part in self.variances[::-1]), slope, not self.precision)
 
     def log_determinant(self) -> Array:
         """Return the log determinant per entry."""
-        return np.log(self.v) + np.log(self.w)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Pair(_Regression):
-    """A 2 x 2 covariance per entry: variance of the first, slope, variance left of the second."""
-
-    def plus_diagonal(self, variances: Vector) -> Pair:
-        """Return the sum with a diagonal block."""
-        v = self.v + variances[0]
-        share = variances[0] / v
-        # v (g - s)² + d1 s² with s = g v/(v + d1) is g² v d1/(v + d1).
-        return Pair(v, self.g * (self.v / v), self.w + variances[1] + self.g * self.g * self.v * share)
-
-    def scaled(self, factor: Array | float) -> Pair:
-        """Return the block times a positive number per entry."""
-        return Pair(self.v * factor, self.g, self.w * factor)
-
-    def inverse(self) -> PairPrecision:
-        """Return the inverse block."""
-        return PairPrecision(1.0 / self.w, -self.g, 1.0 / self.v)
+        return np.asarray(sum(np.log(part) for part in self.variances))
 
     def apply(self, r: Vector) -> Vector:
         """Return block times vector."""
-        first = self.v * (r[0] + self.g * r[1])
-        return (first, self.g * first + self.w * r[1])
+        if self.slope is None:
+            return (self.variances[0] * r[0],)
+        first, second = self._leading_first(r)
+        leading = self.variances[0] * (first + self.slope * second)
+        return self._leading_first((leading, self.slope * leading + self.variances[1] * second))
+
+    def _remainders(self, r: Vector) -> Vector:
+        """Components of a vector, of the second what the first does not explain."""
+        return r if self.slope is None else (r[0], r[1] - self.slope * r[0])
 
     def whiten(self, r: Vector) -> Vector:
-        """Return F⁻¹r, where F is the lower factor of the block, FF' = A."""
-        return (r[0] / np.sqrt(self.v), (r[1] - self.g * r[0]) / np.sqrt(self.w))
+        """Return F⁻¹r, where F is the lower factor of a covariance, FF' = A."""
+        left = self._remainders(r)
+        return tuple(part / np.sqrt(v) for part, v in zip(left, self.variances, strict=True))
 
     def distance(self, r: Vector) -> Array:
-        """Return the sum of r'A⁻¹r over the first axis of r, per entry."""
-        left = r[1] - self.g * r[0]
-        first, second = (np.einsum("k...,k...->...", part, part) for part in (r[0], left))
-        return first / self.v + second / self.w
+        """Return the sum of r'A⁻¹r over the first axis of r, per entry of a covariance A."""
+        squares = (np.einsum("k...,k...->...", part, part) for part in self._remainders(r))
+        return np.asarray(sum(square / v for square, v in zip(squares, self.variances, strict=True)))
 
     def factor_columns(self) -> list[Vector]:
-        """Return the columns of F."""
-        root = np.sqrt(self.v)
-        return [(root, self.g * root), (np.zeros_like(root), np.sqrt(self.w))]
+        """Return the columns of the lower factor F of a covariance."""
+        root = np.sqrt(self.variances[0])
+        if self.slope is None:
+            return [(root,)]
+        return [(root, self.slope * root), (np.zeros_like(root), np.sqrt(self.variances[1]))]
 
     def diagonal(self) -> Vector:
-        """Return the variances, one array per parameter."""
-        return (self.v, self.w + self.g * self.g * self.v)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class PairPrecision(_Regression):
-    """Inverse of a `Pair`: the same regression with the parameters in the other order."""
-
-    def total(self) -> PairPrecision:
-        """Return the sum over the first axis."""
-        v = self.v.sum(axis=0)
-        g = (self.v * self.g).sum(axis=0) / v
-        apart = self.g - g
-        return PairPrecision(v, g, self.w.sum(axis=0) + (self.v * apart * apart).sum(axis=0))
-
-    def plus_diagonal(self, precisions: Vector) -> PairPrecision:
-        """Return the sum with a diagonal block, given in the order of the parameters."""
-        v = self.v + precisions[1]
-        share = precisions[1] / v
-        left = self.w + precisions[0] + self.g * self.g * self.v * share
-        return PairPrecision(v, self.g * (self.v / v), left)
-
-    def inverse(self) -> Pair:
-        """Return the covariance this is the inverse of."""
-        return Pair(1.0 / self.w, -self.g, 1.0 / self.v)
-
-    def apply(self, r: Vector) -> Vector:
-        """Return block times vector."""
-        second = self.v * (r[1] + self.g * r[0])
-        return (self.w * r[0] + self.g * second, second)
-
-
-Block = Scalar | Pair
-Precision = Scalar | PairPrecision
+        """Return the variances of a covariance, one array per parameter."""
+        if self.slope is None:
+            return self.variances
+        v, left = self.variances
+        return (v, left + self.slope * self.slope * v)
 
 
 def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = None) -> Block:
-    """Build a block from standard deviations and, for two parameters, a correlation."""
+    """Build a covariance from standard deviations and, for two parameters, a correlation."""
     if len(sd) == 1:
-        return Scalar(sd[0] * sd[0])
+        return Block((sd[0] * sd[0],))
     if rho is None or one_minus_size is None:
-        return Pair(sd[0] * sd[0], np.zeros_like(sd[0]), sd[1] * sd[1])
+        return Block((sd[0] * sd[0], sd[1] * sd[1]), np.zeros_like(sd[0]))
     left = one_minus_size * (1.0 + np.abs(rho))
-    return Pair(sd[0] * sd[0], rho * (sd[1] / sd[0]), sd[1] * sd[1] * left)
+    return Block((sd[0] * sd[0], sd[1] * sd[1] * left), rho * (sd[1] / sd[0]))
 
 
-def weighted_mean(parts: Precision, total: Precision, r: Vector, *, axis: int = -2) -> Vector:
+def weighted_mean(parts: Block, total: Block, r: Vector, *, axis: int = -2) -> Vector:
     """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j."""
-    if isinstance(parts, Scalar):
-        return ((parts.v * r[0]).sum(axis=axis) / total.v,)
-    assert isinstance(total, PairPrecision)
-    second = parts.v * (r[1] + parts.g * r[0])
+    if parts.slope is None or total.slope is None:
+        return ((parts.variances[0] * r[0]).sum(axis=axis) / total.variances[0],)
+    second = parts.variances[0] * (r[1] + parts.slope * r[0])
     # Differences of slopes: applying K⁻¹ to P_j r_j would subtract numbers 1/(1 - rho²) times the result.
-    first = (parts.w * r[0] + (parts.g - total.g) * second).sum(axis=axis)
-    mean = first / total.w
-    return (mean, second.sum(axis=axis) / total.v - total.g * mean)
+    first = (parts.variances[1] * r[0] + (parts.slope - total.slope) * second).sum(axis=axis)
+    mean = first / total.variances[1]
+    return (mean, second.sum(axis=axis) / total.variances[0] - total.slope * mean)
 
 
-def weighted_mean_of_rows(parts: Precision, total: Precision, rows: Array) -> Vector:
+def weighted_mean_of_rows(parts: Block, total: Block, rows: Array) -> Vector:
     """Return K⁻¹ sum_j P_j r_j for many constant vectors."""
-    if isinstance(parts, Scalar):
-        return (rows[0] @ parts.v / total.v,)
-    assert isinstance(total, PairPrecision)
+    if parts.slope is None or total.slope is None:
+        return (rows[0] @ parts.variances[0] / total.variances[0],)
+    v, left = parts.variances
     # The weights of `weighted_mean`, applied to all vectors by one product of matrices each.
-    cross = parts.v * parts.g
-    apart = parts.g - total.g
-    first = rows[0] @ (parts.w + apart * cross) + rows[1] @ (apart * parts.v)
-    second = rows[0] @ cross + rows[1] @ parts.v
-    mean = first / total.w
-    return (mean, second / total.v - total.g * mean)
+    cross = v * parts.slope
+    apart = parts.slope - total.slope
+    first = rows[0] @ (left + apart * cross) + rows[1] @ (apart * v)
+    second = rows[0] @ cross + rows[1] @ v
+    mean = first / total.variances[1]
+    return (mean, second / total.variances[0] - total.slope * mean)
 
 
-def gram(spread: Sequence[Array]) -> Block:
+def gram(columns: Sequence[Array]) -> Block:
     """C'C for columns (q, J, W) per parameter, as a block: residual sums keep a near-singular one exact."""
-    first = np.einsum("qjw,qjw->jw", spread[0], spread[0])
-    if len(spread) == 1:
-        return Scalar(first)
-    cross = np.einsum("qjw,qjw->jw", spread[0], spread[1])
+    first = np.einsum("qjw,qjw->jw", columns[0], columns[0])
+    if len(columns) == 1:
+        return Block((first,))
+    cross = np.einsum("qjw,qjw->jw", columns[0], columns[1])
     # A variance that underflows leaves nothing to regress on.
     slope = np.divide(cross, first, out=np.zeros_like(cross), where=first > 0)
-    left = spread[1] - slope * spread[0]
-    return Pair(first, slope, np.einsum("qjw,qjw->jw", left, left))
-
-
-def spread_over(part: Block, shape: tuple[int, int]) -> Block:
-    """Repeat a block along the axes of a shape."""
-    if isinstance(part, Scalar):
-        return Scalar(np.broadcast_to(part.v, shape))
-    return Pair(*(np.broadcast_to(getattr(part, name), shape) for name in ("v", "g", "w")))
+    left = columns[1] - slope * columns[0]
+    return Block((first, np.einsum("qjw,qjw->jw", left, left)), slope)
 
 
 class SharedCovariance:

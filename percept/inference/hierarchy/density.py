@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from percept.inference.hierarchy.blocks import Block, SharedCovariance, spread_over
+from percept.inference.hierarchy.blocks import Block, SharedCovariance
 from percept.inference.hierarchy.information import Information, InformationProblem
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.priors import Named, Priors, draws_first
 from percept.inference.hierarchy.regression import LocationProblem, Regression
 from percept.inference.hierarchy.scales import Layout, Options, Scales
 from percept.inference.hierarchy.statistics import Statistics
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 #: Numbers of coordinates per pass: fewer waste calls, and temporaries beyond the processor's cache cost more.
 _PASS = 49152
-# Powers of the plastic number: their multiples fill the square evenly.
-_STEPS = 1.32471795724474602596 ** np.array([-1.0, -2.0])
-_LEAST = 1e-12
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -46,6 +43,11 @@ class ConditionalMoments:
         """Return all three side by side, shape (S, 3 C)."""
         return np.concatenate([self.mean, self.sd, self.population_sd], axis=1)
 
+    def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw each cell's mean and a new user of it, cells apart from one another."""
+        mean = self.mean + self.sd * rng.standard_normal(self.mean.shape)
+        return mean, mean + self.population_sd * rng.standard_normal(mean.shape)
+
     @classmethod
     def unpack(cls, packed: Array) -> ConditionalMoments:
         """Undo `pack`."""
@@ -53,7 +55,7 @@ class ConditionalMoments:
 
 
 class CollapsedDensity:
-    """Log posterior density of the scales and correlations, vectorised over draws."""
+    """Posterior of the scales and correlations; environments and subjects are partially pooled."""
 
     def __init__(
         self,
@@ -72,38 +74,34 @@ class CollapsedDensity:
             self.information = InformationProblem(statistics.patterns, self.regression.trend)
         trials = sum(p.subjects * p.trials.sum() for p in statistics.patterns)
         self._constant = statistics.constant - 0.5 * _LOG_2PI * len(statistics.parameters) * float(trials)
-
-    @property
-    def dimension(self) -> int:
-        """Number of coordinates."""
-        return self.layout.dimension
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the coordinates, in order."""
-        return self.layout.names
-
-    @property
-    def draws_per_pass(self) -> int:
-        """Draws that are computed at once."""
+        self.names, self.dimension = self.layout.names, self.layout.dimension
+        self.priors_in_force = self.layout.priors_in_force
+        self.cells = tuple((p, e) for p in statistics.parameters for e in statistics.environments)
+        #: Draws that are computed at once.
+        self.draws_per_pass = min(2048, max(128, _PASS // self.dimension))
         if self.information is not None:
-            return self.information.draws_per_pass
-        return min(2048, max(128, _PASS // self.dimension))
+            self.draws_per_pass = self.information.draws_per_pass
+
+    def identity(self) -> tuple[object, ...]:
+        """Everything that decides density and locations: statistics, priors, options, resolution."""
+        model: tuple[Any, ...] = (self.statistics, self.priors, self.layout.options, self.resolution)
+        return ("pooled", *(dataclasses.astuple(part) for part in model))
 
     def __call__(self, points: Array) -> Array:
-        """Log posterior density, up to the evidence."""
-        most = self.draws_per_pass
-        if len(points) > most:
-            return np.concatenate([self(points[i : i + most]) for i in range(0, len(points), most)])
-        if len(points) == 1:
+        """Log posterior density of coordinates (W, d), up to the evidence, shape (W,)."""
+        most, count = self.draws_per_pass, len(points)
+        if count % most == 1:
             # Sums over a single column run in another order: keep values independent of the batch.
-            return self(np.repeat(points, 2, axis=0))[:1]
+            points = np.concatenate([points, points[-1:]])
         inside = np.all(np.abs(points) <= self.layout.limits, axis=1)
-        coords = np.ascontiguousarray(np.where(inside[:, None], points, 0.0).T)
+        value = np.full(len(points), -np.inf)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
-            scales = self.layout.scales(coords)
-            value = scales.log_prior + self.log_likelihood(scales)
-        return np.where(inside & ~np.isnan(value), value, -np.inf)
+            for start in range(0, len(points), most):
+                part = slice(start, start + most)
+                coords = np.where(inside[part, None], points[part], 0.0)
+                scales = self.layout.scales(np.ascontiguousarray(coords.T))
+                value[part] = scales.log_prior + self.log_likelihood(scales)
+        return np.where(inside & ~np.isnan(value), value, -np.inf)[:count]
 
     def log_likelihood(self, scales: Scales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
@@ -133,8 +131,7 @@ class CollapsedDensity:
                     (pattern.subjects - 1.0) * covariance.log_determinant()
                     + covariance.scatter_distance(pattern.rows)
                 )
-        problem = self.regression.build(scales, cells)
-        return value + Regression(problem, scales, self.layout.environments).log_density
+        return value + Regression(self.regression, scales, cells, merge=True).log_density
 
     def locations(self, scales: Scales) -> Regression | Information:
         """Law of beta given W sets of scales and the data: exactly Gaussian."""
@@ -142,56 +139,14 @@ class CollapsedDensity:
             found = Information(self.information, scales, self._kinds(scales))
             if found.sound.all():
                 return found
-        problem = self.regression.build(scales, self.cell_blocks(scales), merge=False)
-        return Regression(problem, scales, self.layout.environments)
+        return Regression(self.regression, scales, self.cell_blocks(scales))
 
     def population(self, scales: Scales) -> Block:
         """Covariance of users about beta in each environment, entries (J, W)."""
         if scales.shared is None:
             return scales.between
-        return spread_over(scales.shared, (self.layout.environments, scales.log_prior.size)) + scales.between
-
-    def moments(self, scales: Scales) -> ConditionalMoments:
-        """Moments of beta and of the population, cells parameter by parameter."""
-        law = self.locations(scales)
-        sd, population_sd = (
-            np.sqrt(np.concatenate(block.diagonal())).T for block in (law.covariance, self.population(scales))
-        )
-        return ConditionalMoments(np.concatenate(law.mean).T, sd, population_sd)
-
-    def pairs(self, scales: Scales) -> tuple[Array, Array, Array]:
-        """Mean of the pair of betas (W, J, 2), its covariance, and that of users about it (W, J, 2, 2)."""
-        law = self.locations(scales)
-        blocks = (law.covariance, self.population(scales))
-        own, users = (np.moveaxis(_matrix(block), -1, 0) for block in blocks)
-        return np.stack(law.mean).T, own, users
-
-    def new_environment(
-        self, scales: Scales, x: Array, repeats: int, rng: np.random.Generator
-    ) -> tuple[Array, Array, Array]:
-        """Moments at W sets of scales: the location is normal given these, log sigma is drawn evenly."""
-        count, width = x.size, scales.log_prior.size
-        # On alpha and gamma over their prior SDs.
-        rows = np.zeros((count, 2 * count))
-        rows[:, :count] = self.priors.alpha_sd * np.eye(count)
-        rows[:, count:] = self.priors.gamma_sd * np.diag(x)
-        mean, spread = self.locations(scales).trend(rows)
-        mean = mean.T
-        covariance = np.einsum("qpw,qrw->wpr", spread, spread)
-        named = scales.named
-        covariance[:, range(count), range(count)] += named["tau"].T ** 2
-        log_sigma = np.log(named["s"]) + named.get("kappa", 0.0) * x[:, None]
-        sigma = np.exp(
-            log_sigma + named.get("omega", np.zeros((count, 1))) * _even((repeats, count, width), rng)
-        )
-        population = _covariance(np.moveaxis(sigma, -1, 0), named.get("rho_w"))
-        if "sigma_u" in named:
-            population = population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
-        return (
-            np.repeat(mean, repeats, axis=0),
-            np.repeat(covariance, repeats, axis=0),
-            population.reshape(-1, count, count),
-        )
+        shape = self.layout.environments, scales.log_prior.size
+        return scales.shared.mapped(lambda part: np.broadcast_to(part, shape)) + scales.between
 
     def trial_block(self, scales: Scales) -> Block | None:
         """Covariance between trials with the resolution's share, entries (J, W)."""
@@ -210,7 +165,9 @@ class CollapsedDensity:
         kinds = self.information
         return self._cells(scales, self.trial_block(scales), kinds.environment, kinds.trials)
 
-    def _cells(self, scales: Scales, trial: Block | None, environments: Indices, trials: Array) -> Block:
+    def _cells(
+        self, scales: Scales, trial: Block | None, environments: NDArray[np.intp], trials: Array
+    ) -> Block:
         cell = scales.between[environments]
         if self.resolution.between is not None:
             cell = cell.plus_diagonal(tuple(self.resolution.between[:, environments, None]))
@@ -218,25 +175,63 @@ class CollapsedDensity:
             cell = cell + trial[environments].scaled(1.0 / trials[:, None])
         return cell
 
+    def passes(self, points: Array) -> Iterator[Scales]:
+        """Scales at coordinates (W, d), some draws at a time."""
+        for start in range(0, len(points), self.draws_per_pass):
+            part = points[start : start + self.draws_per_pass]
+            yield self.layout.scales(np.ascontiguousarray(part.T))
 
-def _matrix(block: Block) -> Array:
-    """Covariances (J, P, P, W) of a block of entries (J, W)."""
+    def by_pass(self, points: Array, work: Callable[[Scales], tuple[Array, ...]]) -> list[Array]:
+        """Arrays worked out from the scales at coordinates (W, d), draws first."""
+        return [np.concatenate(part) for part in zip(*map(work, self.passes(points)), strict=True)]
+
+    def moments(self, scales: Scales) -> ConditionalMoments:
+        """Moments of beta and of the population, cells parameter by parameter."""
+        law = self.locations(scales)
+        sd, population_sd = (
+            np.sqrt(np.concatenate(block.diagonal())).T for block in (law.covariance, self.population(scales))
+        )
+        return ConditionalMoments(np.concatenate(law.mean).T, sd, population_sd)
+
+    def laws(self, points: Array) -> ConditionalMoments:
+        """Moments of beta and of the population at coordinates (W, d)."""
+        (packed,) = self.by_pass(points, lambda scales: (self.moments(scales).pack(),))
+        return ConditionalMoments.unpack(packed)
+
+    def pairs(self, points: Array) -> tuple[Array, Array, Array]:
+        """Mean of the pair of betas (W, J, 2), its covariance, and that of users about it (W, J, 2, 2)."""
+
+        def pair(scales: Scales) -> tuple[Array, Array, Array]:
+            law = self.locations(scales)
+            own, users = (_matrices(block) for block in (law.covariance, self.population(scales)))
+            return np.stack(law.mean).T, own, users
+
+        mean, own, users = self.by_pass(points, pair)
+        return mean, own, users
+
+    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
+
+        def drawn(scales: Scales) -> tuple[Array, Array]:
+            beta = self.locations(scales).draw(rng)
+            user = beta.copy()
+            for column in self.population(scales).factor_columns():
+                user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+            return beta.reshape(-1, beta.shape[-1]).T, user.reshape(-1, beta.shape[-1]).T
+
+        beta, user = self.by_pass(points, drawn)
+        return beta, user
+
+    def scales(self, points: Array) -> Named:
+        """Named scales and correlations at coordinates: dimensions and values, draws first."""
+        parts = [draws_first(scales.named) for scales in self.passes(points)]
+        return {
+            name: (dimensions, np.concatenate([part[name][1] for part in parts]))
+            for name, (dimensions, _) in parts[0].items()
+        }
+
+
+def _matrices(block: Block) -> Array:
+    """Covariances (W, J, P, P) of a block of entries (J, W)."""
     columns = np.stack([np.stack(column) for column in block.factor_columns()])
-    return np.einsum("rpjw,rqjw->jpqw", columns, columns)
-
-
-def _even(shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
-    """Return standard normals (R, P, W) that fill the square evenly, R in turn for each draw."""
-    repeats, count, width = shape
-    place = np.multiply.outer(np.arange(width * repeats), _STEPS[:count]) + rng.random(count)
-    normals = special.ndtri(np.clip(place % 1.0, _LEAST, 1.0 - _LEAST))
-    return np.moveaxis(normals.reshape(width, repeats, count), 0, -1)
-
-
-def _covariance(sd: Array, rho: Array | None) -> Array:
-    """Covariances (W, R, P, P) from SDs (W, R, P) and a correlation (W,)."""
-    matrix = sd[..., :, None] * sd[..., None, :]
-    if rho is not None:
-        matrix[..., 0, 1] *= rho[:, None]
-        matrix[..., 1, 0] *= rho[:, None]
-    return matrix
+    return np.moveaxis(np.einsum("rpjw,rqjw->jpqw", columns, columns), -1, 0)

@@ -17,15 +17,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import (
-    Block,
-    Pair,
-    Precision,
-    Scalar,
-    Vector,
-    gram,
-    weighted_mean,
-)
+from percept.inference.hierarchy.blocks import Block, Vector, gram, weighted_mean
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Pattern
 
@@ -220,19 +212,18 @@ class Information:
 
 def _padded(kinds: Block) -> Block:
     """Covariances of kinds of cells, and last one without end: a cell that is not there says nothing."""
-    end = np.full((1, kinds.v.shape[1]), np.inf)
-    if isinstance(kinds, Scalar):
-        return Scalar(np.concatenate([kinds.v, end]))
-    pairs = (kinds.v, end), (kinds.g, np.zeros_like(end)), (kinds.w, end)
-    return Pair(*(np.concatenate(pair) for pair in pairs))
+    end = np.full((1, kinds.variances[0].shape[1]), np.inf)
+    slope = None if kinds.slope is None else np.concatenate([kinds.slope, np.zeros_like(end)])
+    return Block(tuple(np.concatenate([part, end]) for part in kinds.variances), slope)
 
 
-def _dense(precision: Precision) -> Array:
+def _dense(precision: Block) -> Array:
     """Entries (P, P, K, W) of precisions."""
-    if isinstance(precision, Scalar):
-        return precision.v[None, None]
-    cross = precision.v * precision.g
-    return np.stack([[precision.w + cross * precision.g, cross], [cross, precision.v]])
+    v, g = precision.variances[0], precision.slope
+    if g is None:
+        return v[None, None]
+    cross = v * g
+    return np.stack([[precision.variances[1] + cross * g, cross], [cross, v]])
 
 
 def _cholesky(matrices: Array) -> Array:

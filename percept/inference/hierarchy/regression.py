@@ -108,14 +108,14 @@ class LocationProblem:
     def __init__(self, statistics: Statistics, layout: Layout, priors: Priors) -> None:
         self._patterns = statistics.patterns
         self._size = layout.parameters
-        self._environments = layout.environments
+        self.environments = layout.environments
         self._alpha_sd = priors.alpha_sd
         self._trend_columns = _trend_columns(statistics.x, layout, priors)
         #: Columns (Q, P, J) of alpha and gamma, times their prior SDs.
         self.trend = np.array([[part[:, 0] for part in column] for column in self._trend_columns])
 
-    def build(self, scales: Scales, cells: list[Block], *, merge: bool = True) -> Whitened:
-        """Whiten the pattern means and the design of the latents."""
+    def whitened(self, scales: Scales, cells: list[Block], *, merge: bool) -> Whitened:
+        """Whiten the pattern means and the design of the latents, level and subject effect merged or not."""
         # Covariance of each pattern's mean about its mean subject effect, entries (E, W).
         noises = [
             cell.scaled(1.0 / pattern.subjects) for cell, pattern in zip(cells, self._patterns, strict=True)
@@ -128,9 +128,9 @@ class LocationProblem:
         width = scales.log_prior.size
         columns = list(self._trend_columns)
         for p, tau in enumerate(scales.tau or ()):
-            for own in np.eye(self._environments)[..., None]:
+            for own in np.eye(self.environments)[..., None]:
                 columns.append(_unit(self._size, p, own * tau))
-        stacked = _stack(columns, (self._environments, width))
+        stacked = _stack(columns, (self.environments, width))
         targets: list[Array] = []
         designs: list[Array] = []
         log_determinant = np.zeros(width)
@@ -147,7 +147,7 @@ class LocationProblem:
 
     def _of_one_pattern(self, scales: Scales, noise: Block, *, merge: bool) -> Whitened:
         (pattern,) = self._patterns
-        shape = self._environments, scales.log_prior.size
+        shape = self.environments, scales.log_prior.size
         mean = tuple(np.broadcast_to(m[:, None], shape) for m in pattern.mean)
         spread = noise
         if scales.tau is not None:
@@ -198,12 +198,15 @@ def _rows(pieces: list[Vector], *columns: int) -> list[Array]:
 class Regression:
     """Locations at W sets of scales: the density of the patterns' means, and on demand the law of beta."""
 
-    def __init__(self, problem: Whitened, scales: Scales, environments: int) -> None:
-        self._problem, self._scales = problem, scales
-        self._shape = environments, scales.log_prior.size
-        self._solved = factor(problem.design, problem.target)
+    def __init__(
+        self, problem: LocationProblem, scales: Scales, cells: list[Block], *, merge: bool = False
+    ) -> None:
+        self._scales = scales
+        self._shape = problem.environments, scales.log_prior.size
+        self._whitened = whitened = problem.whitened(scales, cells, merge=merge)
+        self._solved = factor(whitened.design, whitened.target)
         self.log_density = -0.5 * (
-            problem.log_determinant + self._solved.log_determinant + self._solved.distance
+            whitened.log_determinant + self._solved.log_determinant + self._solved.distance
         )
 
     @cached_property
@@ -211,7 +214,7 @@ class Regression:
         """Columns of beta on the latents (Q, J, W) per parameter, what does not depend on them, and the
         covariance of each environment's own part.
         """  # noqa: D205
-        problem, scales, shape = self._problem, self._scales, self._shape
+        problem, scales, shape = self._whitened, self._scales, self._shape
         columns = list(_stack(problem.locations, shape))
         constant = [np.zeros(shape) for _ in columns]
         extra = len(problem.columns) - len(problem.locations)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.density import ConditionalMoments
-from percept.inference.hierarchy.priors import LIMIT, Priors, draws_first, half_normal
+from percept.inference.hierarchy.priors import LIMIT, Named, Priors, draws_first, half_normal
 from percept.inference.hierarchy.statistics import Statistics
 
 Array = NDArray[np.float64]
@@ -85,7 +85,8 @@ class WithinSubjects:
         `varied` says whether subjects differ in the contrast; they do, and a model without it is wrong.
         """
         self.statistics, self._priors, self.varied = statistics, priors or Priors(), varied
-        self._names, self.reference = names, reference
+        self.priors_in_force = dataclasses.asdict(self._priors)
+        self._references, self.reference = names, reference
         self._c, self._x = np.where(second, 0.5, -0.5), statistics.x[0]
         self._at = (reference[:, None] == np.arange(len(names))).astype(float)
         self.cells = tuple((statistics.parameters[0], name) for name in (*names, "overall"))
@@ -106,27 +107,19 @@ class WithinSubjects:
             loads_e = loads * [p.log_s_e_sd, p.kappa_e_sd, p.psi_sd]
             self.spreads["sigma_e"] = Spread(p.log_s_e_mean, loads_e, logs, np.where(known, 2.0 * df, 0.0))
         self._omegas = [f"omega{name.removeprefix('sigma')}" for name in self.spreads]
+        spread_names = ("log_s", "kappa", "psi", *statistics.environments)
+        cells = [f"{s}[{cell}]" for s in self.spreads for cell in spread_names]
+        #: Names of the coordinates.
+        self.names = [*self.scale_names, *self._omegas, *cells]
         trials = sum(part.subjects * part.trials.sum() for part in statistics.patterns)
         # The statistics' constant is of pattern means of covariance D/n; here n of covariance D are weighed.
         means = sum(part.environments.size * np.log(part.subjects) for part in statistics.patterns)
         self._constant = statistics.constant - 0.5 * (_LOG_2PI * float(trials) - float(means))
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the coordinates."""
-        trend = ("log_s", "kappa", "psi")
-        cells = [f"{s}[{cell}]" for s in self.spreads for cell in (*trend, *self.statistics.environments)]
-        return [*self.scale_names, *self._omegas, *cells]
-
-    @property
-    def priors(self) -> dict[str, float]:
-        """Priors in force, by name."""
-        return dataclasses.asdict(self._priors)
-
     def identity(self) -> tuple[object, ...]:
         """Everything that decides density and contrasts."""
         data, priors = dataclasses.astuple(self.statistics), dataclasses.astuple(self._priors)
-        return ("within subjects", data, priors, self.reference, self._c, self._names, self.varied)
+        return ("within subjects", data, priors, self.reference, self._c, self._references, self.varied)
 
     def named(self, points: Array) -> tuple[dict[str, Array], Array]:
         """Scales by name at coordinates (W, d), shape (W,) or (W, M), and their log prior density."""
@@ -220,11 +213,9 @@ class WithinSubjects:
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw each contrast, and a new user's, once per coordinates; contrasts apart from one another."""
-        laws = self.laws(points)
-        mean = laws.mean + laws.sd * rng.standard_normal(laws.mean.shape)
-        return mean, mean + laws.population_sd * rng.standard_normal(mean.shape)
+        return self.laws(points).draw(rng)
 
-    def scales(self, points: Array) -> dict[str, tuple[tuple[str, ...], Array]]:
+    def scales(self, points: Array) -> Named:
         """Named scales at coordinates: dimensions and values, draws first."""
         return draws_first({name: value.T for name, value in self.named(points)[0].items()})
 

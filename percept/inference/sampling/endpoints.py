@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
 import numpy as np
@@ -34,14 +34,11 @@ class Estimands(Protocol):
     def components(self, points: Array) -> Array:
         """Quantities kept per draw: points (W, d) to an array (W, C)."""
 
-    def parts(self) -> Sequence[Estimands]:
-        """Estimands that can be worked on apart, whose estimates make up these in their order."""
-
-    def estimate(self, components: Array) -> tuple[Estimates, Array]:
-        """Estimates from the components (S, C) of S kept draws, and their influence functions.
+    def estimates(self, components: Array) -> Iterable[tuple[Estimates, Array]]:
+        """Estimates from the components (S, C) of S kept draws, and their influence functions, in parts.
 
         These, of shape (S, Q), are the first-order pull of each draw on each estimate: their mean over draws
-        is zero, and its standard error is the estimate's.
+        is zero, and its standard error is the estimate's. Memory holds one part at a time.
         """
 
 
@@ -56,14 +53,10 @@ class Means:
         """Values of the functions, shape (W, C)."""
         return np.asarray(self._function(points))
 
-    def parts(self) -> tuple[Means]:
-        """All means at once."""
-        return (self,)
-
-    def estimate(self, components: Array) -> tuple[Estimates, Array]:
+    def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
         """Means, with deviations as influence."""
         mean = components.mean(axis=0)
-        return Estimates(self._names, mean, components.std(axis=0)), components - mean
+        yield Estimates(self._names, mean, components.std(axis=0)), components - mean
 
 
 _SQRT_2PI = math.sqrt(2.0 * math.pi)

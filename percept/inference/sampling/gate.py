@@ -134,26 +134,26 @@ class Judged:
 
 def judge(estimands: Estimands, components: Array) -> Judged:
     """Estimate, and measure errors and convergence."""
-    parts = [_judge_part(part, components) for part in estimands.parts()]
-    names = tuple(name for part in parts for name in part.estimates.names)
-    value, scale, errors, times, rhats = (
-        np.concatenate(each)
-        for each in zip(
-            *((p.estimates.value, p.estimates.scale, p.errors, p.times, p.rhats) for p in parts), strict=True
-        )
+    estimates, *measures = zip(
+        *(
+            (found, *_measured(influence.reshape(*components.shape[:3], -1)))
+            for found, influence in estimands.estimates(components.reshape(-1, components.shape[-1]))
+        ),
+        strict=True,
     )
-    return Judged(Estimates(names, value, scale), errors, times, rhats)
+    names = tuple(name for found in estimates for name in found.names)
+    value, scale = (np.concatenate([getattr(e, n) for e in estimates]) for n in ("value", "scale"))
+    return Judged(Estimates(names, value, scale), *map(np.concatenate, measures))
 
 
-def _judge_part(estimands: Estimands, components: Array) -> Judged:
-    estimates, influence = estimands.estimate(components.reshape(-1, components.shape[-1]))
-    series = influence.reshape(*components.shape[:3], -1)
+def _measured(series: Array) -> tuple[Array, Array, Array]:
+    """Errors of influence functions (E, T, W, Q), and times and R-hat of their ranks."""
     errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series)))
     # Ranks: a heavy tail would make the memory that of its few extreme draws, and hide what is slow below it.
     scores = normal_scores(some_walkers(series, _RANKED))
     tail = (np.abs(scores) > _TAIL).astype(float)
     times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
-    return Judged(estimates, errors, times, _rhats(scores, tail, times))
+    return errors, times, _rhats(scores, tail, times)
 
 
 def _rhats(scores: Array, tail: Array, times: Array) -> Array:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp
 
-from percept.inference.hierarchy.blocks import Pair, Scalar, block
+from percept.inference.hierarchy.blocks import Block, block
 from tests.inference.hierarchy import exact
 
 TOLERANCE = 2e-14
@@ -21,8 +21,7 @@ def covariances(draw):
     sign = draw(st.sampled_from([-1.0, 1.0]))
     rho = sign * (1.0 - rest)
     ours = block((np.array([sd[0]]), np.array([sd[1]])), np.array([rho]), np.array([rest]))
-    assert isinstance(ours, Pair)
-    return ours, exact.pair(ours.v[0], ours.g[0], ours.w[0])
+    return ours, exact.pair(ours.variances[0][0], ours.slope[0], ours.variances[1][0])
 
 
 def close(value, wanted, scale=None):
@@ -34,18 +33,18 @@ def same(ours, wanted):
     """Every number a block holds, against the regression form of a 2 x 2 matrix."""
     v, g = wanted[0, 0], wanted[1, 0] / wanted[0, 0]
     w = wanted[1, 1] - wanted[1, 0] ** 2 / wanted[0, 0]
-    close(ours.v[0], v)
-    close(ours.w[0], w)
-    close(ours.g[0], g, max(abs(g), mp.sqrt(w / v)))
+    close(ours.variances[0][0], v)
+    close(ours.variances[1][0], w)
+    close(ours.slope[0], g, max(abs(g), mp.sqrt(w / v)))
 
 
 def same_precision(ours, wanted):
     """A precision regresses the first parameter on the second."""
     v, g = wanted[1, 1], wanted[1, 0] / wanted[1, 1]
     w = wanted[0, 0] - wanted[1, 0] ** 2 / wanted[1, 1]
-    close(ours.v[0], v)
-    close(ours.w[0], w)
-    close(ours.g[0], g, max(abs(g), mp.sqrt(w / v)))
+    close(ours.variances[0][0], v)
+    close(ours.variances[1][0], w)
+    close(ours.slope[0], g, max(abs(g), mp.sqrt(w / v)))
 
 
 @pytest.fixture(autouse=True)
@@ -62,8 +61,8 @@ def test_block_holds_the_covariance_of_sds_and_correlation():
     ]:
         ours = block(tuple(np.array([s]) for s in sd), np.array([rho]), np.array([rest]))
         same(ours, exact.covariance(sd, np.sign(rho), rest) if rho else exact.covariance(sd, 0, 0))
-    assert isinstance(block((np.array([0.3]),)), Scalar)
-    np.testing.assert_allclose(block((np.array([0.3]),)).v, 0.09, rtol=1e-15)
+    (variance,) = block((np.array([0.3]),)).variances
+    np.testing.assert_allclose(variance, 0.09, rtol=1e-15)
     independent = block((np.array([0.3]), np.array([2.0])))
     same(independent, exact.matrix([[mp.mpf(0.3) ** 2, 0], [0, 4]]))
 
@@ -94,7 +93,8 @@ def test_total_of_precisions(parts):
         wanted = parts[0][1] ** -1
         for _, more in parts[1:]:
             wanted = wanted + more**-1
-        together = Pair(*(np.stack([getattr(part, name) for part, _ in parts]) for name in ("v", "g", "w")))
+        variances = tuple(np.stack([part.variances[i] for part, _ in parts]) for i in range(2))
+        together = Block(variances, np.stack([part.slope for part, _ in parts]))
         ours = together.inverse().total()
         same_precision(ours, wanted)
         same(ours.inverse(), wanted**-1)
@@ -110,8 +110,8 @@ def test_inverse_determinant_products_and_factor(one, r0, r1, factor):
         same_precision(ours.inverse(), wanted**-1)
         determinant = mp.log(wanted[0, 0] * wanted[1, 1] - wanted[0, 1] ** 2)
         for value in (ours.log_determinant()[0], -ours.inverse().log_determinant()[0]):
-            # Logs of v and w: the parts may cancel, so the bound is relative to them.
-            close(value, determinant, 1 + abs(mp.log(ours.v[0])) + abs(mp.log(ours.w[0])))
+            # Logs of both variances: the parts may cancel, so the bound is relative to them.
+            close(value, determinant, 1 + sum(abs(mp.log(part[0])) for part in ours.variances))
         product, back = wanted * vector, wanted**-1 * vector
         for i in range(2):
             size = abs(wanted[i, 0] * vector[0]) + abs(wanted[i, 1] * vector[1])
@@ -135,23 +135,23 @@ def test_whitened_squares_are_the_distance(one, r0, r1):
         vector = exact.matrix([[r0], [r1]])
         distance = (vector.T * wanted**-1 * vector)[0]
         white = ours.whiten((np.array([r0]), np.array([r1])))
-        g = mp.mpf(float(ours.g[0]))
+        g = mp.mpf(float(ours.slope[0]))
         # r1 - g r0 is as exact as its terms are; nothing else may be lost.
-        terms = (abs(vector[1]) + abs(g * vector[0])) / mp.sqrt(mp.mpf(float(ours.w[0])))
+        terms = (abs(vector[1]) + abs(g * vector[0])) / mp.sqrt(mp.mpf(float(ours.variances[1][0])))
         size = mp.sqrt(distance) + terms
         close(mp.sqrt(mp.fsum(mp.mpf(float(v[0])) ** 2 for v in white)), mp.sqrt(distance), size or 1)
 
 
 def test_scalar_is_the_same_algebra_with_one_parameter():
     v, more, r = np.array([0.3, 7.0]), np.array([2.0, 1e-9]), np.array([1.5, -2.0])
-    one = Scalar(v)
-    np.testing.assert_allclose((one + Scalar(more)).v, v + more)
-    np.testing.assert_allclose(one.plus_diagonal((more,)).v, v + more)
-    np.testing.assert_allclose(one.inverse().total().v, (1 / v).sum())
-    np.testing.assert_allclose(one.inverse().v * v, 1.0, rtol=1e-15)
+    one = Block((v,))
+    np.testing.assert_allclose((one + Block((more,))).variances[0], v + more)
+    np.testing.assert_allclose(one.plus_diagonal((more,)).variances[0], v + more)
+    np.testing.assert_allclose(one.inverse().total().variances[0], (1 / v).sum())
+    np.testing.assert_allclose(one.inverse().variances[0] * v, 1.0, rtol=1e-15)
     np.testing.assert_allclose(one.apply((r,))[0], v * r)
     np.testing.assert_allclose(one.whiten((r,))[0] ** 2, r * r / v)
     np.testing.assert_allclose(one.factor_columns()[0][0] ** 2, v)
     np.testing.assert_allclose(one.log_determinant(), np.log(v))
     np.testing.assert_allclose(one.scaled(3.0).diagonal()[0], 3 * v)
-    np.testing.assert_array_equal(one[0].v, v[0])
+    np.testing.assert_array_equal(one[0].variances[0], v[0])

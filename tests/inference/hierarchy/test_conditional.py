@@ -43,7 +43,9 @@ def test_moments_equal_dense_conditioning(name):
             np.testing.assert_allclose(variances, np.diag(dense), rtol=1e-8)
             if size == 2:
                 block = conditional.covariance
-                np.testing.assert_allclose(block.g[j, w] * block.v[j, w], dense[0, 1], rtol=1e-7, atol=1e-13)
+                np.testing.assert_allclose(
+                    block.slope[j, w] * block.variances[0][j, w], dense[0, 1], rtol=1e-7, atol=1e-13
+                )
 
 
 @pytest.mark.parametrize("name", ["balanced", "many patterns", "one environment"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from percept.inference.hierarchy.blocks import Block, Pair, Scalar, SharedCovariance, block
+from percept.inference.hierarchy.blocks import Block, SharedCovariance, block
 from percept.inference.hierarchy.regression import factor
 
 WIDTH = 3
@@ -16,10 +16,10 @@ def random_block(rng, shape, parameters) -> Block:
 
 
 def dense(part: Block, index) -> np.ndarray:
-    if isinstance(part, Scalar):
-        return np.array([[part.v[index]]])
-    assert isinstance(part, Pair)
-    v, g, w = part.v[index], part.g[index], part.w[index]
+    v, *left = (variance[index] for variance in part.variances)
+    if part.slope is None:
+        return np.array([[v]])
+    g, w = part.slope[index], left[0]
     return np.array([[v, g * v], [g * v, w + g * g * v]])
 
 

@@ -40,7 +40,7 @@ def test_merging_a_single_pattern_changes_nothing():
     scales = density.layout.scales(np.random.default_rng(1).normal(size=(density.dimension, 20)))
     found = []
     for merge in (True, False):
-        problem = density.regression.build(scales, density.cell_blocks(scales), merge=merge)
+        problem = density.regression.whitened(scales, density.cell_blocks(scales), merge=merge)
         solved = factor(problem.design, problem.target)
         found.append(
             (len(problem.columns), problem.log_determinant + solved.log_determinant, solved.distance)

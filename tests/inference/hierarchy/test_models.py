@@ -6,7 +6,7 @@ from scipy import integrate, stats
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity, Resolution
-from percept.inference.hierarchy.models import Pooled, Product, Unpooled
+from percept.inference.hierarchy.models import Product, Unpooled
 from percept.inference.hierarchy.statistics import from_summary
 from tests.inference.hierarchy import dense_twin, designs
 from tests.inference.hierarchy.test_statistics import reduce
@@ -25,7 +25,7 @@ def test_a_value_does_not_depend_on_its_batch(name):
 
 
 def test_laws_do_not_depend_on_their_batch():
-    model = Pooled(CollapsedDensity(designs.study("unequal trials", np.random.default_rng(2)).statistics))
+    model = CollapsedDensity(designs.study("unequal trials", np.random.default_rng(2)).statistics)
     points = np.random.default_rng(3).normal(size=(700, len(model.names)))
     whole = model.laws(points).pack()
     np.testing.assert_allclose(model.laws(points[100:130]).pack(), whole[100:130], rtol=1e-13)
@@ -70,16 +70,14 @@ def test_identical_subjects_have_an_answer_with_a_resolution():
 
 def summary(parameter, seed):
     rng = np.random.default_rng(seed)
-    return Pooled(
-        CollapsedDensity(
-            from_summary(
-                0.1 * rng.normal(size=3),
-                0.1 + 0.1 * rng.random(3),
-                np.array([10, 8, 12]),
-                np.array([-1.0, 0.2, 0.8]),
-                parameter=parameter,
-                environments=("VE1", "VE2", "VE3"),
-            )
+    return CollapsedDensity(
+        from_summary(
+            0.1 * rng.normal(size=3),
+            0.1 + 0.1 * rng.random(3),
+            np.array([10, 8, 12]),
+            np.array([-1.0, 0.2, 0.8]),
+            parameter=parameter,
+            environments=("VE1", "VE2", "VE3"),
         )
     )
 
@@ -156,9 +154,9 @@ def test_unpooled_refuses_a_single_subject():
 
 
 def test_pooled_scales_are_those_of_the_layout():
-    model = Pooled(CollapsedDensity(designs.study("trials", np.random.default_rng(1)).statistics))
+    model = CollapsedDensity(designs.study("trials", np.random.default_rng(1)).statistics)
     points = np.random.default_rng(3).normal(size=(5, len(model.names)))
-    named = model.density.layout.scales(np.ascontiguousarray(points.T)).named
+    named = model.layout.scales(np.ascontiguousarray(points.T)).named
     scales = model.scales(points)
     assert set(scales) == set(named)
     assert scales["rho_u"][0] == ()

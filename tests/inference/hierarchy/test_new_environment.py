@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands, NewEstimands, Pooled, new_environment
+from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.new_environment import NewEstimands, new_environment
 from tests.inference.hierarchy import designs
 
 PLACE = np.array([0.3, -0.4])
 
 
 def model_and_points(width=5):
-    model = Pooled(CollapsedDensity(designs.study("balanced", np.random.default_rng(1)).statistics))
+    model = CollapsedDensity(designs.study("balanced", np.random.default_rng(1)).statistics)
     return model, np.random.default_rng(2).normal(size=(width, len(model.names)))
 
 
@@ -54,12 +55,11 @@ def test_estimands_average_the_pull_of_a_draw_over_its_spreads() -> None:
     model, points = model_and_points(width=300)
     asked = IntervalEstimands(model, kinds=("mean", "user"), level=0.9)
     new = NewEstimands(asked, PLACE, 3, seed=0)
-    found, influence = new.estimate(new.components(points))
+    parts = list(new.estimates(new.components(points)))
     laws = new_environment(model, points, PLACE, repeats=3, rng=np.random.default_rng(0)).laws
-    assert found.names[0] == "lower mean limit of k in new"
-    for kind, part in (("mean", slice(0, 4)), ("user", slice(4, 8))):
+    assert parts[0][0].names[0] == "lower mean limit of k in new"
+    for kind, (found, influence) in zip(("mean", "user"), parts, strict=True):
         lower, upper, pull = asked.limits(kind, laws)
-        np.testing.assert_array_equal(found.value[part], np.concatenate([lower, upper]))
-        np.testing.assert_allclose(influence[:, part], pull.reshape(300, 3, 4).mean(axis=1))
+        np.testing.assert_array_equal(found.value, np.concatenate([lower, upper]))
+        np.testing.assert_allclose(influence, pull.reshape(300, 3, 4).mean(axis=1))
     assert new.identity() != NewEstimands(asked, 2.0 * PLACE, 3, seed=0).identity() != asked.identity()
-    assert len(new.parts()) == 2

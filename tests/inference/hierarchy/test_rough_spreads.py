@@ -8,7 +8,7 @@ from scipy import optimize
 
 from percept.inference.hierarchy import priors as coordinates
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands, Pooled
+from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import from_summary, from_trials
@@ -133,7 +133,7 @@ def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():
     subject, environment, _ = (axis.ravel() for axis in np.indices((40, 6, 10)))
     response = (0.02 * rng.normal(size=(40, 6)))[subject, environment] + 0.1 * rng.normal(size=subject.size)
     rows = list(zip(subject, environment, response, strict=True))
-    model = Pooled(CollapsedDensity(layout_of(rows, environments=6).statistics, Priors()))
+    model = CollapsedDensity(layout_of(rows, environments=6).statistics, Priors())
     run = sample(
         model,
         IntervalEstimands(model, kinds=("mean", "user")),

@@ -16,15 +16,12 @@ from percept.inference.sampling.gate import judge
 class Apart(Means):
     """Means of two components, each a part of its own."""
 
-    def __init__(self, columns=(0, 1)):
-        super().__init__(tuple(f"E {column}" for column in columns), lambda points: points)
-        self._columns = columns
+    def __init__(self):
+        super().__init__((), lambda points: points)
 
-    def parts(self):
-        return [Apart((column,)) for column in self._columns]
-
-    def estimate(self, components):
-        return super().estimate(components[:, self._columns])
+    def estimates(self, components):
+        for column in (0, 1):
+            yield from Means((f"E {column}",), lambda points: points).estimates(components[:, [column]])
 
 
 def chains(rho=0.6, apart=0.0):
