@@ -34,8 +34,13 @@ if TYPE_CHECKING:
 #: Environments that laws of the band need.
 FEWEST = 3
 _BOOTSTRAP = 1000
+_LABELS = ["method", "kind", "family"]
 # A law's interval needs no more posterior draws than that either.
 _DRAWS = 2000
+#: Lower and upper limits, scalars or one per replicate, by parameter and environment.
+CellLimits = Mapping[tuple[str, str], tuple[Array, Array]]
+#: Limits that other studies, or posterior draws, would have: by method, kind and family.
+Replicates = dict[tuple[str, str, str], CellLimits]
 
 
 class Banded(NamedTuple):
@@ -45,33 +50,21 @@ class Banded(NamedTuple):
     size: dict[str, float]  # By environment, N·s/m or in the parameter's unit; above zero
     omega: float | None = None  # rad/s, of abs(Z_e)
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Parameters that an environment's band is made of."""
-        return ("k", "b") if self.parameter is None else (self.parameter,)
+    def cells(self, known: Collection[tuple[str, str]]) -> dict[str, list[tuple[str, str]]]:
+        """Cells of each environment whose band is known, of all that are."""
+        parameters = ("k", "b") if self.parameter is None else (self.parameter,)
+        own = {environment: [(p, environment) for p in parameters] for environment in self.size}
+        return {environment: cells for environment, cells in own.items() if all(c in known for c in cells)}
 
-    def known(self, cells: Collection[tuple[str, str]]) -> tuple[str, ...]:
-        """Return the environments with a cell of every parameter."""
-        return tuple(e for e in self.size if all((p, e) in cells for p in self.parameters))
-
-    def ends(self, limits: Mapping[str, tuple[Any, Any]]) -> tuple[Array, Array]:
-        """Range of the size over limits of each parameter."""
-        # Of a few subjects some studies have SDs whose limits no double holds.
-        own = [tuple(displayable(np.asarray(end)) for end in limits[p]) for p in self.parameters]
-        if self.omega is None:
-            return own[0][0], own[0][1]
-        return environment_magnitude_range(self.omega, (own[0][0], own[0][1]), (own[1][0], own[1][1]))
-
-
-class Redrawn(NamedTuple):
-    """Bands (S, J) of some environments, in the order of the study."""
-
-    environments: tuple[str, ...]
-    bands: Array
-
-
-#: By parameter, method, kind and family.
-Replicates = dict[tuple[str | None, str, str, str], Redrawn]
+    def ends(self, limits: CellLimits) -> dict[str, tuple[Array, Array]]:
+        """Range of the size over limits of each parameter, of every environment that has them."""
+        found = {}
+        for environment, cells in self.cells(limits).items():
+            # Of a few subjects some studies have SDs whose limits no double holds.
+            own = [(displayable(limits[cell][0]), displayable(limits[cell][1])) for cell in cells]
+            ends = own[0] if self.omega is None else environment_magnitude_range(self.omega, own[0], own[1])
+            found[environment] = ends
+        return found
 
 
 def with_band(
@@ -114,29 +107,25 @@ def with_band(
 def classical_replicates(
     cells: Mapping[Family, Sequence[Cell]], asked: InferenceTable, banded: Sequence[Banded]
 ) -> Replicates:
-    """Simulate the means and SDs that other studies of these users would find, and their bands."""
+    """Simulate the means and SDs that other studies of these users would find, and their limits."""
     rng = generator(asked.seed, Stream.CLASSICAL_BANDS)
     found: Replicates = {}
     for family, of_family in cells.items():
         every = known_moments(of_family, family)
-        for one in banded:
-            names = one.known(every)
-            known = {c: m for c, m in every.items() if c[0] in one.parameters and c[1] in names}
-            drawn = {cell: _redrawn(moments, rng) for cell, moments in known.items()}
-            for kind in asked.kinds if names else ():
-                limits = {cell: _limits(known[cell], *drawn[cell], kind, family, asked) for cell in known}
-                found[one.parameter, "classical", kind, family] = _bands(one, names, limits)
+        needed = {cell for one in banded for own in one.cells(every).values() for cell in own}
+        drawn = {cell: (every[cell], *_redrawn(every[cell], rng)) for cell in every if cell in needed}
+        for kind in asked.kinds:
+            limits = {cell: _limits(*of_cell, kind, family, asked) for cell, of_cell in drawn.items()}
+            found["classical", kind, family] = limits
     return found
 
 
-def posterior_replicates(fit: Fit, asked: InferenceTable, banded: Sequence[Banded]) -> Replicates:
-    """Bands of the central interval given each posterior draw: of the population's mean, or of its users.
+def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
+    """Limits of the central interval given each posterior draw: of the population's mean, or of its users.
 
     Limits that hold a share of users with a stated confidence belong to the posterior as a whole: there are
     none given a draw, and no law of theirs.
     """
-    if not any(one.known(fit.column) for one in banded):
-        return {}
     points = fit.points[:: max(1, len(fit.points) // _DRAWS)]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
     laws = fit.model.laws(points)
@@ -146,20 +135,8 @@ def posterior_replicates(fit: Fit, asked: InferenceTable, banded: Sequence[Bande
         if kind in asked.kinds:
             lower, upper = fit.scale.native(centre - out * sd), fit.scale.native(centre + out * sd)
             limits = {cell: (lower[:, c], upper[:, c]) for cell, c in fit.column.items()}
-            for one in banded:
-                if names := one.known(fit.column):
-                    found[one.parameter, "bayesian", kind, asked.family] = _bands(one, names, limits)
+            found["bayesian", kind, asked.family] = limits
     return found
-
-
-def _bands(
-    banded: Banded, names: tuple[str, ...], limits: Mapping[tuple[str, str], tuple[Array, Array]]
-) -> Redrawn:
-    bands = []
-    for environment in names:
-        lower, upper = banded.ends({p: limits[p, environment] for p in banded.parameters})
-        bands.append(upper - lower)
-    return Redrawn(names, np.stack(bands, axis=1))
 
 
 def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -200,55 +177,54 @@ def band_study(
     if asked.method != "bayesian":
         replicates |= classical_replicates(cells, asked, banded)
     if fit is not None:
-        replicates |= posterior_replicates(fit, asked, banded)
-    kappa = None if fit is None else weber_trend(fit, level=asked.level)
+        replicates |= posterior_replicates(fit, asked)
     tables, laws, statements = [], list[BandLaw](), list[BandStatement]()
     for one in banded:
         table = pd.DataFrame(_rows(intervals, one))
         tables.append(table)
-        for found, part in table.groupby(["method", "kind", "family"], sort=False) if len(table) else ():
-            method, kind, family = (str(label) for label in found)
-            redrawn = replicates.get((one.parameter, method, kind, family))
+        for labels, part in table.groupby(_LABELS, sort=False) if len(table) else ():
+            method, kind, family = map(str, labels)
+            drawn = one.ends(replicates.get((method, kind, family), {}))
             size, bands = part[size_name(one.parameter)].to_numpy(), part["band"].to_numpy()
             names = tuple(part["environment"])
-            if redrawn is None or names != redrawn.environments or not determines_laws(size):
+            if names != tuple(drawn) or not determines_laws(size):
                 continue
-            drawn, of = redrawn.bands, one.parameter
+            redrawn = np.stack([upper - lower for lower, upper in drawn.values()], axis=1)
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's bands.
             fitted = None if method == "bayesian" else bands
-            of_whom: dict[str, Any] = {"method": method, "kind": kind, "family": family, "parameter": of}
-            laws += band_laws(names, size, fitted, drawn, level=asked.level, **of_whom)
-            statements += band_statements(size, drawn, **of_whom)
-    omega = next((one.omega for one in banded), None)
+            of: dict[str, Any] = {
+                "method": method,
+                "kind": kind,
+                "family": family,
+                "parameter": one.parameter,
+            }
+            laws += band_laws(names, size, fitted, redrawn, level=asked.level, **of)
+            statements += band_statements(size, redrawn, **of)
     rows = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-    return BandStudy(omega, rows, tuple(laws), tuple(statements), kappa)
+    kappa = None if fit is None else weber_trend(fit, level=asked.level)
+    return BandStudy(banded[0].omega, rows, tuple(laws), tuple(statements), kappa)
 
 
 def _rows(intervals: pd.DataFrame, banded: Banded) -> Iterator[dict[str, object]]:
     """Yield the band of each environment, method, kind and family with limits of every parameter."""
-    labels = ["environment", "method", "kind", "family"]
-    kept = intervals[(intervals["joint"] == "marginal") & intervals["environment"].isin(banded.size)]
-    kept = kept[kept["parameter"].isin(banded.parameters)]
-    for at, rows in kept.groupby(labels, sort=False):
-        if len(rows) < len(banded.parameters):
-            continue
-        limits = {
-            p: (low, high)
-            for p, low, high in zip(rows["parameter"], rows["lower"], rows["upper"], strict=True)
-        }
-        lower, upper = (float(end) for end in banded.ends(limits))
-        environment = str(at[0])
-        size, band = banded.size[environment], upper - lower
-        of = {} if banded.parameter is None else {"parameter": banded.parameter}
-        yield {
-            **dict(zip(labels, at, strict=True)),
-            **of,
-            size_name(banded.parameter): size,
-            "lower": lower,
-            "upper": upper,
-            "band": band,
-            "relative": band / size,
-        }
+    names = ["environment", *_LABELS]
+    of = {} if banded.parameter is None else {"parameter": banded.parameter}
+    for labels, rows in intervals[intervals["joint"] == "marginal"].groupby(names, sort=False):
+        cells = zip(rows["parameter"], rows["environment"], strict=True)
+        ends = zip(rows["lower"].to_numpy(), rows["upper"].to_numpy(), strict=True)
+        limits = dict(zip(cells, ends, strict=True))
+        for environment, span in banded.ends(limits).items():
+            lower, upper = map(float, span)
+            size, band = banded.size[environment], upper - lower
+            yield {
+                **dict(zip(names, labels, strict=True)),
+                **of,
+                size_name(banded.parameter): size,
+                "lower": lower,
+                "upper": upper,
+                "band": band,
+                "relative": band / size,
+            }
 
 
 def weber_trend(fit: Fit, *, level: float) -> pd.DataFrame | None:

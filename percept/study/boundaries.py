@@ -16,7 +16,7 @@ from percept.errors import UsageError
 from percept.scene import Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup
-from percept.study.regions import Law, Region, labels_of
+from percept.study.regions import Law, Region
 
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
@@ -126,7 +126,7 @@ class Drawing:
         for shape in _shapes(region):
             lower, upper = self._setup.outline(region, shape, shared["omega"])
             yield Boundary(
-                lower=lower, upper=upper, shape=shape, joint=region.joint, **(shared | labels_of(region))
+                lower=lower, upper=upper, shape=shape, joint=region.joint, **(shared | region.labels)
             )
 
     def _of_law(self, law: Law, shared: dict[str, Any]) -> Iterator[Boundary]:
@@ -160,7 +160,7 @@ class Drawing:
         error, largest = relative_error(shared["omega"], limits) or (None, None)
         return Boundary(
             lower=limits.lower, upper=limits.upper, errors=limits.errors, error=error, largest_error=largest,
-            shape=shape, joint="joint", **(shared | labels_of(law)),
+            shape=shape, joint="joint", **(shared | law.labels),
         )  # fmt: skip
 
 

@@ -117,11 +117,15 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             "A and B are the same sessions under the same scene: there is nothing to compare.",
             hint="Give the sessions of other people, or another scene.",
         )
-    keys = ["environment", "parameter", "kind", "method", "family", "joint"]
     notes = [_SAME] if same else list(_in_common(first.sessions, second.sessions))
-    notes += _unlike(first, second)
-    pair = [study.intervals[[*keys, "lower", "upper"]] for study in (first, second)]
-    intervals = pair[0].merge(pair[1], on=keys, suffixes=("_a", "_b"))
+    for what in ("environments", "parameters"):
+        a, b = (getattr(study, what) for study in (first, second))
+        for label, own, other in (("A", a, b), ("B", b, a)):
+            if alone := [name for name in own if name not in other]:
+                notes.append(f"Only {label} has {', '.join(alone)}: left out.")
+    keys = ["environment", "parameter", "kind", "method", "family", "joint"]
+    a, b = (study.intervals[[*keys, "lower", "upper"]] for study in (first, second))
+    intervals = a.merge(b, on=keys, suffixes=("_a", "_b"))
     widths = [intervals[f"upper_{side}"] - intervals[f"lower_{side}"] for side in ("a", "b")]
     intervals["width_ratio"] = widths[1] / widths[0]
     differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
@@ -131,8 +135,8 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
 
 def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """How far the exact envelopes of B lie from A's, over the frequencies that both study."""
-    ranges = [study.frequencies.ends for study in (first, second)]
-    lower, upper = max(low for low, _ in ranges), min(high for _, high in ranges)
+    (a_low, a_high), (b_low, b_high) = (study.frequencies.ends for study in (first, second))
+    lower, upper = max(a_low, b_low), min(a_high, b_high)
     if not lower < upper:
         return
     omega = np.geomspace(lower, upper, _POINTS)
@@ -147,38 +151,12 @@ def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
     for key in (key for key in of_a if key in of_b):
         row: dict[str, object] = dict(zip(_CURVE_LABELS, key, strict=True))
         for side in ("lower", "upper"):
-            curves = [
-                np.maximum(getattr(boundary, side), _FLOOR * boundary.upper)
-                for boundary in (of_a[key], of_b[key])
-            ]
-            ratio = np.log(curves[1] / curves[0])
+            a, b = (np.maximum(getattr(of, side), _FLOOR * of.upper) for of in (of_a[key], of_b[key]))
+            ratio = np.log(b / a)
             worst = int(np.abs(ratio).argmax())
             row[f"area_{side}"] = float(np.abs(ratio).mean())
             row[f"largest_{side}"], row[f"omega_{side}"] = float(ratio[worst]), float(omega[worst])
         yield row
-
-
-def _unlike(first: Study, second: Study) -> Iterator[str]:
-    """Say what only one of the two has, and what makes their intervals differ besides their users."""
-    for what in ("environments", "parameters"):
-        names = [[str(name) for name in getattr(study, what)] for study in (first, second)]
-        for label, own, other in (("A", *names), ("B", *reversed(names))):
-            if alone := [name for name in own if name not in other]:
-                yield f"Only {label} has {', '.join(alone)}: left out."
-    asked = [study.scene.inference for study in (first, second)]
-    claims = [f"{one.held_share:g} of users with confidence {one.confidence:g}" for one in asked]
-    if all("share" in one.kinds for one in asked) and claims[0] != claims[1]:
-        yield f"Intervals of kind share hold {' and '.join(claims)}: their widths differ for that reason too."
-    if {study.sessions.form for study in (first, second)} == {"trials"}:
-        a, b = (
-            study.sessions.table.groupby(["subject", "environment"], sort=False).size().median()
-            for study in (first, second)
-        )
-        if a != b:
-            yield (
-                f"Subjects typically made {a:g} trials of an environment in A and {b:g} in B: more of the "
-                "trial noise is left in the classical spreads of the study with fewer."
-            )
 
 
 def _same_sessions(first: Sessions, second: Sessions) -> bool:
@@ -190,8 +168,7 @@ def _same_sessions(first: Sessions, second: Sessions) -> bool:
 
 def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
     """Note subjects named alike; refuse them where the studies share a file and they are the same people."""
-    known = set(second.subjects)
-    shared = [subject for subject in first.subjects if subject in known]
+    shared = [subject for subject in first.subjects if subject in set(second.subjects)]
     contents = {source.sha256 for source in second.sources}
     files = [source.name for source in first.sources if source.sha256 in contents]
     if shared and files:
@@ -208,9 +185,8 @@ def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
 
 
 def _counted(subjects: Sequence[str]) -> str:
-    named = ", ".join(subjects[:_MOST_NAMED])
-    more = ", …" if len(subjects) > _MOST_NAMED else ""
-    return f"{counted(len(subjects), 'subject')} ({named}{more}) {'is' if len(subjects) == 1 else 'are'}"
+    named = ", ".join([*subjects[:_MOST_NAMED], *["…"] * (len(subjects) > _MOST_NAMED)])
+    return f"{counted(len(subjects), 'subject')} ({named}) {'is' if len(subjects) == 1 else 'are'}"
 
 
 def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
@@ -246,20 +222,18 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     The two posteriors are independent, so every pair of their draws is a draw of both: pairing each draw with
     several others takes a third to two thirds of the error from quantiles of ratios.
     """
-    fits = [study.fit for study in (first, second) if study.fit is not None and study.fit.passed]
-    if len(fits) < 2:
+    if not (first.fit and second.fit and first.fit.passed and second.fit.passed):
         return
     from percept.inference.sampling.endpoints import mixture_quantile
 
     asked = first.scene.inference
     rng, tail = generator(asked.seed, Stream.PAIRS), 0.5 * (1.0 - asked.level)
-    of_a, of_b = (_draws(fit, rng) for fit in fits)
+    of_a, of_b = (_draws(fit, rng) for fit in (first.fit, second.fit))
     count = min(len(of_a[0]), len(of_b[0]))
     turns = rng.integers(count, size=_TURNS)
-    for cell, a in fits[0].column.items():
-        if cell not in fits[1].column:
+    for cell, a in first.fit.column.items():
+        if (b := second.fit.column.get(cell)) is None:
             continue
-        b = fits[1].column[cell]
         mean_a, sd_a, spread_a = (np.tile(part[:count, a], _TURNS) for part in of_a)
         mean_b, sd_b, spread_b = (
             np.concatenate([np.roll(part[:count, b], turn) for turn in turns]) for part in of_b
@@ -271,13 +245,13 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
         yield _row(cell, "bayesian", asked.family, [lower, float(mean.mean()), upper], above, spread)
 
 
-def _draws(fit: Fit, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def _draws(fit: Fit, rng: np.random.Generator) -> list[Array]:
     """Mean, SD and spread per draw and cell, on the family's scale in their units or as logarithms."""
     some, scale = rng.permutation(len(fit.moments.mean))[:_DRAWS], fit.scale
-    mean, sd, spread = (
+    mean, *rest = (
         scale.unit * part[some] for part in (fit.moments.mean, fit.moments.sd, fit.moments.population_sd)
     )
-    return mean + (np.log(scale.origin) if scale.log else scale.origin), sd, spread
+    return [mean + (np.log(scale.origin) if scale.log else scale.origin), *rest]
 
 
 def _row(
@@ -288,6 +262,7 @@ def _row(
     above: float | None,
     spread: Sequence[float],
 ) -> dict[str, object]:
+    """Make a row of lower, value and upper of the averages' difference and of the ratio of spreads."""
     limits = np.exp(ends).tolist() if family == "lognormal" else map(float, ends)
     return {
         "environment": cell[1],

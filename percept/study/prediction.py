@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from percept import haptics
 from percept.boundary.records import Boundary
@@ -22,7 +21,7 @@ from percept.study.basics import Array, Stream, generator
 from percept.study.boundaries import Drawing
 from percept.study.fit import Fit, estimands_of, sampled
 from percept.study.intervals import bayesian_row
-from percept.study.regions import Law, posterior_law, regions_of
+from percept.study.regions import Law, LawKind, posterior_law, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
 if TYPE_CHECKING:
@@ -125,63 +124,48 @@ def predict(
     RefusalError
         No passed Bayesian fit, a tested reference of zero, or one environment.
     """
-    quantities = study.sessions.quantities
+    quantities, asked = study.sessions.quantities, study.scene.inference
     named = {"k": stiffness, "b": damping}
     given = {p: value for p, value in named.items() if value is not None} | dict(at or {})
-    labels = {q.name: q.label for q in (*IMPEDANCE.values(), *quantities.values())}
-    for parameter, value in given.items():
-        if parameter not in study.parameters:
-            label = labels.get(parameter, parameter)
-            raise UsageError(
-                f"the study does not analyse {label}.", key=parameter, value=value, hint="Leave it out."
-            )
+    for parameter in (p for p in given if p not in study.parameters):
+        known = {**IMPEDANCE, **quantities}.get(parameter)
+        raise UsageError(
+            f"the study does not analyse {known.label if known else parameter}.",
+            key=parameter,
+            value=given[parameter],
+            hint="Leave it out.",
+        )
     reference = np.array([_positive(quantities[p], given.get(p)) for p in study.parameters])
     refuse_no_ratio(study.reference, quantities, why=_NO_PLACE)
-    fit, asked = _fit(study), study.scene.inference
-    found = _predicted(study, fit, reference, name, kinds or asked.kinds, curves=curves)
-    if found.intervals["monte_carlo"].max() <= asked.tolerance:
-        return found
-    # The fit's draws were enough for the environments tested: sample until they are for this one.
-    x = np.array(list(found.decades.values()))
-    limits = NewEstimands(estimands_of(fit.model, asked), x, _REPEATS, asked.seed)
-    run = sampled(fit.model, limits, asked, progress=study.progress, store=study.store)
-    more = dataclasses.replace(fit, run=run)
-    if not more.passed:
-        return found
-    # The run's own limits and errors rest on all draws that it kept.
-    values, errors = (part.reshape(len(asked.kinds), 2, -1) for part in (run.estimates.value, run.errors))
-    known = {str(kind): (values[i], errors[i].max(axis=0)) for i, kind in enumerate(asked.kinds)}
-    return _predicted(study, more, reference, name, kinds or asked.kinds, curves=curves, known=known)
-
-
-def _predicted(
-    study: Study,
-    fit: Fit,
-    reference: Array,
-    name: str,
-    kinds: tuple[Kind, ...],
-    *,
-    curves: bool,
-    known: Mapping[str, tuple[Array, Array]] | None = None,
-) -> Prediction:
-    """Predict from the draws of a fit."""
-    tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
+    fit, kinds = _fit(study), kinds or asked.kinds
     log = np.log10(reference)
+    tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
     x = log - tested.mean(axis=1)
-    beyond = np.maximum(log - tested.max(axis=1), 0.0) + np.minimum(log - tested.min(axis=1), 0.0)
-    far = np.hypot.reduce(tested - log[:, None], axis=0)
-    asked = study.scene.inference
     expected = expected_users(fit, x, asked)
+    limits = {kind: _limits(fit, expected, kind, asked) for kind in kinds}
+    if max(float(one.errors.max()) for one in limits.values()) > asked.tolerance:
+        # The fit's draws were enough for the environments tested: sample until they are for this one.
+        target = NewEstimands(estimands_of(fit.model, asked), x, _REPEATS, asked.seed)
+        run = sampled(fit.model, target, asked, progress=study.progress, store=study.store)
+        if run.gate.passed:
+            fit = dataclasses.replace(fit, run=run)
+            expected = expected_users(fit, x, asked)
+            limits = {kind: _limits(fit, expected, kind, asked) for kind in kinds}
+            # The run's own limits and errors rest on all draws that it kept.
+            ends, errors = (v.reshape(len(asked.kinds), 2, -1) for v in (run.estimates.value, run.errors))
+            own = {kind: _Limits.of(ends[i, 0], ends[i, 1], errors[i]) for i, kind in enumerate(asked.kinds)}
+            limits |= {kind: found for kind, found in own.items() if kind in kinds}
     scale = ResponseScale.of(reference, asked.family)
-    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, kinds, name, known or {}))
+    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits, name))
     boundaries: tuple[Boundary, ...] = ()
     if curves and study.setup is not None and is_impedance(study.parameters):
         laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked, name))
-        regions = regions_of(intervals, laws, None, asked)
         environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
         setup = dataclasses.replace(study.setup, references={name: environment})
-        drawing = Drawing(setup, regions, laws, study.frequencies)
+        drawing = Drawing(setup, regions_of(intervals, laws, None, asked), laws, study.frequencies)
         boundaries = drawing.at(study.frequencies, [name], kinds)
+    beyond = np.maximum(log - tested.max(axis=1), 0.0) + np.minimum(log - tested.min(axis=1), 0.0)
+    far = np.hypot.reduce(tested - log[:, None], axis=0)
     return Prediction(
         environment=name,
         decades=dict(zip(study.parameters, x.tolist(), strict=True)),
@@ -190,8 +174,21 @@ def _predicted(
         distance=float(far.min()),
         intervals=intervals,
         boundaries=boundaries,
-        quantities=study.sessions.quantities,
+        quantities=quantities,
     )
+
+
+class _Limits(NamedTuple):
+    """Limits of an interval on the response scale, per parameter."""
+
+    lower: Array
+    upper: Array
+    errors: Array  # Monte Carlo errors of the worse limit, in half-widths
+
+    @classmethod
+    def of(cls, lower: Array, upper: Array, errors: Array) -> Self:
+        """Take standard errors (2, P) of lower and upper limit."""
+        return cls(lower, upper, errors.max(axis=0) / (0.5 * (upper - lower)))
 
 
 def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> NewEnvironment:
@@ -222,40 +219,33 @@ def _positive(quantity: Quantity, value: float | None) -> float:
     return float(value)
 
 
+def _limits(fit: Fit, expected: NewEnvironment, kind: Kind, asked: InferenceTable) -> _Limits:
+    """Work out the limits of a kind, with errors from means over batches of draws, each with its repeats."""
+    lower, upper, influence = estimands_of(fit.model, asked).limits(kind, expected.laws)
+    batch = fit.run.batches()
+    own = influence.reshape(len(batch), -1, influence.shape[1]).mean(axis=1)
+    means = np.stack([own[batch == number].mean(axis=0) for number in np.unique(batch)])
+    return _Limits.of(lower, upper, (means.std(axis=0, ddof=1) / np.sqrt(len(means))).reshape(2, -1))
+
+
 def _rows(
     fit: Fit,
     expected: NewEnvironment,
     scale: ResponseScale,
     asked: InferenceTable,
-    kinds: tuple[Kind, ...],
+    limits: Mapping[Kind, _Limits],
     name: str,
-    known: Mapping[str, tuple[Array, Array]],
 ) -> Iterator[dict[str, Any]]:
-    """Yield a row for every kind and parameter; limits (2, P) and errors (P,) of some kinds are known."""
-    estimands, laws = estimands_of(fit.model, asked), expected.laws
-    estimate = _native(scale, laws.mean.mean(axis=0))
+    """Yield a row for every kind and parameter."""
     rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": fit.approximate}
-    for kind in kinds:
-        if kind in known:
-            (lower, upper), error = known[kind]
-        else:
-            lower, upper, influence = estimands.limits(kind, laws)
-            error = _monte_carlo(influence, fit.run.batches()).reshape(2, -1).max(axis=0)
-        error = error / (0.5 * (upper - lower))
-        low, high = _native(scale, lower), _native(scale, upper)
+    for kind, found in limits.items():
+        with np.errstate(over="ignore", under="ignore"):
+            ends = scale.native(np.stack([found.lower, found.upper, expected.laws.mean.mean(axis=0)]))
         for p, parameter in enumerate(fit.parameters):
-            limits, reference = (low[p], high[p], estimate[p]), float(scale.origin[p])
-            row = bayesian_row(
-                asked, kind, (parameter, name), limits, reference, fit.quantities[parameter].unit, **rest
-            )
-            yield row | {"monte_carlo": float(error[p])}
-
-
-def _monte_carlo(influence: Array, batch: NDArray[np.intp]) -> Array:
-    """Estimate standard errors from means over batches of draws, each draw with its repeats."""
-    own = influence.reshape(len(batch), -1, influence.shape[1]).mean(axis=1)
-    means = np.stack([own[batch == number].mean(axis=0) for number in np.unique(batch)])
-    return means.std(axis=0, ddof=1) / np.sqrt(len(means))
+            cell, unit = (parameter, name), fit.quantities[parameter].unit
+            low, high, centre = ends[:, p].tolist()
+            row = bayesian_row(asked, kind, cell, (low, high, centre), float(scale.origin[p]), unit, **rest)
+            yield row | {"monte_carlo": float(found.errors[p])}
 
 
 def _laws(
@@ -263,14 +253,10 @@ def _laws(
 ) -> Iterator[Law]:
     """Yield the laws of the average and the next user of the environment."""
     batch, n = np.repeat(fit.run.batches(), _REPEATS), int(fit.counts.max())
-    for kind, every in (("mean", _REPEATS), ("user", 1)):
+    every: Mapping[LawKind, int] = {"mean": _REPEATS, "user": 1}
+    for kind, step in every.items():
         if kind in asked.kinds:
             # The average does not depend on the spread, which takes the repeats.
             covariance = expected.covariance + (expected.population if kind == "user" else 0.0)
-            drawn = expected.mean[::every], covariance[::every], batch[::every]
+            drawn = expected.mean[::step], covariance[::step], batch[::step]
             yield posterior_law(name, kind, scale, *drawn, n, asked)
-
-
-def _native(scale: ResponseScale, response: Array) -> Array:
-    with np.errstate(over="ignore", under="ignore"):
-        return scale.native(response)

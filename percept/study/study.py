@@ -40,7 +40,7 @@ from percept.study.device import (
     setup_of,
 )
 from percept.study.intervals import COLUMNS, KEYS, Cell, Row, cell_moments, classical_rows, compare_intervals
-from percept.study.regions import Law, Region, Sources, laws_of, regions_of, sources_of
+from percept.study.regions import Law, Pairs, Region, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
 from percept.study.views import StudyViews
 
@@ -292,13 +292,14 @@ class Study(StudyViews):
         return dict(results(self._zoom))
 
     @cached_property
-    def _sources(self) -> Sources:
-        return sources_of(self.sessions, self.scene, self.parameters, device=self.device is not None)
+    def _pairs(self) -> list[Pairs | Skipped]:
+        device = self.device is not None
+        return list(subject_pairs(self.sessions, self.scene, self.parameters, device=device))
 
     @cached_property
     def curve_laws(self) -> tuple[Law, ...]:
         """Laws of (k, b) of the average and the next user; empty where no correlation is known."""
-        return laws_of(self._sources, self._passed, self.scene.inference) if self._sources.kinds else ()
+        return laws_of(results(self._pairs), self._passed, self.scene.inference)
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:
@@ -379,7 +380,7 @@ class Study(StudyViews):
     def skipped(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
         parts: list[Any] = [*self._intervals, *self._with_reference, *self._setup, *self._zoom]
-        parts += [*self._contrasts, *self._banded, *self._sources.skipped]
+        parts += [*self._contrasts, *self._banded, *self._pairs]
         if self.setup is not None:
             parts.append(fixed_device(self.setup, self.scene.inference.method))
             parts += [no_design(self.setup, self.scene.inference.kinds)] if self.setup.coupling else []

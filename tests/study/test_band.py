@@ -14,7 +14,7 @@ from percept import Scene, Study
 from percept.boundary.band import LAWS, fit_law
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.sessions import Sessions
-from percept.study.band import Banded, classical_replicates, posterior_replicates, weber_trend
+from percept.study.band import Banded, Replicates, classical_replicates, posterior_replicates, weber_trend
 from percept.study.basics import FAMILIES
 from percept.study.intervals import Cell, cell_moments
 from percept.study.responses import ResponseScale
@@ -75,11 +75,13 @@ def test_bands_of_the_next_user_lie_about_the_drawn_means() -> None:
         column={("k", "E"): 0, ("b", "E"): 1},
     )
     scene = Scene.from_tables({"inference": {"kinds": ["mean", "user"], "level": 0.9}})
-    found = posterior_replicates(fit, scene.inference, [Banded(None, {"E": 10.0}, 10.0)])
+    found = posterior_replicates(fit, scene.inference)
     half = stats.norm.isf(0.05)
     for kind, centre, reach in (("mean", np.zeros(2), half), ("user", drawn[:, 0], 0.1 * half)):
         wanted = 10.0 * (np.exp(centre + reach) - np.exp(centre - reach))
-        np.testing.assert_allclose(found[None, "bayesian", kind, "lognormal"].bands[:, 0], wanted, rtol=1e-6)
+        limits = found["bayesian", kind, "lognormal"]
+        lower, upper = Banded(None, {"E": 10.0}, 10.0).ends(limits)["E"]
+        np.testing.assert_allclose(upper - lower, wanted, rtol=1e-6)
 
 
 LEVEL, OMEGA, SUBJECTS = 0.9, 10.0, 16
@@ -88,7 +90,15 @@ NAMES = tuple(f"E{j}" for j in range(RATIO.size))
 # Springs with next to no damper: the band of abs(Z_e) is that of k/omega, and known exactly.
 STIFFNESS, DAMPING = 100.0 * RATIO, 0.001 * RATIO
 IMPEDANCE = STIFFNESS / OMEGA
-BANDED = [Banded(None, dict(zip(NAMES, IMPEDANCE.tolist(), strict=True)), OMEGA)]
+BANDED = Banded(None, dict(zip(NAMES, IMPEDANCE.tolist(), strict=True)), OMEGA)
+
+
+def bands_of(replicates: Replicates, method: str) -> dict[str, np.ndarray]:
+    """Bands of the next user by environment, from limits under the normal family."""
+    ends = BANDED.ends(replicates[method, "user", "normal"])
+    return {environment: upper - lower for environment, (lower, upper) in ends.items()}
+
+
 # Relative SD between users, and the parameters of the law of 1 SD of abs(Z_e) that follows.
 SPREAD = {
     "weber": np.full(RATIO.size, 0.08),
@@ -148,11 +158,10 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
     true = widened(law, width)
     inside, centres = [], []
     for seed in range(STUDIES):
-        drawn = classical_replicates(cells_of(simulated(law, seed)), scene_of("classical").inference, BANDED)
+        cells, asked = cells_of(simulated(law, seed)), scene_of("classical").inference
+        bands = bands_of(classical_replicates(cells, asked, [BANDED]), "classical")
         lower, centre, upper = np.quantile(
-            fit_law(law, IMPEDANCE, drawn[None, "classical", "user", "normal"].bands),
-            [0.05, 0.5, 0.95],
-            axis=0,
+            fit_law(law, IMPEDANCE, np.stack(list(bands.values()), axis=1)), [0.05, 0.5, 0.95], axis=0
         )
         inside.append((lower <= true) & (true <= upper))
         centres.append(centre)
@@ -164,10 +173,10 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
 
 def test_replicates_have_the_bands_of_the_study_in_their_middle() -> None:
     study = Study(simulated("weber", 1), scene_of("classical"))
-    names, drawn = classical_replicates(cells_of(study.sessions), study.scene.inference, BANDED)[
-        None, "classical", "user", "normal"
-    ]
-    assert names == NAMES
+    replicates = classical_replicates(cells_of(study.sessions), study.scene.inference, [BANDED])
+    found = bands_of(replicates, "classical")
+    assert tuple(found) == NAMES
+    drawn = np.stack(list(found.values()), axis=1)
     rows = study.intervals.query("parameter == 'k' and family == 'normal' and joint == 'marginal'")
     bands = ((rows["upper"] - rows["lower"]) / OMEGA).to_numpy()
     off = np.log(drawn).mean(axis=0) - np.log(bands)
@@ -184,11 +193,11 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     )
     assert study.fit is not None
     assert study.fit.run.gate.passed
-    replicates = posterior_replicates(study.fit, study.scene.inference, BANDED)
+    replicates = posterior_replicates(study.fit, study.scene.inference)
     assert not [found for found in replicates if "share" in found]
-    names, drawn = replicates[None, "bayesian", "user", "normal"]
-    assert names == study.environments
-    fitted = fit_law(law, IMPEDANCE[few], drawn)
+    bands = bands_of(replicates, "bayesian")
+    assert tuple(bands) == study.environments
+    fitted = fit_law(law, IMPEDANCE[few], np.stack(list(bands.values()), axis=1))
     true = widened(law, 2.0 * stats.norm.isf(0.5 * (1.0 - LEVEL)))
     lower, upper = np.quantile(fitted, [0.005, 0.995], axis=0)
     assert np.all((lower <= true) & (true <= upper))

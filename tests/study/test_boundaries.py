@@ -18,7 +18,7 @@ from percept.study.basics import results
 from percept.study.boundaries import Drawing, Range, zoom_windows
 from percept.study.coupling import study_coupling
 from percept.study.device import Setup
-from percept.study.regions import Sources, laws_of
+from percept.study.regions import Pairs, laws_of
 from tests import DATASETS
 
 SHOWN = {"reference": False, "coupled": True}
@@ -102,8 +102,7 @@ def test_whole_curves_of_normal_users_lie_in_the_classical_band_at_least_at_its_
     held: dict[str, list[float]] = {"mean": [], "user": []}
     for _ in range(count):
         k, b = centre + root @ rng.standard_normal((2, 8))
-        sources = Sources(("mean", "user"), {"normal": {"A": (k, b)}})
-        laws = laws_of(sources, None, asked)
+        laws = laws_of([Pairs("normal", "A", k, b)], None, asked)
         regions = [law.region for law in laws if law.region is not None]
         drawn = Drawing(setup, regions, laws, Range.of(omega)).at(Range.of(omega), ["A"], held)
         bands = {(one.kind, one.joint, one.shape): one for one in drawn}

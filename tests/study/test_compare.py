@@ -33,25 +33,6 @@ def study(which, **inference):
     return Study(which, Scene.from_tables({"inference": {"method": "classical", **inference}}))
 
 
-def test_intervals_that_claim_different_shares_are_said_to():
-    a = study(sessions("A"), share=0.99, confidence=0.95)
-    b = study(sessions("B", seed=1), share=0.5, confidence=0.6)
-    (note,) = compare_studies(a, b).notes
-    assert note == (
-        "Intervals of kind share hold 0.99 of users with confidence 0.95 and 0.5 of users with confidence "
-        "0.6: their widths differ for that reason too."
-    )
-    assert compare_studies(a, study(sessions("B", seed=1), share=0.99, confidence=0.95)).notes == ()
-    assert compare_studies(a, study(sessions("B", seed=1), share=0.5, kinds=["mean"])).notes == ()
-
-
-def test_different_numbers_of_trials_are_said():
-    (note,) = compare_studies(study(sessions("A", trials=3)), study(sessions("B", seed=1))).notes
-    assert note.startswith(
-        "Subjects typically made 3 trials of an environment in A and 1 in B: more of the trial noise"
-    )
-
-
 def scattered(prefix, centre, sd, count, seed):
     k = centre * np.exp(sd * np.random.default_rng(seed).standard_normal(count))
     subjects = [f"{prefix}{i}" for i in range(count)]
