@@ -29,7 +29,6 @@ def study():
     [
         lambda _: haptics.required_damping(COUPLING, 1e-3),
         lambda _: haptics.absolute_stability(DEVICE, COUPLING, 1e-3),
-        lambda _: haptics.effective_impedance(10.0, haptics.Environment(1e3, 1.0), COUPLING, 1e-3),
         lambda _: inference.bias(X, 10.0),
         lambda _: inference.t_interval(X),
         lambda _: inference.Moments.from_values(X),

@@ -14,7 +14,6 @@ from percept.haptics import (
     Device,
     Environment,
     Mode,
-    coupling_admittance,
     coupling_impedance,
     device_impedance,
     effective_impedance,
@@ -23,11 +22,13 @@ from percept.haptics import (
     magnitude_envelope,
     max_coupling_stiffness,
     perceived_impedance,
-    perceived_magnitude,
     required_damping,
     required_damping_at,
     stability_margin,
 )
+from percept.haptics.arrays import complex_from
+from percept.haptics.impedance import coupling_admittance, warp
+from percept.haptics.perceived import perceived_magnitude
 
 PROMISE = 1e-13  # largest relative error per unit of the formula's condition
 _NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
@@ -136,6 +137,12 @@ _ENV, _VC = ("k_e", "b_e", "m_e"), ("k_c", "b_c")
 _COUPLED, _DIRECT, _ALL = (*_W, *_VC), (*_RIGID, *_ENV), (*_RIGID, *_ENV, *_VC)
 _EFFECTIVE = _at(effective_impedance, _environment, _coupling)
 
+
+def _effective(v: Values) -> Any:
+    stiffness, damping = _EFFECTIVE(v)
+    return complex_from(damping, warp(v["omega"], v["period"]).spring(stiffness))
+
+
 QUANTITIES: dict[str, Check] = {
     "Z_d": _check(_at(device_impedance, _device), twin.rigid, _RIGID),
     "Z_d, flexible": _check(_at(device_impedance, _flexible), twin.flexible, _FLEXIBLE),
@@ -144,9 +151,9 @@ QUANTITIES: dict[str, Check] = {
     "1/Z_c, Eq. 6": _check(_at(coupling_admittance, _coupling), twin.admittance_backward, _COUPLED),
     "ZOH, Eq. 8": _check(_at(hold), twin.hold_average, _W),
     "ZOH, true": _check(_at(hold, kind="true"), twin.hold_true, _W),
-    "Z_eff": _check(lambda v: _EFFECTIVE(v).value, twin.effective, (*_W, *_ENV, *_VC)),
+    "Z_eff": _check(_effective, twin.effective, (*_W, *_ENV, *_VC)),
     "Re Z_eff": _check(
-        lambda v: _EFFECTIVE(v).damping, lambda p: p.mp.mpc(twin.effective(p)).real, (*_W, *_ENV, *_VC)
+        lambda v: _EFFECTIVE(v)[1], lambda p: p.mp.mpc(twin.effective(p)).real, (*_W, *_ENV, *_VC)
     ),
     "Z_h": _check(_at(perceived_impedance, _device, _environment), twin.direct, _DIRECT),
     "Z_h, flexible, true hold": _check(

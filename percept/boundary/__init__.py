@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from percept.boundary.records import Boundary
-from percept.haptics import corner_curves, magnitude_envelope, magnitude_envelope_ellipse
+from percept.haptics import corner_curves, magnitude_envelope
 
-__all__ = ["Boundary", "corner_curves", "magnitude_envelope", "magnitude_envelope_ellipse"]
+__all__ = ["Boundary", "corner_curves", "magnitude_envelope"]

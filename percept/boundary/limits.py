@@ -17,9 +17,9 @@ from scipy import optimize, sparse, special
 
 from percept.boundary.law import Cumulated, PairLaw, steps
 from percept.errors import UsageError
-from percept.haptics import AnyDevice
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import distance_axes
+from percept.haptics.records import AnyDevice
 from percept.inference.sampling.endpoints import root
 
 Array = NDArray[np.float64]

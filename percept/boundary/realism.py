@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
-from percept.haptics.containment import ON_LIMIT, Boxes, departures, shown_range
+from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
 from percept.haptics.forms import Display
 from percept.html import NotebookRecord
 
@@ -50,10 +50,7 @@ def realism(display: Display, populations: Populations, lower: float, upper: flo
     if not draws:
         raise UsageError("probabilities need at least one posterior draw.")
     users = Boxes(populations.stiffness, populations.damping)
-    plane = np.ones(draws, dtype=bool)
-    shown = shown_range(display, lower, upper)
-    for (low, high), (least, most) in zip((users.stiffness, users.damping), shown, strict=True):
-        plane &= (low <= least) & (most <= high)
+    plane = plane_departures(display, users, lower, upper)[0] <= 0.0
     # Inside in stiffness and damping is inside in magnitude: only the others need a search.
     magnitude, rest, undecided = plane.copy(), np.flatnonzero(~plane), 0
     if rest.size:

@@ -14,7 +14,8 @@ from scipy import special
 
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
-from percept.haptics import Device, perceived_magnitude
+from percept.haptics import Device
+from percept.haptics.perceived import perceived_magnitude
 from percept.inference.hierarchy.priors import Priors
 from percept.scene import Scene
 from percept.sessions import ReadOptions, Sessions

@@ -6,61 +6,28 @@ numbers refer to "The effect of static virtual couplings on realistic performanc
 
 from __future__ import annotations
 
-from percept.haptics.design import (
-    CouplingDesign,
-    EnvironmentBoundary,
-    QualifyingCoupling,
-    QualifyingRegion,
-    design_couplings,
-)
-from percept.haptics.ellipse import magnitude_envelope_ellipse, magnitude_envelope_log_ellipse
-from percept.haptics.envelope import corner_crossings, corner_curves, magnitude_envelope
-from percept.haptics.impedance import (
-    coupling_admittance,
-    coupling_impedance,
-    device_impedance,
-    environment_impedance,
-    hold,
-)
-from percept.haptics.limits import (
-    best_coupling_damping,
-    max_coupling_stiffness,
-    passivity_damping,
-    stable_region,
-)
-from percept.haptics.perceived import (
-    EffectiveImpedance,
-    effective_impedance,
-    perceived_impedance,
-    perceived_magnitude,
-)
-from percept.haptics.records import AnyDevice, Coupling, Device, Environment, Mode, TabulatedDevice
+from percept.haptics.design import EnvironmentBoundary, design_couplings
+from percept.haptics.envelope import corner_curves, magnitude_envelope
+from percept.haptics.impedance import coupling_impedance, device_impedance, environment_impedance, hold
+from percept.haptics.limits import max_coupling_stiffness
+from percept.haptics.perceived import effective_impedance, perceived_impedance
+from percept.haptics.records import Coupling, Device, Environment, Mode, TabulatedDevice
 from percept.haptics.stability import (
     absolute_stability,
-    coupling_bound,
     required_damping,
     required_damping_at,
     stability_margin,
 )
 
 __all__ = [
-    "AnyDevice",
     "Coupling",
-    "CouplingDesign",
     "Device",
-    "EffectiveImpedance",
     "Environment",
     "EnvironmentBoundary",
     "Mode",
-    "QualifyingCoupling",
-    "QualifyingRegion",
     "TabulatedDevice",
     "absolute_stability",
-    "best_coupling_damping",
-    "corner_crossings",
     "corner_curves",
-    "coupling_admittance",
-    "coupling_bound",
     "coupling_impedance",
     "design_couplings",
     "device_impedance",
@@ -68,14 +35,9 @@ __all__ = [
     "environment_impedance",
     "hold",
     "magnitude_envelope",
-    "magnitude_envelope_ellipse",
-    "magnitude_envelope_log_ellipse",
     "max_coupling_stiffness",
-    "passivity_damping",
     "perceived_impedance",
-    "perceived_magnitude",
     "required_damping",
     "required_damping_at",
     "stability_margin",
-    "stable_region",
 ]

@@ -9,15 +9,15 @@ Where a display leaves, a halving comes upon an ω that shows it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
 from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars
-from percept.haptics.forms import Display, Squares, environment_parts
-from percept.haptics.impedance import Element, series, warp
-from percept.haptics.perceived import distance_axes
+from percept.haptics.forms import Display, Points, Squares
+from percept.haptics.impedance import Warp, warp
+from percept.haptics.perceived import distance_axes, rendered
 from percept.haptics.records import TabulatedDevice
 
 #: Nearer to a limit than this, as a logarithm, a display lies on it.
@@ -33,7 +33,6 @@ _MOST_PIECES = 2048
 # whose square would leave too few digits to compare.
 _DEEP, _DEEPEST = 12.0 * float(np.log(10.0)), -3.0 * float(np.log(10.0))
 
-Points: TypeAlias = tuple[FloatArray, FloatArray]
 Verdict = Literal["inside", "marginal", "outside"]
 
 
@@ -55,17 +54,6 @@ class Plane:
         return np.asarray((self.gain * b + self.across) ** 2 + (self.along - self.per_rate * k) ** 2)
 
 
-class Region(Protocol):
-    """N regions of (k, b)."""
-
-    @property
-    def size(self) -> int:
-        """N."""
-
-    def extremes(self, plane: Plane, which: IntArray) -> tuple[Points, Points]:
-        """Return the nearest and the farthest (k, b) of regions (n,), each at its own ω."""
-
-
 @dataclass(frozen=True, eq=False)
 class Boxes:
     """Limits of k, N/m, and of b, N·s/m; `corners` counts both lower or both upper limits together only."""
@@ -85,7 +73,7 @@ class Boxes:
         return Boxes(k, b, self.corners)
 
     def extremes(self, plane: Plane, which: IntArray) -> tuple[Points, Points]:
-        """See `Region`."""
+        """Return the nearest and the farthest (k, b) of boxes (n,), each at its own ω."""
         (k_low, k_high), (b_low, b_high) = (
             (low[which], high[which]) for low, high in (self.stiffness, self.damping)
         )
@@ -115,22 +103,29 @@ class Departures:
 
 
 def departures(
-    display: Display, region: Region, lower: float, upper: float, *, throughout: bool = False
+    display: Display, boxes: Boxes, lower: float, upper: float, *, throughout: bool = False
 ) -> Departures:
     """Search for the largest departure of abs(Z_h) over ω from `lower` to `upper`, one display or N.
 
     With `throughout` the search for a display ends as soon as one ω shows it outside, or none can.
     """
-    count = region.size if display.size is None else display.size
-    ends = first_pieces(display, lower, upper)
+    count = boxes.size if display.size is None else display.size
+    ends = _first_pieces(display, lower, upper)
     work = _Work.start(ends, count, shared=display.size is None)
     best, where, gap = np.full(count, -np.inf), np.full(count, ends[0]), np.full(count, ON_LIMIT)
 
     def see(omega: FloatArray) -> tuple[Points, Points]:
-        plane, shown = sampled(display if work.shared else display.at(work.owner), omega)
+        plane, shown = _sampled(display if work.shared else display.at(work.owner), omega)
         plane, shown = plane.at(work.piece), shown[work.piece]
-        near, far = region.extremes(plane, work.item)
-        _keep_largest(departure(plane, shown, near, far), omega[work.piece], work.item, best, where)
+        near, far = boxes.extremes(plane, work.item)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beyond = 0.5 * np.log(np.fmax(shown / plane.square(*far), plane.square(*near) / shown))
+        beyond = np.clip(np.where(np.isnan(beyond), _DEEPEST, beyond), _DEEPEST, _DEEP)
+        # The largest of each item, the first of equals.
+        order = np.lexsort((-beyond, work.item))
+        first = order[np.diff(work.item[order], prepend=-1) > 0]
+        first = first[beyond[first] > best[work.item[first]]]
+        best[work.item[first]], where[work.item[first]] = beyond[first], omega[work.piece[first]]
         return near, far
 
     for end in work.omega:
@@ -160,7 +155,7 @@ def departures(
     return Departures(best, where, bound)
 
 
-def first_pieces(display: Display, lower: float, upper: float) -> FloatArray:
+def _first_pieces(display: Display, lower: float, upper: float) -> FloatArray:
     """Return where the range is cut before any halving: the rows of a table, resonances of modes."""
     count = int(np.ceil(_PIECES_PER_DECADE * np.log10(upper / lower))) + 1
     device, cuts = display.device, np.geomspace(lower, upper, max(2, count))
@@ -174,43 +169,12 @@ def first_pieces(display: Display, lower: float, upper: float) -> FloatArray:
     return np.array([lower, *inner, upper])
 
 
-def sampled(display: Display, omega: FloatArray) -> tuple[Plane, FloatArray]:
+def _sampled(display: Display, omega: FloatArray) -> tuple[Plane, FloatArray]:
     """Return the plane of the limits and the square of abs(Z_h) as displayed, at ω (n,)."""
     grid = warp(omega, display.period)
-    k, b, mass = (float(v) for v in environment_parts(display.environment))
-    across, along, held = distance_axes(grid, display.device, display.hold, mass)
+    across, along, held = distance_axes(grid, display.device, display.hold, display.environment.mass)
     plane = Plane(*np.broadcast_arrays(held.gain, held.per_rate, across, along))
-    if display.coupling is None:
-        return plane, plane.square(k, b)
-    beyond = Element(display.coupling.stiffness, display.coupling.damping)
-    felt = series(grid, Element(k, b, mass), beyond)
-    # The mass counts with the device here.
-    return plane, plane.square(felt.stiffness + mass * grid.rate**2, felt.damping)
-
-
-def departure(plane: Plane, shown: FloatArray, near: Points, far: Points) -> FloatArray:
-    """Return how far displays lie beyond the limits, as logarithms of ratios; negative inside."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        beyond = np.fmax(shown / plane.square(*far), plane.square(*near) / shown)
-        found = 0.5 * np.log(beyond)
-    return np.clip(np.where(np.isnan(found), _DEEPEST, found), _DEEPEST, _DEEP)
-
-
-def _keep_largest(
-    values: FloatArray, omega: FloatArray, item: IntArray, best: FloatArray, where: FloatArray
-) -> None:
-    """Take up the largest of the values of each item, which stand together, and its ω."""
-    if not item.size:
-        return
-    starts = np.flatnonzero(np.diff(item, prepend=-1))
-    top = np.maximum.reduceat(values, starts)
-    owners = item[starts]
-    first = np.flatnonzero(values == np.repeat(top, np.diff(starts, append=item.size)))[::-1]
-    at = np.empty(best.size)
-    at[item[first]] = omega[first]
-    better = owners[top > best[owners]]
-    where[better] = at[better]
-    best[owners] = np.maximum(best[owners], top)
+    return plane, plane.square(*_shown(display, grid))
 
 
 @dataclass(frozen=True)
@@ -253,66 +217,58 @@ class _Work:
         return np.sqrt(self.omega[0] * self.omega[1])
 
 
-def shown_at(display: Display, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return stiffness and damping shown at ω (n,), N/m and N·s/m; the environment's mass is not counted."""
-    grid, own = warp(omega, display.period), display.environment
-    felt = Element(own.stiffness, own.damping, own.mass)
+def _shown(display: Display, grid: Warp) -> tuple[FloatArray, FloatArray]:
+    """Return stiffness and damping shown, N/m and N·s/m; the environment's mass counts with the device."""
+    felt = rendered(grid, display.environment, display.coupling)
+    stiffness = np.asarray(felt.stiffness)
     if display.coupling is not None:
-        felt = series(grid, felt, Element(display.coupling.stiffness, display.coupling.damping))
-        felt = Element(felt.stiffness + np.multiply(own.mass, grid.rate**2), felt.damping)
-    stiffness, damping = (np.broadcast_to(part, grid.omega.shape) for part in (felt.stiffness, felt.damping))
-    return stiffness, damping
+        stiffness = stiffness + np.multiply(display.environment.mass, grid.rate**2)
+    return stiffness, np.asarray(felt.damping)
 
 
-def turning_points(display: Display, lower: float, upper: float) -> FloatArray:
-    """Return both ends of a range of ω, and where stiffness or damping turns between them, rad/s."""
-    own, half = display.environment, display.period / 2
-    turns = np.empty(0)
-    if display.coupling is not None and own.mass:
-        # In units of the range's middle the coefficients are of one size.
-        unit = np.tan(lower * half) * np.tan(upper * half) / half**2
-        x = Polynomial([0.0, unit])
-        spring, k_c, b_c = own.stiffness - own.mass * x, display.coupling.stiffness, display.coupling.damping
-        first, second = own.damping**2 * x + spring**2, b_c**2 * x + k_c**2
-        under = (own.damping + b_c) ** 2 * x + (spring + k_c) ** 2
-        shown = first * b_c + second * own.damping, first * k_c + second * spring + own.mass * x * under
-        roots = [(over.deriv() * under - over * under.deriv()).roots() for over in shown]
-        # A root that rounding made complex still splits the range; more points do no harm.
-        rates = np.sqrt(np.maximum(np.concatenate(roots).real, 0.0) * unit)
-        turns = np.arctan(rates * half) / half
-    return np.array([lower, *np.sort(turns[(turns > lower) & (turns < upper)]), upper])
+def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
+    """Return both ends of a range of ω, rad/s, and where stiffness or damping of one display turns between.
 
-
-def shown_range(
-    display: Display, lower: float, upper: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the smallest and largest stiffness, then damping, shown over a range of ω; exact.
-
-    Without mass both are monotone in Ω², with it they turn at the roots of a polynomial.
+    Without a mass both are monotone in Ω².
     """
-    stiffness, damping = shown_at(display, turning_points(display, lower, upper))
-    return (float(stiffness.min()), float(stiffness.max())), (float(damping.min()), float(damping.max()))
+    own, half = display.environment, display.period / 2
+    if display.coupling is None or not own.mass:
+        return np.array([lower, upper])
+    # In units of the range's middle the coefficients are of one size.
+    unit = np.tan(lower * half) * np.tan(upper * half) / half**2
+    x = Polynomial([0.0, unit])
+    spring, k_c, b_c = own.stiffness - own.mass * x, display.coupling.stiffness, display.coupling.damping
+    first, second = own.damping**2 * x + spring**2, b_c**2 * x + k_c**2
+    under = (own.damping + b_c) ** 2 * x + (spring + k_c) ** 2
+    shown = first * b_c + second * own.damping, first * k_c + second * spring + own.mass * x * under
+    roots = [(over.deriv() * under - over * under.deriv()).roots() for over in shown]
+    # A root that rounding made complex still splits the range; more points do no harm.
+    rates = np.sqrt(np.maximum(np.concatenate(roots).real, 0.0) * unit)
+    return np.array([lower, *np.clip(np.arctan(rates * half) / half, lower, upper), upper])
 
 
 def plane_departures(
-    display: Display, limits: tuple[tuple[float, float], tuple[float, float]], lower: float, upper: float
+    display: Display, boxes: Boxes, lower: float, upper: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far the stiffness and damping shown leave limits at most, in widths, and at which ω; exact.
+    """Return how far the stiffness and damping shown leave boxes at most, in widths, and at which ω; exact.
 
-    Negative inside; of one display or of N, shape (n,).
+    Negative inside; shape (N,), of one display or N and one box or N.
     """
-    count = display.size or 1
-    if display.environment.mass:
-        alone = display.size is None
-        omega = [turning_points(display if alone else display.at(i), lower, upper) for i in range(count)]
-    else:
-        omega = [np.array([lower, upper])] * count
-    item = np.repeat(np.arange(count), [part.size for part in omega])
-    at = np.concatenate(omega)
-    shown = shown_at(display if display.size is None else display.at(item), at)
-    off: FloatArray = np.full(at.shape, -np.inf)
-    for value, (low, high) in zip(shown, limits, strict=True):
-        off = np.maximum(off, np.maximum(low - value, value - high) / (high - low or 1.0))
-    best, where = np.full(count, -np.inf), np.empty(count)
-    _keep_largest(off, at, item, best, where)
-    return best, where
+    each = (
+        [display]
+        if display.size is None or not display.environment.mass
+        else map(display.at, range(display.size))
+    )
+    turns = [_turning_points(one, lower, upper) for one in each]
+    # Fewer turns leave room for an end of the range, again.
+    omega = np.full((max(part.size for part in turns), len(turns)), upper)
+    for column, part in zip(omega.T, turns, strict=True):
+        column[: part.size] = part
+    off: FloatArray = np.full(np.broadcast_shapes(omega.shape, (boxes.size,)), -np.inf)
+    limits = boxes.stiffness, boxes.damping
+    for value, (low, high) in zip(_shown(display, warp(omega, display.period)), limits, strict=True):
+        width = np.where(high > low, high - low, 1.0)
+        off = np.maximum(off, np.maximum(low - value, value - high) / width)
+    at = off.argmax(axis=0)[None]
+    where = np.take_along_axis(np.broadcast_to(omega, off.shape), at, axis=0)
+    return np.take_along_axis(off, at, axis=0)[0], where[0]

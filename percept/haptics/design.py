@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -76,60 +76,31 @@ class EnvironmentBoundary:
 class QualifyingCoupling(NotebookRecord):
     """A coupling that was checked at every ω of the range.
 
-    Attributes
-    ----------
-    stiffness, damping : float
-        k_c, N/m, and b_c, N·s/m.
-    magnitude, plane : float
-        Largest departure over the range and all boundaries, negative inside: of abs(Z_h_vc) as the logarithm
-        of a ratio, of effective stiffness and damping in widths of their limits.
-    magnitude_omega, plane_omega : float
-        Where these are, rad/s.
-    binds : tuple of str
-        What a coupling 0.2 % beyond breaks: "stability", "magnitude", "plane".
+    Departures are the largest over the range and all boundaries, negative inside.
     """
 
-    stiffness: float
-    damping: float
-    magnitude: float
-    magnitude_omega: float
-    plane: float
+    stiffness: float  # k_c, N/m
+    damping: float  # b_c, N·s/m
+    magnitude: float  # Departure of abs(Z_h_vc), the logarithm of a ratio
+    magnitude_omega: float  # Where, rad/s
+    plane: float  # Departure of effective stiffness and damping, in widths of their limits
     plane_omega: float
-    binds: tuple[str, ...] = ()
+    binds: tuple[str, ...]  # What a coupling 0.2 % beyond breaks: "stability", "magnitude", "plane"
 
 
 @dataclass(frozen=True, eq=False)
 class QualifyingRegion(NotebookRecord):
-    """Every (k_c, b_c) that is stable and inside, one line of b_c at a time.
+    """Every (k_c, b_c) that is stable and inside, one line of b_c at a time."""
 
-    Attributes
-    ----------
-    damping : ndarray, shape (n,)
-        b_c of each line, N·s/m.
-    intervals : tuple of ndarray, each of shape (m, 2)
-        The k_c that qualify on each line, (low, high) in N/m, to 0.1 %.
-    largest, softest : QualifyingCoupling or None
-        The qualifying coupling with the largest and with the smallest k_c, searched between the lines too;
-        None where nothing qualifies.
-    """
-
-    damping: FloatArray = field(repr=False)
-    intervals: tuple[FloatArray, ...] = field(repr=False)
-    largest: QualifyingCoupling | None
+    damping: FloatArray = field(repr=False)  # (n,) b_c of each line, N·s/m
+    intervals: tuple[FloatArray, ...] = field(repr=False)  # Per line (m, 2), low and high k_c, N/m
+    largest: QualifyingCoupling | None  # By k_c, searched between the lines too; None where nothing qualifies
     softest: QualifyingCoupling | None
 
 
 @dataclass(frozen=True, eq=False)
 class CouplingDesign(NotebookRecord):
-    """Couplings that qualify for each environment, and for all of them at once.
-
-    Attributes
-    ----------
-    each : tuple of QualifyingRegion
-        In the order of the boundaries.
-    common : QualifyingRegion
-        For all boundaries together.
-    """
+    """Couplings that qualify for each environment, in the order of the boundaries, and for all at once."""
 
     each: tuple[QualifyingRegion, ...]
     common: QualifyingRegion
@@ -169,6 +140,9 @@ def design_couplings(
     Returns
     -------
     CouplingDesign
+        `each` environment's region in the order of the boundaries, and the `common` one. A region has
+        `damping`, b_c of each line in N·s/m; `intervals` of k_c on each line, (low, high) in N/m, to 0.1 %;
+        and the `largest` and the `softest` coupling, None where nothing qualifies.
 
     Raises
     ------
@@ -176,36 +150,21 @@ def design_couplings(
         No boundary, a range that is not strictly between 0 and Nyquist or outside a device's table, a device
         with arrays as parameters, T not positive, an unknown hold; a damping that is negative or no list.
     """
-    walls, lines = _checked(device, boundaries, frequencies, period, hold, damping)
-    each = tuple(_region(device, [wall], lines, period, hold) for wall in walls)
-    common = each[0] if len(each) == 1 else _region(device, walls, lines, period, hold)
-    return CouplingDesign(each=each, common=common)
-
-
-def _checked(
-    device: AnyDevice,
-    boundaries: Sequence[EnvironmentBoundary],
-    frequencies: tuple[float, float],
-    period: float,
-    hold: str,
-    damping: ArrayLike | None,
-) -> tuple[list[_Wall], FloatArray]:
-    """Return what each boundary asks for, and the lines of b_c."""
     if not boundaries:
         raise UsageError("a coupling needs at least one boundary to stay inside of.")
     lower, upper = frequencies
     if not 0 < lower < upper < np.pi / period * (1 - 1e-9):
         raise UsageError("frequencies must increase, strictly between 0 and Nyquist.", value=frequencies)
     refuse_arrays(device, Coupling(0.0, 0.0))
-    b_c = (
-        _usual_lines(device, period, hold)
-        if damping is None
-        else nonnegative_array(damping, "damping", "N·s/m")
-    )
-    if b_c.ndim != 1 or not b_c.size:
-        raise UsageError("damping must be a list of one value or more.", value=b_c.shape)
+    lines = _usual_lines(device, period, hold)
+    if damping is not None:
+        lines = nonnegative_array(damping, "damping", "N·s/m")
+    if lines.ndim != 1 or not lines.size:
+        raise UsageError("damping must be a list of one value or more.", value=lines.shape)
     walls = [_Wall(device, boundary, (lower, upper), period, hold) for boundary in boundaries]
-    return walls, np.unique(b_c)
+    groups = [[wall] for wall in walls] + ([walls] if len(walls) > 1 else [])
+    regions = [_Search(device, group, period, hold).region(np.unique(lines)) for group in groups]
+    return CouplingDesign(each=tuple(regions[: len(walls)]), common=regions[-1])
 
 
 def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
@@ -217,64 +176,76 @@ def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
     return np.concatenate([largest * np.linspace(0, 1, 81), largest * np.geomspace(1e-4, 1, 81)])
 
 
-def _region(
-    device: AnyDevice, walls: Sequence[_Wall], lines: FloatArray, period: float, hold: str
-) -> QualifyingRegion:
-    """Cut away at the walls' ω until a check at all ω finds nothing outside."""
-    for _ in range(_ROUNDS):
-        found = _gaps(device, walls, lines, period, hold).inset(_OUTLINE)
-        line, column = np.nonzero(found.kept)
-        if not line.size:
-            break
-        low, high = found.low[line, column, None], found.high[line, column, None]
-        k_c = low + _FRACTIONS * (high - low)
-        good = _passing(walls, Coupling(k_c.ravel(), np.repeat(lines[line], _FRACTIONS.size)))
-        found.kept[line, column] = good.reshape(k_c.shape).all(axis=1)
-        if good.all():
-            break
-    largest, softest = (_end(device, walls, lines, side, period, hold) for side in (0, 1))
-    return QualifyingRegion(lines, found.lines(), largest, softest)
+@dataclass(frozen=True)
+class _Search:
+    """Cuts k_c away at the walls' ω until a check at all ω finds nothing outside."""
 
+    device: AnyDevice
+    walls: Sequence[_Wall]
+    period: float
+    hold: str
 
-def _gaps(device: AnyDevice, walls: Sequence[_Wall], damping: FloatArray, period: float, hold: str) -> Gaps:
-    """Return the k_c that stability and the walls' ω leave on lines of b_c."""
-    cuts = np.concatenate([wall.forbidden(damping) for wall in walls], axis=1)
-    return Gaps.of(stable_stiffness(device, damping, period, hold), cuts)
+    def region(self, lines: FloatArray) -> QualifyingRegion:
+        """Return what is left on lines of b_c, with the ends of all."""
+        for _ in range(_ROUNDS):
+            found = self._gaps(lines).inset(_OUTLINE)
+            line, column = np.nonzero(found.kept)
+            if not line.size:
+                break
+            low, high = found.low[line, column, None], found.high[line, column, None]
+            k_c = low + _FRACTIONS * (high - low)
+            good = self._passing(Coupling(k_c.ravel(), np.repeat(lines[line], _FRACTIONS.size)))
+            found.kept[line, column] = good.reshape(k_c.shape).all(axis=1)
+            if good.all():
+                break
+        return QualifyingRegion(lines, found.lines(), self._end(lines, 0), self._end(lines, 1))
 
+    def _gaps(self, damping: FloatArray) -> Gaps:
+        """Return the k_c that stability and the walls' ω leave on lines of b_c."""
+        cuts = np.concatenate([wall.forbidden(damping) for wall in self.walls], axis=1)
+        return Gaps.of(stable_stiffness(self.device, damping, self.period, self.hold), cuts)
 
-def _passing(walls: Sequence[_Wall], couplings: Coupling) -> BoolArray:
-    return np.logical_and.reduce([wall.passes(couplings) for wall in walls])
+    def _passing(self, couplings: Coupling) -> BoolArray:
+        return np.logical_and.reduce([wall.passes(couplings) for wall in self.walls])
 
+    def _end(self, lines: FloatArray, side: int) -> QualifyingCoupling | None:
+        """Return the coupling with the largest k_c, or on side 1 the smallest, that passes."""
+        for _ in range(_ROUNDS):
+            best = self._extreme(lines, side)
+            if best is None:
+                return None
+            if self._passing(best)[0]:
+                return self._described(best, side)
+        return None
 
-def _end(
-    device: AnyDevice, walls: Sequence[_Wall], lines: FloatArray, side: int, period: float, hold: str
-) -> QualifyingCoupling | None:
-    """Return the coupling with the largest k_c, or on side 1 the smallest, that passes; None without any."""
+    def _extreme(self, lines: FloatArray, side: int) -> Coupling | None:
+        """Return the coupling at an end of what the walls' ω leave, searched between the lines too."""
 
-    def gaps(damping: FloatArray) -> Gaps:
-        return _gaps(device, walls, damping, period, hold)
+        def cost(damping: FloatArray) -> FloatArray:
+            return self._gaps(damping.ravel()).costs()[side].reshape(damping.shape)
 
-    for _ in range(_ROUNDS):
-        best = _extreme(gaps, lines, side)
-        if best is None:
+        costs = cost(lines)
+        best = int(costs.argmin())
+        if not np.isfinite(costs[best]):
             return None
-        if _passing(walls, best)[0]:
-            return _described(device, walls, best, side, period, hold)
-    return None
+        low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
+        # Of equals the line counts: at the end of the range a section stops a hair's breadth short of it.
+        candidates = np.stack([lines[[best]], section_minimum(cost, low, high)])
+        damping = candidates[int(cost(candidates).argmin())]
+        low_k, high_k = self._gaps(damping).inset(_INSIDE).lines()[0][-1 if side == 0 else 0]
+        return Coupling(np.array([low_k if side else high_k]), damping)
 
-
-def _described(
-    device: AnyDevice, walls: Sequence[_Wall], best: Coupling, side: int, period: float, hold: str
-) -> QualifyingCoupling:
-    """Say how deep inside a coupling is, and what binds it."""
-    here, damping = np.asarray(best.stiffness), np.asarray(best.damping)
-    stiffness = here * np.array([1.0, 1.0 - _BEYOND if side else 1.0 + _BEYOND])
-    both = [wall.departures(Coupling(stiffness, np.repeat(damping, 2))) for wall in walls]
-    binds = ["stability"] if stiffness[1] > stable_stiffness(device, damping, period, hold) else []
-    worst = [max((float(one[way][0][0]), float(one[way][1][0])) for one in both) for way in (0, 1)]
-    for way, name in enumerate(("magnitude", "plane")):
-        binds += [name] * any(one[way][0][1] > ON_LIMIT for one in both)
-    return QualifyingCoupling(float(here[0]), float(damping[0]), *worst[0], *worst[1], tuple(binds))
+    def _described(self, best: Coupling, side: int) -> QualifyingCoupling:
+        """Say how deep inside a coupling is, and what binds it."""
+        here, damping = np.asarray(best.stiffness), np.asarray(best.damping)
+        stiffness = here * np.array([1.0, 1.0 - _BEYOND if side else 1.0 + _BEYOND])
+        both = [wall.departures(Coupling(stiffness, np.repeat(damping, 2))) for wall in self.walls]
+        stable = stable_stiffness(self.device, damping, self.period, self.hold)
+        binds = ["stability"] if stiffness[1] > stable[0] else []
+        worst = [max((float(one[way][0][0]), float(one[way][1][0])) for one in both) for way in (0, 1)]
+        for way, name in enumerate(("magnitude", "plane")):
+            binds += [name] * any(one[way][0][1] > ON_LIMIT for one in both)
+        return QualifyingCoupling(float(here[0]), float(damping[0]), *worst[0], *worst[1], tuple(binds))
 
 
 class _Wall:
@@ -291,8 +262,8 @@ class _Wall:
         period: float,
         hold: str,
     ) -> None:
-        self._device, self._boundary, self._ends = device, boundary, frequencies
-        self._period, self._hold = period, hold
+        self._display = Display(device, boundary.environment, period, None, hold)
+        self._limits, self._ends = (boundary.stiffness, boundary.damping), frequencies
         # Without a mass effective stiffness and damping are monotone in ω: both ends tell all.
         self._omega = [np.geomspace(*frequencies, _START), np.array(frequencies)]
 
@@ -300,12 +271,11 @@ class _Wall:
         self, couplings: Coupling, *, throughout: bool = False
     ) -> tuple[tuple[FloatArray, FloatArray], ...]:
         """Return the largest departure and its ω, of couplings (n,): of abs(Z_h_vc), of k and b."""
-        limits = self._boundary.stiffness, self._boundary.damping
         size = np.size(couplings.stiffness)
-        k, b = ((np.full(size, low), np.full(size, high)) for low, high in limits)
-        display = Display(self._device, self._boundary.environment, self._period, couplings, self._hold)
-        magnitude = departures(display, Boxes(k, b), *self._ends, throughout=throughout)
-        return (magnitude.largest, magnitude.omega), plane_departures(display, limits, *self._ends)
+        k, b = ((np.full(size, low), np.full(size, high)) for low, high in self._limits)
+        display, boxes = replace(self._display, coupling=couplings), Boxes(k, b)
+        magnitude = departures(display, boxes, *self._ends, throughout=throughout)
+        return (magnitude.largest, magnitude.omega), plane_departures(display, boxes, *self._ends)
 
     def passes(self, couplings: Coupling) -> BoolArray:
         """Say which couplings stay inside at all ω; where others leave is cut from now on."""
@@ -322,15 +292,18 @@ class _Wall:
         return np.concatenate(cuts, axis=1).reshape(lines.size, -1, 2)
 
     def _by_magnitude(self, b_c: FloatArray) -> Iterator[FloatArray]:
-        grid, own = warp(self._omega[0], self._period), self._boundary.environment
-        limits = self._boundary.stiffness, self._boundary.damping
-        lower, upper = magnitude_envelope(
-            grid.omega, self._device, *limits, self._period, mass=own.mass, hold=self._hold
+        shown, own, period, omega = (
+            self._display,
+            self._display.environment,
+            self._display.period,
+            self._omega[0],
         )
-        z_e = environment_impedance(grid.omega, own, self._period)
-        z_d = device_impedance(grid.omega, self._device, self._period)
-        z_h = z_d + zero_order_hold(grid.omega, self._period, kind=self._hold) * z_e
-        zeta = complex_from(0.0, -grid.inverse_rate)
+        lower, upper = magnitude_envelope(
+            omega, shown.device, *self._limits, period, mass=own.mass, hold=shown.hold
+        )
+        z_e, z_d = environment_impedance(omega, own, period), device_impedance(omega, shown.device, period)
+        z_h = z_d + zero_order_hold(omega, period, kind=shown.hold) * z_e
+        zeta = complex_from(0.0, -warp(omega, period).inverse_rate)
         top0, top1 = z_d * z_e + b_c * z_h, zeta * z_h
         over, under = np.abs(top0), np.abs(z_e + b_c)
         along, across = (top0 * np.conj(top1)).real, ((z_e + b_c) * np.conj(zeta)).real
@@ -341,14 +314,15 @@ class _Wall:
             yield where_positive(side * np.broadcast_to(a, c.shape), side * (along - u**2 * across), side * c)
 
     def _by_plane(self, b_c: FloatArray) -> Iterator[FloatArray]:
-        grid, own = warp(self._omega[1], self._period), self._boundary.environment
-        z_e = environment_impedance(grid.omega, own, self._period)
+        own, period = self._display.environment, self._display.period
+        grid = warp(self._omega[1], period)
+        z_e = environment_impedance(grid.omega, own, period)
         compliance = grid.inverse_rate**2
         size, under, across = np.abs(z_e) ** 2, np.abs(z_e + b_c) ** 2, -z_e.imag * grid.inverse_rate
         spring = -z_e.imag / grid.inverse_rate
         for values, pull, high_low in (
-            ((own.damping, 0.0, size * b_c + own.damping * b_c**2), 0.0, self._boundary.damping),
-            ((spring, size / 2, spring * b_c**2), own.mass / compliance, self._boundary.stiffness),
+            ((own.damping, 0.0, size * b_c + own.damping * b_c**2), 0.0, self._limits[1]),
+            ((spring, size / 2, spring * b_c**2), own.mass / compliance, self._limits[0]),
         ):
             a, half_b, c = values
             for side, end in zip((-1.0, 1.0), high_low, strict=True):
@@ -362,23 +336,3 @@ def _apart(omega: FloatArray) -> FloatArray:
     """Thin frequencies to one in each thousandth."""
     _, first = np.unique(np.round(np.log(omega) * 1e3), return_index=True)
     return omega[first]
-
-
-def _extreme(gaps: Callable[[FloatArray], Gaps], lines: FloatArray, side: int) -> Coupling | None:
-    """Return the coupling at the largest k_c, or on side 1 the smallest, searched between the lines too."""
-
-    def cost(damping: FloatArray) -> FloatArray:
-        return gaps(damping.ravel()).costs()[side].reshape(damping.shape)
-
-    costs = cost(lines)
-    best = int(costs.argmin())
-    if not np.isfinite(costs[best]):
-        return None
-    low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
-    # Of equals the line counts: at the end of the range a section stops a hair's breadth short of it.
-    candidates = np.stack([lines[[best]], section_minimum(cost, low, high)])
-    damping = candidates[int(cost(candidates).argmin())]
-    low_k, high_k = gaps(damping).lines()[0][-1 if side == 0 else 0]
-    half = (high_k - low_k) / 2
-    k_c = low_k + min(half, _INSIDE * low_k) if side else high_k - min(half, _INSIDE * high_k)
-    return Coupling(np.array([k_c]), damping)

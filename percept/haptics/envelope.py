@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.errors import UsageError
-from percept.haptics.arrays import FloatArray, checked_period, ordered_limits, real_array, times
+from percept.haptics.arrays import FloatArray, ordered_limits, real_array, times
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import distance_axes, perceived_magnitude
 from percept.haptics.records import AnyDevice, Device
@@ -26,8 +25,8 @@ def corner_curves(
 ) -> tuple[FloatArray, FloatArray]:
     """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
 
-    Where the device's mass outweighs the stiffness the second curve runs below the first
-    (`corner_crossings`). Parameters as in `magnitude_envelope`, which gives the true range.
+    Where the device's mass outweighs the stiffness the second curve runs below the first.
+    Parameters as in `magnitude_envelope`, which gives the true range.
 
     Returns
     -------
@@ -62,8 +61,10 @@ def magnitude_envelope(
 
     Parameters
     ----------
-    omega, device, period, mass, hold
-        As in `perceived_magnitude`.
+    omega, device, period, hold
+        As in `perceived_impedance`.
+    mass : array_like, optional
+        m_e of the environment, kg; may be negative.
     stiffness, damping : pair of array_like
         (low, high) of k, N/m, and b, N·s/m; may be negative.
 
@@ -75,7 +76,7 @@ def magnitude_envelope(
     Raises
     ------
     UsageError
-        As `perceived_magnitude`, and for a lower limit above its upper one.
+        As `perceived_impedance`, and for a lower limit above its upper one.
     """
     grid = warp(omega, period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
@@ -98,38 +99,14 @@ def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
 def corner_crossings(
     device: Device, stiffness: tuple[float, float], damping: tuple[float, float], period: float
 ) -> FloatArray:
-    """Return the ω at which the two corner curves of a rigid device cross, so that the band there is empty.
+    """Return the ω, increasing, at which the two corner curves of a rigid device cross: the band is empty.
 
     The squares of both curves differ by a quadratic in Ω².
-
-    Parameters
-    ----------
-    device : Device
-        Rigid: without modes.
-    stiffness, damping : pair of float
-        (low, high) of k, N/m, and b, N·s/m; may be negative.
-    period : float
-        Sampling period T, s.
-
-    Returns
-    -------
-    ndarray, shape (0,), (1,) or (2,)
-        rad/s, increasing, between 0 and π/T, both excluded.
-
-    Raises
-    ------
-    UsageError
-        A device with modes or with arrays for parameters, a lower limit above its upper one, T not positive.
     """
-    period = checked_period(period)
-    k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
-    b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    m, b_d = np.asarray(device.mass), np.asarray(device.damping)
-    if device.modes or any(array.ndim for array in (m, b_d, k_low, k_high, b_low, b_high)):
-        raise UsageError("corner crossings are for one rigid device and one box of (k, b).", value=device)
+    (k_low, k_high), (b_low, b_high), m, b_d = stiffness, damping, device.mass, device.damping
     dk, db = k_high - k_low, b_high - b_low
     square = -m * period * db
     linear = db * (b_low + b_high + 2 * b_d) - 2 * dk * (m + b_d * period / 2)
-    roots = np.roots([square, linear, dk * (k_low + k_high)])
+    roots = np.roots(np.array([square, linear, dk * (k_low + k_high)]))
     roots = np.sort(roots.real[(roots.imag == 0) & (roots.real > 0)])
     return (2 / period) * np.arctan(np.sqrt(roots) * period / 2)

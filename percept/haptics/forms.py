@@ -101,24 +101,20 @@ class Shown:
     @classmethod
     def of(cls, display: Display, x: FloatArray) -> Shown:
         """Count the environment's mass with the device, as users' limits do."""
-        k, b, m = (np.array([[float(v)]]) for v in environment_parts(display.environment))
+        own = display.environment
+        k, b, m = (np.array([[float(v)]]) for v in (own.stiffness, own.damping, own.mass))
         if display.coupling is None:
             return cls(b, k, np.ones((1, 1)))
         k_c, b_c = (np.atleast_1d(v)[None] for v in (display.coupling.stiffness, display.coupling.damping))
         spring = total(k, -m * x) if m[0, 0] else k
-        own = total(b**2 * x, product(spring, spring))
+        near = total(b**2 * x, product(spring, spring))
         beyond = total(b_c**2 * x, k_c**2)
         joined = spring + k_c
         under = total((b + b_c) ** 2 * x, product(joined, joined))
-        stiffness = total(product(own, k_c), product(beyond, spring))
+        stiffness = total(product(near, k_c), product(beyond, spring))
         if m[0, 0]:
             stiffness = total(stiffness, product(m * x, under))
-        return cls(total(product(own, b_c), product(beyond, b)), stiffness, under)
-
-
-def environment_parts(environment: Environment) -> tuple[Any, Any, Any]:
-    """Return stiffness, damping and mass."""
-    return environment.stiffness, environment.damping, environment.mass
+        return cls(total(product(near, b_c), product(beyond, b)), stiffness, under)
 
 
 @dataclass(frozen=True)

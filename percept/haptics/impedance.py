@@ -270,7 +270,7 @@ def coupling_impedance(
     Raises
     ------
     UsageError
-        As `device_impedance`, and for an unknown discretization or kind.
+        As `device_impedance`, and for an unknown discretization.
     """
     grid = warp(omega, period)
     return complex_from(
@@ -281,19 +281,9 @@ def coupling_impedance(
 def coupling_admittance(
     omega: ArrayLike, coupling: Coupling, period: float, *, discretization: str = "backward"
 ) -> ComplexArray:
-    """Return 1/Z_c(jω), the p22 of Eq. 4, whose real part Eq. 10 bounds from below.
+    """Return 1/Z_c(jω), m/(N·s), the p22 of Eq. 4, whose real part Eq. 10 bounds from below.
 
-    Parameters as in `coupling_impedance`.
-
-    Returns
-    -------
-    ndarray of complex
-        m/(N·s): 0 at DC where there is stiffness, infinite where there is no coupling at all.
-
-    Raises
-    ------
-    UsageError
-        As `coupling_impedance`.
+    It is 0 at DC where there is stiffness, and infinite where there is no coupling at all.
     """
     z_c = coupling_impedance(omega, coupling, period, discretization=discretization)
     size = np.hypot(z_c.real, z_c.imag)
@@ -324,7 +314,7 @@ def hold(omega: ArrayLike, period: float, *, kind: str = "average") -> ComplexAr
     Raises
     ------
     UsageError
-        As `device_impedance`, and for an unknown discretization or kind.
+        As `device_impedance`, and for an unknown kind of hold.
     """
     grid = warp(omega, period)
     gain = grid.held(kind).gain

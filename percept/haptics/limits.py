@@ -7,29 +7,22 @@ is stable. Under the true hold it is K² ≤ 16bβ and β ≤ πb.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.errors import UsageError
 from percept.haptics.arrays import (
     FloatArray,
     IntArray,
-    Scalars,
     checked_period,
     nonnegative_array,
     one_of,
     ratio,
-    stored,
 )
 from percept.haptics.impedance import DISCRETIZATIONS, HOLDS, device_parts, warp
 from percept.haptics.records import AnyDevice, Device, Environment
-from percept.haptics.search import rising_root, search_grid, section_minimum
+from percept.haptics.search import lowest, rising_root, search_grid
 from percept.haptics.stability import demands
-from percept.html import NotebookRecord
 
-_MODELS = ("colgate", "tustin")
 # β/b of the cheapest coupling: where ∂K/∂β = 0, β² − 5.5·bβ − 2b² = 0.
 _CHEAPEST = (11 + np.sqrt(153)) / 4
 # b_c/b up to which the limit is set at DC under the backward difference (β = 5b there).
@@ -124,14 +117,12 @@ def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: st
     if isinstance(device, Device) and not device.modes:
         return np.asarray(max_coupling_stiffness(device.damping, b_c, period, hold=hold))
 
-    def limits(omega: FloatArray) -> FloatArray:
-        return stiffness_limits(omega, device, b_c, period, hold)
+    lines = np.atleast_1d(b_c)
 
-    omega = search_grid(device, period)
-    seen = limits(omega[:, None])
-    least = seen.argmin(axis=0)
-    low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, omega.size - 1)]
-    return np.minimum(seen.min(axis=0), limits(section_minimum(limits, low, high)))
+    def limits(omega: FloatArray, which: IntArray) -> FloatArray:
+        return stiffness_limits(omega, device, lines[which], period, hold)
+
+    return lowest(limits, search_grid(device, period), lines.size)[0].reshape(b_c.shape)
 
 
 def stiffness_limits(
@@ -152,136 +143,48 @@ def stiffness_limits(
     return (np.where((spare < 0) | (available < 0), 0.0, stretch) / grid.period)[()]
 
 
-@dataclass(frozen=True)
-class BestDamping(NotebookRecord):
-    """The coupling damping with which a stiffness asks least of the device; floats or arrays."""
-
-    coupling_damping: Scalars  # b_c, N·s/m
-    device_damping: Scalars  # The b_d a rigid device then needs, N·s/m
-
-
-def best_coupling_damping(stiffness: ArrayLike, period: float) -> BestDamping:
-    """Return the b_c with which a coupling of given stiffness needs the least device damping (Eqs 6, 8).
-
-    Parameters
-    ----------
-    stiffness : array_like
-        k_c, N/m, zero or more.
-    period : float
-        Sampling period T, s.
-
-    Returns
-    -------
-    BestDamping
-        b_c, about 0.1248·k_cT, and the b_d then needed, 0.10695·k_cT, N·s/m, of the stiffness's shape.
-
-    Raises
-    ------
-    UsageError
-        A negative stiffness, T not positive, a value that is not finite.
-    """
-    stretch = nonnegative_array(stiffness, "stiffness", "N/m") * checked_period(period)
+def best_coupling_damping(stiffness: float, period: float) -> tuple[float, float]:
+    """Return the b_c, about 0.1248·k_cT, that needs the least b_d, 0.10695·k_cT, N·s/m (Eqs 6, 8)."""
+    stretch = stiffness * period
     needed = 1 / (_CHEAPEST * 2 * np.sqrt((8 / _CHEAPEST - 1) / 27) * (1 + _CHEAPEST))
-    return BestDamping(
-        coupling_damping=stored((_CHEAPEST * needed - 0.5) * stretch), device_damping=stored(needed * stretch)
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class StableRegion(NotebookRecord):
-    """Every coupling a rigid device can carry, as a polygon in the plane of (k_c, b_c).
-
-    The vertices go around the region, and the last joins the first. All but the corner at the origin lie
-    exactly on the region's edge.
-    """
-
-    stiffness: FloatArray  # (n,) N/m
-    damping: FloatArray  # (n,) N·s/m
-    device_damping: float  # b_d, N·s/m
+    return float((_CHEAPEST * needed - 0.5) * stretch), float(needed * stretch)
 
 
 def stable_region(
     device_damping: float, period: float, *, hold: str = "average", points: int = 257
-) -> StableRegion:
-    """Return the region of (k_c, b_c), by Eq. 6's coupling, that Eq. 10 allows a rigid device.
+) -> tuple[FloatArray, FloatArray]:
+    """Return (k_c, b_c) around all couplings, by Eq. 6, that Eq. 10 allows a rigid device; N/m and N·s/m.
 
-    Parameters
-    ----------
-    device_damping : float
-        b_d, N·s/m, zero or more.
-    period : float
-        Sampling period T, s.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
-    points : int
-        Vertices along the curved edge, at least 2.
-
-    Returns
-    -------
-    StableRegion
-        A polygon of points + 1 vertices.
-
-    Raises
-    ------
-    UsageError
-        A damping that is negative or not one number, T not positive, an unknown hold.
+    A polygon of `points` vertices on the curved edge, and the corner at the origin.
     """
-    period = checked_period(period)
-    one_of(hold, "hold", HOLDS)
-    b = nonnegative_array(device_damping, "device damping", "N·s/m")
-    if b.ndim:
-        raise UsageError("a stable region is for one device damping.", value=device_damping)
     # Half-cosine spacing: the edge leaves both ends like a square root.
     fraction = np.sin(np.linspace(0, np.pi / 2, points)) ** 2
     if hold == "true":
         # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the whole edge.
-        damping = np.pi * b * fraction
-        stretch = 2 * np.pi * b * (1 - fraction)
+        damping = np.pi * device_damping * fraction
+        stretch = 2 * np.pi * device_damping * (1 - fraction)
     else:
-        beta = b * (4.0 + 4.0 * fraction)
-        stretch = _stretch(np.broadcast_to(b, beta.shape), beta, hold)
+        beta = device_damping * (4.0 + 4.0 * fraction)
+        stretch = _stretch(np.full_like(beta, device_damping), beta, hold)
         damping = np.maximum(beta - stretch / 2, 0.0)
-    stiffness, damping = np.append(stretch, 0.0) / period, np.append(damping, 0.0)
-    stiffness.flags.writeable = damping.flags.writeable = False
-    return StableRegion(stiffness=stiffness, damping=damping, device_damping=float(b))
+    return np.append(stretch, 0.0) / period, np.append(damping, 0.0)
 
 
 def passivity_damping(environment: Environment, period: float, *, model: str = "colgate") -> FloatArray:
-    """Return the device damping above which an environment rendered without coupling is passive.
+    """Return the device damping above which an environment rendered without coupling is passive, N·s/m.
 
-    Parameters
-    ----------
-    environment : Environment
-        Its parameters may be arrays.
-    period : float
-        Sampling period T, s.
-    model : {"colgate", "tustin"}
-        "colgate": true zero-order hold and backward differences (Colgate & Schenkel), b_d > k·T/2 + abs(b)
-        for an environment without mass. "tustin": the averaging hold and Tustin's method (Eqs 7, 8),
-        b_d ≥ k·T/2 − b, whatever the mass.
+    "colgate" is the true zero-order hold and backward differences (Colgate & Schenkel), b_d > k·T/2 + abs(b)
+    for an environment without mass. "tustin" is the averaging hold and Tustin's method (Eqs 7, 8),
+    b_d ≥ k·T/2 − b, whatever the mass.
 
-    Returns
-    -------
-    ndarray
-        N·s/m, of the environment's shape; a negative value is met by every device.
-
-    Raises
-    ------
-    UsageError
-        T not positive, an unknown model.
-
-    Notes
-    -----
     Colgate and Schenkel ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT. With
     u = sin²(θ/2) and backward differences throughout, the right-hand side is
     k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so largest at DC, k·T/2 − b, or at Nyquist,
     k·T/2 + b + 2m/T. In the paper's own model
     Re Z_h = b_d + cos²(θ/2)(b − k·T/2) + (2m/T)·sin²(θ/2), smallest at DC where it can be negative at all.
     """
-    one_of(model, "model", _MODELS)
-    period = checked_period(period)
     k, b, m = (np.asarray(part) for part in (environment.stiffness, environment.damping, environment.mass))
     elastic = k * (period / 2)
-    if model == "colgate":
+    if one_of(model, "model", ("colgate", "tustin")) == "colgate":
         return (elastic + b + m * (2 / period))[()]
     return (elastic - b + 0.0 * m)[()]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,36 +17,6 @@ from percept.haptics.impedance import (
     warp,
 )
 from percept.haptics.records import AnyDevice, Coupling, Environment
-from percept.html import NotebookRecord
-
-
-@dataclass(frozen=True, eq=False)
-class EffectiveImpedance(NotebookRecord):
-    """Z_eff = Z_eZ_c/(Z_e + Z_c), as the stiffness and damping it shows at each ω.
-
-    Both may be compared with limits of k and b as any environment's: the same distance form holds.
-
-    Attributes
-    ----------
-    omega : ndarray
-        rad/s.
-    stiffness : ndarray
-        −Ω·Im Z_eff, N/m; +inf at an undamped resonance of environment and coupling.
-    damping : ndarray
-        Re Z_eff, N·s/m.
-    period : float
-        Sampling period T, s.
-    """
-
-    omega: FloatArray
-    stiffness: FloatArray
-    damping: FloatArray
-    period: float
-
-    @property
-    def value(self) -> ComplexArray:
-        """Z_eff, N·s/m."""
-        return complex_from(self.damping, warp(self.omega, self.period).spring(self.stiffness))
 
 
 def effective_impedance(
@@ -58,15 +26,19 @@ def effective_impedance(
     period: float,
     *,
     discretization: str = "tustin",
-) -> EffectiveImpedance:
-    """Return what environment and coupling in series show at each ω.
+) -> tuple[FloatArray, FloatArray]:
+    """Return the stiffness and the damping that environment and coupling in series show at each ω.
+
+    Z_eff = Z_eZ_c/(Z_e + Z_c) has the damping Re Z_eff and the stiffness −Ω·Im Z_eff. Both may be compared
+    with limits of k and b as any environment's: the same distance form holds.
 
     Parameters as in `perceived_impedance`.
 
     Returns
     -------
-    EffectiveImpedance
-        Stiffness and damping have the broadcast shape of all arguments, `omega` its own.
+    stiffness, damping : ndarray
+        N/m and N·s/m, of the broadcast shape of all arguments. The stiffness is +inf at an undamped resonance
+        of environment and coupling.
 
     Raises
     ------
@@ -74,26 +46,21 @@ def effective_impedance(
         As `perceived_impedance`.
     """
     grid = warp(omega, period)
-    shown = _through_coupling(grid, environment, coupling, discretization)
-    shape = np.broadcast_shapes(grid.omega.shape, np.shape(shown.stiffness))
-    return EffectiveImpedance(
-        omega=grid.omega,
-        stiffness=np.broadcast_to(shown.stiffness, shape),
-        damping=np.broadcast_to(shown.damping, shape),
-        period=grid.period,
-    )
+    felt = rendered(grid, environment, coupling, discretization)
+    stiffness, damping, _ = np.broadcast_arrays(felt.stiffness, felt.damping, grid.omega)
+    return stiffness[()], damping[()]
 
 
-def _through_coupling(
-    grid: Warp, environment: Environment, coupling: Coupling, discretization: str
+def rendered(
+    grid: Warp, environment: Environment, coupling: Coupling | None, discretization: str = "tustin"
 ) -> Element:
-    """Return what Z_eZ_c/(Z_e + Z_c) shows at each ω."""
-    beyond = Element(coupling.stiffness, tustin_damping(coupling, grid.period, discretization))
-    return series(grid, _element(environment), beyond)
-
-
-def _element(environment: Environment) -> Element:
-    return Element(environment.stiffness, environment.damping, environment.mass)
+    """Return the environment, or what it shows through the coupling, at each ω."""
+    own = Element(environment.stiffness, environment.damping, environment.mass)
+    if coupling is None:
+        return own
+    return series(
+        grid, own, Element(coupling.stiffness, tustin_damping(coupling, grid.period, discretization))
+    )
 
 
 def perceived_impedance(
@@ -137,10 +104,7 @@ def perceived_impedance(
         hold or discretization.
     """
     grid = warp(omega, period)
-    if coupling is None:
-        felt = _element(environment)
-    else:
-        felt = _through_coupling(grid, environment, coupling, discretization)
+    felt = rendered(grid, environment, coupling, discretization)
     real, imaginary = device_parts(grid, device)
     held_real, held_imaginary = _held_parts(grid, grid.held(hold), felt)
     return complex_from(real + held_real, imaginary + held_imaginary)
@@ -176,29 +140,10 @@ def perceived_magnitude(
     mass: ArrayLike = 0.0,
     hold: str = "average",
 ) -> FloatArray:
-    """Return abs(Z_h) as a distance, for any real k and b.
+    """Return abs(Z_h), N·s/m, as a distance, for any real k and b; a mass may be negative too.
 
     With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)): in the plane of
     (g·b, g·k/Ω) it is the distance from one point, set by the device.
-
-    Parameters
-    ----------
-    omega, device, period, hold
-        As in `perceived_impedance`.
-    stiffness, damping : array_like
-        k, N/m, and b, N·s/m, of the environment; may be negative, as limits and draws are.
-    mass : array_like, optional
-        m_e, kg; may be negative.
-
-    Returns
-    -------
-    ndarray
-        N·s/m, of the broadcast shape of ω, stiffness, damping and mass.
-
-    Raises
-    ------
-    UsageError
-        As `perceived_impedance`.
     """
     grid = warp(omega, period)
     k, b = real_array(stiffness, "stiffness", "N/m"), real_array(damping, "damping", "N·s/m")

@@ -189,13 +189,7 @@ class TabulatedDevice:
         object.__setattr__(self, "impedance", impedance)
 
     def at(self, omega: ArrayLike) -> ComplexArray:
-        """Return Z_d at ω (rad/s, conjugate for negative), linear between the rows of the table.
-
-        Raises
-        ------
-        UsageError
-            Where abs(ω) lies outside the table.
-        """
+        """Return Z_d at ω (rad/s, conjugate for negative), linear between rows; refused outside the table."""
         omega = np.asarray(omega, dtype=np.float64)
         size = np.abs(omega)
         outside = ~((size >= self.omega[0]) & (size <= self.omega[-1]))

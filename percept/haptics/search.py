@@ -13,6 +13,10 @@ from percept.haptics.records import AnyDevice, Device, TabulatedDevice
 
 # A table may leave out this fraction of the range up to Nyquist at either end.
 _COVERED = 1e-3
+# Where a mode is looked at, in its widths to either side of its resonance.
+_OFFSETS = np.geomspace(1e-2, 1e3, 60)
+# Values nearer than this fraction differ by rounding: they show no dip.
+_ROUNDING = 1e-12
 # With sixteen points at once a bracket shrinks to 2/17, in eleven rounds to a relative 6e-11;
 # a minimum is flat, so its value is off by the square of that.
 _POINTS = 16
@@ -31,14 +35,11 @@ def covers_range(device: AnyDevice, period: float) -> bool:
     return bool(device.omega[0] <= _COVERED * nyquist and device.omega[-1] >= (1 - _COVERED) * nyquist)
 
 
-def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArray:
+def search_grid(device: AnyDevice, period: float) -> FloatArray:
     """Return ω from DC to Nyquist, or over a table, fine enough to see every mode of a device."""
     nyquist = np.pi / period
-    parts = [
-        np.array([0.0, *including]),
-        np.geomspace(1e-6, 1, 600) * nyquist,
-        np.linspace(0, 1, 600) * nyquist,
-    ]
+    parts = [np.array([0.0]), np.geomspace(1e-6, 1, 600) * nyquist, np.linspace(0, 1, 600) * nyquist]
+    first, last = 0.0, nyquist
     if isinstance(device, TabulatedDevice):
         first, last = float(device.omega[0]), min(float(device.omega[-1]), nyquist)
         if first > nyquist:
@@ -47,26 +48,40 @@ def search_grid(device: AnyDevice, period: float, *including: float) -> FloatArr
                 value=first,
                 hint="Check the sampling period and the unit of omega (rad/s, not Hz).",
             )
-        omega = np.unique(np.concatenate([*parts, device.omega]))
-        return omega[(omega >= first) & (omega <= last)]
-    for mode in device.modes:
-        if not (np.all(mode.mass) and np.any(mode.stiffness)):
-            continue
-        rate = float(np.sqrt(mode.stiffness / mode.mass))
-        width = float(mode.damping / mode.mass) + 1e-6 * rate
-        offsets = np.concatenate([-np.geomspace(1e-2, 1e3, 60), [0.0], np.geomspace(1e-2, 1e3, 60)])
-        parts.append((2 / period) * np.arctan(np.maximum(rate + width * offsets, 0.0) * period / 2))
+        parts.append(device.omega)
+    else:
+        for mode in device.modes:
+            if mode.mass and mode.stiffness:
+                rate = float(np.sqrt(mode.stiffness / mode.mass))
+                width = float(mode.damping / mode.mass) + 1e-6 * rate
+                around = rate + width * np.concatenate([-_OFFSETS, [0.0], _OFFSETS])
+                parts.append((2 / period) * np.arctan(np.maximum(around, 0.0) * period / 2))
     omega = np.unique(np.concatenate(parts))
-    return omega[omega <= nyquist]
+    return omega[(omega >= first) & (omega <= last)]
 
 
-def local_minima(function: Callable[[FloatArray], FloatArray], grid: FloatArray) -> FloatArray:
-    """Return where `function` has a local minimum, one x for each dip seen on an increasing grid."""
-    seen = function(grid)
-    padded = np.concatenate([[np.inf], seen, [np.inf]])
-    dips = np.flatnonzero((seen <= padded[:-2]) & (seen <= padded[2:]) & np.isfinite(seen))
+def lowest(
+    function: Callable[[FloatArray, IntArray], FloatArray], grid: FloatArray, count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the least value of each of `count` functions, and where; each dip seen on a grid is refined.
+
+    `function` takes x (points, n) and which n of the functions to evaluate, and returns values of that shape.
+    Of dips seen the wrong one may look lower on the grid.
+    """
+    seen = np.broadcast_to(function(grid[:, None], np.arange(count)), (grid.size, count))
+    with np.errstate(invalid="ignore"):
+        falls = seen[:-1] - seen[1:] > _ROUNDING * np.abs(seen[1:])
+    ends = np.ones((1, count), dtype=bool)
+    dips, which = np.nonzero(np.concatenate([ends, falls]) & np.concatenate([~falls, ends]))
     low, high = grid[np.maximum(dips - 1, 0)], grid[np.minimum(dips + 1, grid.size - 1)]
-    return section_minimum(function, low, high)
+    at = section_minimum(lambda x: function(x, which), low, high)
+    refined = function(at[None], which)[0]
+    # The grid's own point stays where it is as low: at the ends of the range a section stops short.
+    better = refined < seen[dips, which]
+    values, x = np.where(better, refined, seen[dips, which]), np.where(better, at, grid[dips])
+    order = np.lexsort((values, which))
+    first = order[np.flatnonzero(np.diff(which[order], prepend=-1))]
+    return values[first], x[first]
 
 
 def section_minimum(

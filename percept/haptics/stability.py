@@ -1,20 +1,20 @@
 """Stability with a virtual coupling: the device damping it needs, how much there is, and Llewellyn's verdict.
 
-By Eqs 1 to 4, 9 and 10 a device and its coupling are stable with every passive hand and environment where two
-conditions hold: Re Z_d is at least what Eq. 10 asks for at every ω, and no pole lies outside the unit circle.
+By Eqs 1 to 4, 9 and 10 a device and its coupling are stable with every passive hand and environment where
+Re Z_d is at least what Eq. 10 asks for at every ω.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import (
-    ComplexArray,
     FloatArray,
+    IntArray,
     Scalars,
     checked_period,
     one_of,
@@ -23,11 +23,11 @@ from percept.haptics.arrays import (
     times,
 )
 from percept.haptics.impedance import HOLDS, Warp, device_parts, tustin_damping, warp
-from percept.haptics.records import AnyDevice, Coupling, TabulatedDevice, refuse_arrays
-from percept.haptics.search import covers_range, local_minima, search_grid
+from percept.haptics.records import AnyDevice, Coupling, Device, TabulatedDevice, refuse_arrays
+from percept.haptics.search import covers_range, lowest, search_grid
 from percept.html import NotebookRecord
 
-# How near to 1 a margin, or the modulus of a pole, counts as on the limit.
+# How near to 1 a margin counts as on the limit.
 _ROUNDING = 1e-12
 # κ = K/2β from which on the demand is largest at DC.
 _KAPPA_AT_DC = float(np.sqrt(0.8))
@@ -174,19 +174,9 @@ def stability_margin(
 def coupling_bound(
     omega: ArrayLike, device: AnyDevice, period: float, *, hold: str = "average"
 ) -> FloatArray:
-    """Return the right-hand side of Eq. 10, the lower bound of Re 1/Z_c that Fig. 4 draws.
+    """Return the right-hand side of Eq. 10, the lower bound of Re 1/Z_c that Fig. 4 draws, m/(N·s).
 
-    Parameters as in `stability_margin`.
-
-    Returns
-    -------
-    ndarray
-        m/(N·s); inf where the device dissipates nothing.
-
-    Raises
-    ------
-    UsageError
-        As `stability_margin`.
+    It is inf where the device dissipates nothing.
     """
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
@@ -197,7 +187,7 @@ def coupling_bound(
 Verdict = Literal["stable", "marginal", "unstable", "undecided"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class AbsoluteStability(NotebookRecord):
     """Llewellyn's verdict, on stability with every passive hand and environment.
 
@@ -207,11 +197,8 @@ class AbsoluteStability(NotebookRecord):
 
     verdict: Verdict
     reason: str  # The condition that decides, in one sentence
-    omega: FloatArray = field(repr=False)  # (n,) rad/s; the verdict covers these, and what lies between them
-    margin: FloatArray = field(repr=False)  # (n,) As `stability_margin`
     smallest_margin: float
     binding_omega: float  # Where the margin is smallest, rad/s
-    poles: ComplexArray | None = field(repr=False)  # In the z plane; None where the device is a table
 
 
 def absolute_stability(
@@ -222,7 +209,7 @@ def absolute_stability(
     discretization: str = "backward",
     hold: str = "average",
 ) -> AbsoluteStability:
-    """Judge a device with a coupling at every ω from DC to Nyquist, poles included (Eqs 9, 10).
+    """Judge a device with a coupling at every ω from DC to Nyquist (Eqs 9, 10).
 
     A rigid device is judged in closed form. With modes the smallest margin is searched on a grid that
     resolves each mode, and refined; a table is searched over the range it covers, and cannot show stability
@@ -233,77 +220,44 @@ def absolute_stability(
     Returns
     -------
     AbsoluteStability
+        `verdict`, its `reason`, `smallest_margin`, and `binding_omega` in rad/s.
 
     Raises
     ------
     UsageError
         T not positive, arrays as parameters, a table that begins above Nyquist, an unknown hold or
         discretization.
+
+    Notes
+    -----
+    Llewellyn's criterion also asks that no pole of Eq. 4's matrix lies outside the unit circle. None does:
+    records refuse negative masses, stiffnesses and dampings, and Tustin's method keeps the left half plane
+    inside the circle. The coupling's pole, (2β − K)/(2β + K) with K = k_c·T, lies inside it too.
     """
     period = checked_period(period)
     refuse_arrays(device, coupling)
-    need = required_damping(coupling, period, discretization=discretization, hold=hold)
-
-    def margin(omega: FloatArray) -> FloatArray:
-        return np.asarray(
-            stability_margin(omega, device, coupling, period, discretization=discretization, hold=hold)
-        )
-
-    omega = search_grid(device, period, float(need.omega))
-    if isinstance(device, TabulatedDevice) or device.modes:
-        omega = np.union1d(omega, local_minima(margin, omega))
-        margins = margin(omega)
+    if isinstance(device, Device) and not device.modes:
+        need = required_damping(coupling, period, discretization=discretization, hold=hold)
+        smallest, binding = float(ratio(device.damping, need.damping, empty=np.inf)), float(need.omega)
     else:
-        margins = margin(omega)
-        # The closed form is exact where the margin at its rounded ω is only as good as that ω.
-        margins[omega == need.omega] = ratio(device.damping, need.damping, empty=np.inf)
-    found = _judged(omega, margins, _network_poles(device, coupling, period, discretization))
-    if found.verdict != "unstable" and not covers_range(device, period):
-        assert isinstance(device, TabulatedDevice)
-        reason = (
-            f"From {device.omega[0]:.6g} to {device.omega[-1]:.6g} rad/s the smallest margin is "
-            f"{found.smallest_margin:.6g}; of the rest, up to {np.pi / period:.6g} rad/s, the device's table "
-            "says nothing."
-        )
-        return replace(found, verdict="undecided", reason=reason)
-    return found
 
+        def margin(omega: FloatArray, _: IntArray) -> FloatArray:
+            return np.asarray(
+                stability_margin(omega, device, coupling, period, discretization=discretization, hold=hold)
+            )
 
-def _judged(omega: FloatArray, margin: FloatArray, poles: ComplexArray | None) -> AbsoluteStability:
-    """Turn margins and poles into a verdict."""
-    least = int(np.argmin(margin))
-    smallest, binding = float(margin[least]), float(omega[least])
+        least, at = lowest(margin, search_grid(device, period), 1)
+        smallest, binding = float(least[0]), float(at[0])
     verdict: Verdict = "stable" if smallest > 1 + _ROUNDING else "marginal"
     reason = f"The smallest margin is {smallest:.6g}, at {binding:.6g} rad/s."
     if smallest < 1 - _ROUNDING:
         verdict = "unstable"
         if smallest < 0:
             reason = f"A port is active: its real part is negative at {binding:.6g} rad/s."
-    if poles is not None and (np.abs(poles) > 1 + _ROUNDING).any():
-        verdict, reason = "unstable", "The network has a pole outside the unit circle."
-    return AbsoluteStability(verdict, reason, omega, margin, smallest, binding, poles)
-
-
-def _network_poles(
-    device: AnyDevice, coupling: Coupling, period: float, discretization: str
-) -> ComplexArray | None:
-    """Return the poles of Eq. 4's matrix in the z plane, None where the device is a table.
-
-    Elements in parallel, and entries of the matrix, do not raise each other's order, so each pole is listed
-    once.
-    """
-    if isinstance(device, TabulatedDevice):
-        return None
-    poles: list[complex] = [0.0]  # the hold's delay
-    if device.mass:
-        poles.append(-1.0)  # Tustin's s is infinite there
-    for mode in device.modes:
-        if mode.mass:
-            s = np.roots(np.array([mode.mass, mode.damping, mode.stiffness]))
-            s = s[s != 0]  # at 0 the mode's numerator vanishes too
-            poles += list((2 + s * period) / (2 - s * period))
-    stretch = float(np.multiply(coupling.stiffness, period))
-    if stretch:
-        beta = float(tustin_damping(coupling, period, discretization))
-        poles.append((2 * beta - stretch) / (2 * beta + stretch))
-    return np.unique(np.array(poles, dtype=np.complex128))
+    elif isinstance(device, TabulatedDevice) and not covers_range(device, period):
+        verdict = "undecided"
+        reason = (
+            f"From {device.omega[0]:.6g} to {device.omega[-1]:.6g} rad/s the smallest margin is "
+            f"{smallest:.6g}; of the rest, up to {np.pi / period:.6g} rad/s, the device's table says nothing."
+        )
+    return AbsoluteStability(verdict, reason, smallest, binding)

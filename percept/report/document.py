@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from percept.haptics import Device, stable_region
+from percept.haptics import Device
+from percept.haptics.limits import stable_region
 from percept.report.overview import findings
 from percept.report.plain import plain
 from percept.report.select import EACH_BY_ITSELF, distinct
@@ -164,8 +165,8 @@ def _stable_edge(study: Study) -> dict[str, Any] | None:
     device, table = study.device, study.scene.device
     if table is None or not isinstance(device, Device) or device.modes:
         return None
-    region = stable_region(float(device.damping), table.period, hold=table.hold, points=_EDGE_POINTS)
-    return {"stiffness": plain(region.stiffness), "damping": plain(region.damping)}
+    edge = stable_region(float(device.damping), table.period, hold=table.hold, points=_EDGE_POINTS)
+    return {"stiffness": plain(edge[0]), "damping": plain(edge[1])}
 
 
 def _checks(study: Study) -> dict[str, Any] | None:

@@ -10,12 +10,11 @@ from percept.haptics import (
     Coupling,
     Device,
     absolute_stability,
-    best_coupling_damping,
     environment_impedance,
     magnitude_envelope,
-    passivity_damping,
     required_damping,
 )
+from percept.haptics.limits import best_coupling_damping, passivity_damping
 from percept.reproduce.devices import DAMPINGS, MASSES
 from percept.reproduce.published import (
     LOOKED_AT,
@@ -88,18 +87,18 @@ def fig_4_tuned(published: Published) -> Judgement:
 def _stable_with(published: Published, coupling: Coupling) -> Judgement:
     record = required_damping(coupling, published.period)
     needed = float(record.damping)
-    best = best_coupling_damping(coupling.stiffness, published.period)
+    best, least = best_coupling_damping(float(coupling.stiffness), published.period)
     own = float(published.device.damping)
     return judged(
         cases=needed <= DAMPINGS,
         condition=f"the device has at least {needed:.6g} N·s/m (rigid; its damping was never published)",
         finding=f"Eq. 10 asks most of a rigid device at {float(record.omega):.6g} rad/s. With b_c = "
-        f"{float(best.coupling_damping):.4g} N·s/m the same stiffness would need "
-        f"{float(best.device_damping):.4g} N·s/m only. The scene’s device has {own:g}.",
+        f"{best:.4g} N·s/m the same stiffness would need {least:.4g} N·s/m only. "
+        f"The scene’s device has {own:g}.",
         margin=Quantity("damping asked for", needed, "N·s/m"),
         numbers=[
             Quantity("ω that binds", float(record.omega), "rad/s"),
-            Quantity("least damping asked for with this k_c", float(best.device_damping), "N·s/m"),
+            Quantity("least damping asked for with this k_c", least, "N·s/m"),
         ],
     )
 
@@ -147,7 +146,7 @@ def direct_rendering(published: Published) -> Judgement:
 
 def suits_high(published: Published) -> Judgement:
     """Judge whether a coupling suits high impedance and harms low."""
-    stiffness = {wall.name: float(published.through_coupling(wall).stiffness) for wall in published.walls}
+    stiffness = {wall.name: published.through_coupling(wall)[0] for wall in published.walls}
     order = sorted(published.walls, key=lambda wall: wall.k)
     loss = {wall.name: float(1 - stiffness[wall.name] / wall.k) for wall in order}
     inside = [w.name for w in order if w.stiffness[0] <= stiffness[w.name] <= w.stiffness[1]]

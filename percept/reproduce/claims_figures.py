@@ -8,7 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from percept.haptics import Device, Environment, corner_crossings, corner_curves, environment_impedance
+from percept.haptics import Device, Environment, corner_curves, environment_impedance
+from percept.haptics.envelope import corner_crossings
 from percept.reproduce.devices import (
     DAMPINGS,
     MASSES,
@@ -85,7 +86,7 @@ def fig_7d(published: Published) -> Judgement:
     """Judge Fig. 7d: with and without coupling inside."""
     panel = panels(published)[1]
     lightest, heaviest = _mass_limits(published, panel)
-    felt = float(published.through_coupling(panel.wall).stiffness)
+    felt, _ = published.through_coupling(panel.wall)
     k_low, k_high = panel.wall.stiffness
     return judged(
         cases=_everywhere(published, panel),
@@ -104,7 +105,7 @@ def fig_7d(published: Published) -> Judgement:
 def fig_7f(published: Published) -> Judgement:
     """Judge Fig. 7f: without coupling above, with coupling below."""
     panel = panels(published)[2]
-    felt = float(published.through_coupling(panel.wall).stiffness)
+    felt, _ = published.through_coupling(panel.wall)
     k_low, k_high = panel.wall.stiffness
     above = panel.wall.k / k_high - 1
     return judged(
@@ -233,7 +234,7 @@ def magnitude_suffices(published: Published) -> Judgement:
         through = published.through_coupling(wall)
         for how, felt, k, b in (
             ("direct", found.direct, wall.k, wall.b),
-            ("coupled", found.coupled, float(through.stiffness), float(through.damping)),
+            ("coupled", found.coupled, *through),
         ):
             if not found.lower[0] <= felt[0] <= found.upper[0]:
                 continue

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.haptics import Device, magnitude_envelope_ellipse
+from percept.haptics import Device
+from percept.haptics.ellipse import magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
 from percept.reproduce.published import (
     ENOUGH_SUBJECTS,

@@ -12,11 +12,11 @@ from percept.haptics import (
     Coupling,
     Device,
     corner_curves,
-    coupling_admittance,
-    coupling_bound,
     required_damping,
-    stable_region,
 )
+from percept.haptics.impedance import coupling_admittance
+from percept.haptics.limits import stable_region
+from percept.haptics.stability import coupling_bound
 from percept.report.figures.canvas import (
     COLOURS,
     Drawing,
@@ -248,7 +248,7 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
                 ax,
                 region.damping,
                 region.intervals,
-                stable=(edge.stiffness, edge.damping),
+                stable=edge,
                 coupling=(float(published.tuned.stiffness), float(published.tuned.damping)),
             )
             ax.set_title(name, loc="left")

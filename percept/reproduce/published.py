@@ -16,7 +16,6 @@ from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
     Device,
-    EffectiveImpedance,
     Environment,
     effective_impedance,
     perceived_impedance,
@@ -154,9 +153,10 @@ class Published:
         device = self.device if device is None else device
         return np.abs(perceived_impedance(omega, device, environment, self.period, coupling=coupling))
 
-    def through_coupling(self, wall: Wall) -> EffectiveImpedance:
-        """Return what a reference is through the tuned coupling, at the ω where Fig. 7 looks closely."""
-        return effective_impedance(LOOKED_AT, wall.environment, self.tuned, self.period)
+    def through_coupling(self, wall: Wall) -> tuple[float, float]:
+        """Return k and b of a reference through the tuned coupling, at the ω where Fig. 7 looks closely."""
+        k, b = effective_impedance(LOOKED_AT, wall.environment, self.tuned, self.period)
+        return float(k), float(b)
 
     @property
     def span(self) -> tuple[float, float]:

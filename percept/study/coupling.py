@@ -15,7 +15,10 @@ from percept.boundary.realism import Populations, Realism, realism
 from percept.errors import UsageError
 from percept.haptics import Coupling, TabulatedDevice
 from percept.haptics.containment import Boxes, departures, plane_departures
+from percept.haptics.design import CouplingDesign
+from percept.haptics.impedance import coupling_admittance
 from percept.haptics.search import covers_range
+from percept.haptics.stability import coupling_bound
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable
 from percept.study.basics import Array, Skipped, Stream, generator
@@ -108,8 +111,8 @@ def study_coupling(
         required_damping=float(need.damping) if need else None,
         required_omega=float(need.omega) if need else None,
         omega=omega,
-        bound=haptics.coupling_bound(omega, device, period, hold=hold),
-        admittance=haptics.coupling_admittance(omega, coupling, period).real,
+        bound=coupling_bound(omega, device, period, hold=hold),
+        admittance=coupling_admittance(omega, coupling, period).real,
         realism=pd.DataFrame(_verdicts(setup, coupling, regions, within, read_at)),
         read_at=read_at,
         probability=_probability(realisms, verdict.verdict) if realisms else None,
@@ -125,7 +128,7 @@ def _verdicts(
             continue
         k, b = ((np.array([low]), np.array([high])) for low, high in region.limits)
         reference = setup.references[region.environment]
-        read = haptics.effective_impedance(read_at, reference, coupling, setup.period)
+        stiffness, damping = haptics.effective_impedance(read_at, reference, coupling, setup.period)
         for shape in BOXES:
             row: dict[str, Any] = {name: getattr(region, name) for name in _LABELS} | {"shape": shape}
             for side, coupled in (("uncoupled", False), ("coupled", True)):
@@ -134,13 +137,8 @@ def _verdicts(
                 row[f"verdict_{side}"] = departed.verdict()
                 row[f"departure_{side}"] = float(np.expm1(departed.largest[0]))
                 row[f"departure_omega_{side}"] = float(departed.omega[0])
-                row[f"plane_departure_{side}"] = float(
-                    plane_departures(display, region.limits, *within)[0][0]
-                )
-            yield row | {
-                "effective_stiffness": float(read.stiffness),
-                "effective_damping": float(read.damping),
-            }
+                row[f"plane_departure_{side}"] = float(plane_departures(display, Boxes(k, b), *within)[0][0])
+            yield row | {"effective_stiffness": float(stiffness), "effective_damping": float(damping)}
 
 
 def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
@@ -180,7 +178,7 @@ def no_design(setup: Setup, kinds: Sequence[str]) -> Skipped | None:
 
 def design_by_method(
     setup: Setup, regions: Sequence[Region], family: str, within: tuple[float, float]
-) -> dict[str, haptics.CouplingDesign]:
+) -> dict[str, CouplingDesign]:
     """Map the couplings that are stable and realistic, by the limits of kind user of each method."""
     found = {}
     for method in ("classical", "bayesian"):

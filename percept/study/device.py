@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from percept import haptics
 from percept.boundary.records import Shape
 from percept.errors import UsageError
-from percept.haptics import AnyDevice, Coupling, Device, Environment, TabulatedDevice
+from percept.haptics import Coupling, Device, Environment, TabulatedDevice
 from percept.haptics.containment import ON_LIMIT, Boxes, departures
+from percept.haptics.ellipse import magnitude_envelope_ellipse
 from percept.haptics.forms import Display
+from percept.haptics.limits import passivity_damping
+from percept.haptics.records import AnyDevice
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable, Scene
 from percept.sessions.quantities import is_impedance
@@ -65,12 +68,10 @@ class Setup:
             assert region.limits is not None
             return BOXES[shape](omega, self.device, *region.limits, self.period, mass=mass, hold=self.hold)
         ellipse = region.ellipse
-        log = ellipse.family == "lognormal"
-        envelope = haptics.magnitude_envelope_log_ellipse if log else haptics.magnitude_envelope_ellipse
-        centre = (float(ellipse.centre[0]), float(ellipse.centre[1]))
-        return envelope(
-            omega, self.device, centre, ellipse.shape, ellipse.radius, self.period, mass=mass, hold=self.hold
-        )
+        return magnitude_envelope_ellipse(
+            omega, self.device, ellipse.centre, ellipse.shape, ellipse.radius, self.period,
+            mass=mass, hold=self.hold, log=ellipse.family == "lognormal",
+        )  # fmt: skip
 
     def resonances(self, environment: str) -> Array:
         """Frequencies, rad/s, near which curves bend most: the device's mass on the reference, its modes."""
@@ -90,7 +91,7 @@ class Setup:
             damping = self.device.damping
             for name, reference in self.references.items():
                 colgate, tustin = (
-                    float(haptics.passivity_damping(reference, self.period, model=model))
+                    float(passivity_damping(reference, self.period, model=model))
                     for model in ("colgate", "tustin")
                 )
                 rows.append((name, colgate, tustin, damping, bool(damping > colgate)))

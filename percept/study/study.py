@@ -15,6 +15,8 @@ from percept import haptics
 from percept.boundary.band import BandStudy
 from percept.boundary.records import Boundary
 from percept.errors import RefusalError, UsageError
+from percept.haptics.design import CouplingDesign
+from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -203,7 +205,7 @@ class Study(StudyViews):
         return found
 
     @cached_property
-    def device(self) -> haptics.AnyDevice | None:
+    def device(self) -> AnyDevice | None:
         """The scene's device; None without one."""
         return device_of(self.scene)
 
@@ -347,7 +349,7 @@ class Study(StudyViews):
         return study_realism(self.setup, self._passed, self.scene.inference, self.frequencies.ends)
 
     @cached_property
-    def coupling_design(self) -> dict[str, haptics.CouplingDesign]:
+    def coupling_design(self) -> dict[str, CouplingDesign]:
         """Couplings, by method, that are stable and realistic to the next user; empty without a device."""
         if self.setup is None or no_design(self.setup, self.scene.inference.kinds):
             return {}

@@ -12,7 +12,8 @@ from scipy import integrate, special
 from percept.boundary.law import PairLaw, confidence_law, mixture_law
 from percept.boundary.limits import Limits, Magnitude, relative_error
 from percept.errors import UsageError
-from percept.haptics import Device, Environment, perceived_impedance, perceived_magnitude
+from percept.haptics import Device, Environment, perceived_impedance
+from percept.haptics.perceived import perceived_magnitude
 from tests.boundary.test_law import B, K, mixture
 
 DEVICE, PERIOD = Device(1.0, 5.0), 1e-3

@@ -27,8 +27,7 @@ def test_realism_is_that_of_a_loop_over_draws_and_a_fine_grid(coupling: Coupling
     shown = np.abs(perceived(omega, DEVICE, own, PERIOD, coupling=coupling))
     k, b = np.full(omega.size, 950.0), np.full(omega.size, 1.2)
     if coupling is not None:
-        felt = effective_impedance(omega, own, coupling, PERIOD)
-        k, b = felt.stiffness, felt.damping
+        k, b = effective_impedance(omega, own, coupling, PERIOD)
     magnitude, plane = np.empty(200, dtype=bool), np.empty(200, dtype=bool)
     for s in range(200):
         box = (k_low[s], k_high[s]), (b_low[s], b_high[s])

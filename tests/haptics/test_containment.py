@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from percept.haptics import Coupling, Device, Environment, Mode, TabulatedDevice, effective_impedance
-from percept.haptics.containment import ON_LIMIT, Boxes, departures, shown_range
+from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
 from percept.haptics.forms import Display, Squares, product, total
 from tests.haptics.scenes import LOWER, PERIOD, UPPER, Scene, box, contradiction, scenes
 
@@ -120,12 +120,34 @@ def test_products_and_sums_of_forms_are_those_of_polynomials():
 
 
 @pytest.mark.parametrize("mass", [0.0, 0.5, 20.0])
-def test_extremes_of_what_a_coupling_shows(mass):
-    display = Display(Device(1.0, 5.0), Environment(5e3, 3.0, mass), PERIOD, Coupling(2e4, 6.0))
+def test_departures_of_what_couplings_show(mass):
+    """Two couplings at once, one of them soft, against limits of their own, on a fine grid."""
+    own, couplings = Environment(5e3, 3.0, mass), Coupling(np.array([2e4, 9e3]), np.array([6.0, 40.0]))
+    k, b = (np.array([3500.0, 3000.0]), np.array([5500.0, 6000.0])), (np.full(2, 1.0), np.array([2.5, 7.0]))
+    largest, where = plane_departures(
+        Display(Device(1.0, 5.0), own, PERIOD, couplings), Boxes(k, b), LOWER, UPPER
+    )
     omega = np.geomspace(LOWER, UPPER, 400_001)
-    shown = effective_impedance(omega, display.environment, display.coupling, PERIOD)
-    k = shown.stiffness + mass * (2 / PERIOD * np.tan(omega * PERIOD / 2)) ** 2
-    for found, seen in zip(shown_range(display, LOWER, UPPER), (k, shown.damping), strict=True):
-        assert found[0] <= seen.min() * (1 + 1e-12)
-        assert found[1] >= seen.max() * (1 - 1e-12)
-        np.testing.assert_allclose(found, (seen.min(), seen.max()), rtol=1e-4)
+    for n in (0, 1):
+
+        def off(omega, n=n):
+            coupling = Coupling(couplings.stiffness[n], couplings.damping[n])
+            stiffness, damping = effective_impedance(omega, own, coupling, PERIOD)
+            stiffness = stiffness + mass * (2 / PERIOD * np.tan(omega * PERIOD / 2)) ** 2
+            sides = [
+                np.maximum(low[n] - value, value - high[n]) / (high[n] - low[n])
+                for value, (low, high) in ((stiffness, k), (damping, b))
+            ]
+            return np.maximum(*sides)
+
+        assert largest[n] >= off(omega).max() - 1e-12
+        assert largest[n] == pytest.approx(off(omega).max(), rel=1e-4, abs=1e-6)
+        assert off(where[n]) == pytest.approx(largest[n], rel=1e-9)
+
+
+def test_an_environment_itself_departs_from_many_boxes_by_its_own_k_and_b():
+    boxes = Boxes((np.array([900.0, 1010.0]), np.array([1100.0, 1110.0])), (np.zeros(2), np.full(2, 5.0)))
+    largest, _ = plane_departures(
+        Display(Device(1.0, 5.0), Environment(1000.0, 3.0, 0.4), PERIOD), boxes, 1.0, 9.0
+    )
+    np.testing.assert_allclose(largest, [-0.4, 0.1])

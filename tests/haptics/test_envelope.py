@@ -5,15 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.errors import UsageError
-from percept.haptics import (
-    Device,
-    Mode,
-    corner_crossings,
-    corner_curves,
-    magnitude_envelope,
-    perceived_magnitude,
-)
+from percept.haptics import Device, Mode, corner_curves, magnitude_envelope
+from percept.haptics.envelope import corner_crossings
+from percept.haptics.perceived import perceived_magnitude
 
 T = 1e-3
 TABLE_1 = [
@@ -132,16 +126,3 @@ def test_no_crossing_without_mass_or_width():
     assert corner_crossings(Device(0.0, 5.0), *TABLE_1[0], T).size == 0
     assert corner_crossings(Device(1.0, 5.0), (5.0, 5.0), (1.0, 1.0), T).size == 0
     assert corner_crossings(Device(0.0, 0.0), (1.0, 1.0), (1.0, 2.0), T).size == 0
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: corner_crossings(Device(1.0, 5.0, (Mode(1, 1, 1),)), *TABLE_1[0], T),
-        lambda: corner_crossings(Device([1.0, 2.0], 5.0), *TABLE_1[0], T),
-        lambda: corner_crossings(Device(1.0, 5.0), ([1.0, 2.0], 5.0), (1.0, 2.0), T),
-    ],
-)
-def test_crossings_are_for_one_rigid_device(call):
-    with pytest.raises(UsageError, match="one rigid device and one box"):
-        call()

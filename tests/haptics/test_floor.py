@@ -6,13 +6,10 @@ import sys
 import percept.haptics
 
 PUBLIC = """
-AnyDevice Coupling CouplingDesign Device EffectiveImpedance Environment EnvironmentBoundary Mode
-QualifyingCoupling QualifyingRegion TabulatedDevice absolute_stability best_coupling_damping
-corner_crossings corner_curves
-coupling_admittance coupling_bound coupling_impedance design_couplings device_impedance
-effective_impedance environment_impedance hold magnitude_envelope magnitude_envelope_ellipse
-magnitude_envelope_log_ellipse max_coupling_stiffness passivity_damping perceived_impedance
-perceived_magnitude required_damping required_damping_at stability_margin stable_region
+Coupling Device Environment EnvironmentBoundary Mode TabulatedDevice
+absolute_stability corner_curves coupling_impedance design_couplings device_impedance effective_impedance
+environment_impedance hold magnitude_envelope max_coupling_stiffness perceived_impedance required_damping
+required_damping_at stability_margin
 """
 
 

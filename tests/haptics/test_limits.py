@@ -12,16 +12,13 @@ from percept.haptics import (
     Environment,
     Mode,
     TabulatedDevice,
-    best_coupling_damping,
     device_impedance,
     max_coupling_stiffness,
-    passivity_damping,
     perceived_impedance,
     required_damping,
     required_damping_at,
-    stable_region,
 )
-from percept.haptics.limits import stiffness_limits
+from percept.haptics.limits import best_coupling_damping, passivity_damping, stable_region, stiffness_limits
 
 T = 1e-3
 STIFFNESS = np.array([10.0, 1000.0, 10000.0, 25000.0, 50000.0])
@@ -42,19 +39,18 @@ def test_nothing_below_an_eighth():
 
 
 def test_best_damping_of_a_stiffness():
-    best = best_coupling_damping(1 / T, T)
-    assert f"{best.coupling_damping:.4g}" == "0.1248"
-    assert f"{best.device_damping:.5g}" == "0.10695"
+    coupling, device = best_coupling_damping(1 / T, T)
+    assert f"{coupling:.4g}" == "0.1248"
+    assert f"{device:.5g}" == "0.10695"
     assert required_damping(Coupling(110e3, 0.0), T).damping == pytest.approx(110e3 * T / 8, rel=1e-15)
 
 
 def test_best_damping_is_the_lowest_of_many():
-    best = best_coupling_damping([1e3, 2e5], T)
-    need = required_damping(Coupling([1e3, 2e5], best.coupling_damping), T)
-    np.testing.assert_allclose(need.damping, best.device_damping, rtol=1e-14)
+    coupling, device = best_coupling_damping(2e5, T)
+    assert required_damping(Coupling(2e5, coupling), T).damping == pytest.approx(device, rel=1e-14)
     others = required_damping(Coupling(2e5, np.linspace(0, 500, 20_001)), T).damping
-    assert others.min() >= best.device_damping[1] * (1 - 1e-14)
-    assert others.min() <= best.device_damping[1] * (1 + 1e-3)
+    assert others.min() >= device * (1 - 1e-14)
+    assert others.min() <= device * (1 + 1e-3)
 
 
 @settings(max_examples=200, deadline=None)
@@ -108,8 +104,7 @@ def test_limit_at_nyquist_and_for_an_active_device():
 @pytest.mark.parametrize("kind", ["average", "true"])
 def test_region_has_its_edge_where_the_device_is_used_up(kind):
     options = {"hold": kind}
-    region = stable_region(20.0, T, points=65, **options)
-    k, b = region.stiffness, region.damping
+    k, b = stable_region(20.0, T, points=65, **options)
     need = required_damping(Coupling(k, b), T, **options).damping
     corner = (k == 0) & ((b == 0) | (kind == "true"))
     np.testing.assert_allclose(need[~corner], 20.0, rtol=1e-12)
@@ -124,19 +119,17 @@ def test_region_has_its_edge_where_the_device_is_used_up(kind):
 
 
 def test_region_reaches_the_stiffest_coupling():
-    region = stable_region(20.0, T, points=2049)
-    stiffest = 20.0 / best_coupling_damping(1.0, T).device_damping
-    assert region.stiffness.max() == pytest.approx(stiffest, rel=1e-6)
-    assert region.stiffness.max() <= stiffest * (1 + 1e-14)
-    assert region.damping.max() == pytest.approx(160.0)
-    assert region.device_damping == 20.0
+    stiffness, damping = stable_region(20.0, T, points=2049)
+    stiffest = 20.0 / best_coupling_damping(1.0, T)[1]
+    assert stiffness.max() == pytest.approx(stiffest, rel=1e-6)
+    assert stiffness.max() <= stiffest * (1 + 1e-14)
+    assert damping.max() == pytest.approx(160.0)
 
 
 @pytest.mark.parametrize("kind", ["average", "true"])
 def test_the_polygon_of_a_region_has_the_area_under_the_largest_stiffness(kind):
     options = {"hold": kind}
-    region = stable_region(2.0, T, points=4001, **options)
-    k, b = region.stiffness, region.damping
+    k, b = stable_region(2.0, T, points=4001, **options)
     area = 0.5 * abs(np.sum(k * np.roll(b, -1) - b * np.roll(k, -1)))
     lines = np.linspace(0.0, 20.0, 20_001)  # N·s/m; at most 8 times 2 are stable
     top = max_coupling_stiffness(2.0, lines, T, **options)
@@ -155,9 +148,7 @@ def test_no_stiffness_where_the_coupling_damping_alone_asks_too_much_at_nyquist(
 
 
 def test_region_of_a_device_without_damping_is_a_point():
-    region = stable_region(0.0, T)
-    assert region.stiffness.max() == 0
-    assert region.damping.max() == 0
+    np.testing.assert_array_equal(stable_region(0.0, T), 0.0)
 
 
 def test_published_environments():
@@ -214,13 +205,10 @@ def test_own_model_is_where_the_real_part_stays_positive(stretch, damping, inert
         (lambda: max_coupling_stiffness(-1.0, 1.0, T), "device damping must not be negative"),
         (lambda: max_coupling_stiffness(1.0, np.nan, T), "coupling damping must be finite"),
         (lambda: max_coupling_stiffness(1.0, 1.0, T, hold="foh"), "hold must be one of"),
-        (lambda: best_coupling_damping(-1.0, T), "stiffness must not be negative"),
-        (lambda: stable_region([1.0, 2.0], T), "one device damping"),
         (
             lambda: passivity_damping(Environment(1.0, 1.0), T, model="minsky"),
             "model must be one of 'colgate', 'tustin'",
         ),
-        (lambda: stable_region(1.0, T, hold="zoh"), "hold must be one of"),
     ],
 )
 def test_wrong_arguments_are_refused(call, message):

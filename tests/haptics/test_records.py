@@ -15,8 +15,8 @@ from percept.haptics import (
     TabulatedDevice,
     device_impedance,
     magnitude_envelope,
-    perceived_magnitude,
 )
+from percept.haptics.perceived import perceived_magnitude
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,32 @@
 """Solvers: minima seen on a grid, and roots inside a bracket."""
 
 import numpy as np
-import pytest
 
-from percept.haptics.search import local_minima, rising_root
+from percept.haptics.search import lowest, rising_root
 
 
-@pytest.mark.parametrize("place", [0.37, 0.43])
-def test_a_minimum_on_either_side_of_the_lowest_point_of_the_grid_is_found(place):
-    found = local_minima(lambda x: (x - place) ** 2, np.linspace(0.0, 1.0, 11))
+def test_the_lowest_of_several_dips_is_found_though_another_looks_lower_on_the_grid():
+    grid = np.linspace(0.0, 1.0, 11)
+    place, depth = np.array([0.37, 0.43, 0.25]), np.array([1.0, 2.0, 0.5])
+
+    def functions(x, which):
+        # A dip between the grid's points, and one on it that is shallower by less than the grid sees.
+        deep = 50.0 * (x - place[which]) ** 2 - depth[which]
+        return np.minimum(deep, 50.0 * (x - 0.9) ** 2 - depth[which] + 0.01)
+
+    least, at = lowest(functions, grid, 3)
     # A parabola is flat to rounding within the root of a double's digits.
-    np.testing.assert_allclose(found, [place], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(at, place, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(least, -depth, rtol=1e-13)
+
+
+def test_a_function_that_is_lowest_at_an_end_or_level_or_endless_is_lowest_there():
+    grid, slopes = np.linspace(1.0, 2.0, 9), np.array([1.0, -1.0, 0.0])
+    least, at = lowest(lambda x, which: slopes[which] * x, grid, 3)
+    assert least.tolist() == [1.0, -2.0, 0.0]
+    assert at[:2].tolist() == [1.0, 2.0]
+    least, _ = lowest(lambda x, which: np.full(np.broadcast_shapes(x.shape, which.shape), np.inf), grid, 2)
+    assert least.tolist() == [np.inf, np.inf]
 
 
 def test_roots_are_found_over_many_decades_and_where_newton_alone_would_leave_the_bracket():

@@ -1,6 +1,5 @@
 """Required damping, margins, the bound of Fig. 4, verdicts: known numbers, searches, limiting cases."""
 
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,14 +12,14 @@ from percept.haptics import (
     Mode,
     TabulatedDevice,
     absolute_stability,
-    coupling_admittance,
-    coupling_bound,
     coupling_impedance,
     device_impedance,
     required_damping,
     required_damping_at,
     stability_margin,
 )
+from percept.haptics.impedance import coupling_admittance
+from percept.haptics.stability import coupling_bound
 
 T = 1e-3
 COUPLING = Coupling(110e3, 100.0)
@@ -173,7 +172,6 @@ def test_binding_frequency_of_the_published_coupling():
     assert verdict.verdict == "unstable"
     assert f"{verdict.binding_omega:.6g}" == "2022.65"
     assert verdict.smallest_margin == pytest.approx(20 / 20.25479906887036, rel=1e-14)
-    assert len(repr(verdict)) < 300
     assert verdict.reason == "The smallest margin is 0.98742, at 2022.65 rad/s."
 
 
@@ -187,9 +185,9 @@ def llewellyn(omega, device):
 @pytest.mark.parametrize("device", [Device(1.0, 20.0), Device(1.0, 20.0, MODES)], ids=["rigid", "flexible"])
 def test_general_criterion_gives_the_same_margins(device):
     verdict = absolute_stability(device, COUPLING, T)
-    inner = verdict.omega[1:-1]
+    omega = np.geomspace(100.0, 3141.0, 2000)
     np.testing.assert_allclose(
-        llewellyn(inner[inner > 100], device), verdict.margin[1:-1][inner > 100], rtol=1e-9
+        llewellyn(omega, device), stability_margin(omega, device, COUPLING, T), rtol=1e-9
     )
     dense = stability_margin(np.linspace(0, np.pi / T, 500_001), device, COUPLING, T)
     assert verdict.smallest_margin <= dense.min() * (1 + 1e-14)
@@ -203,40 +201,32 @@ def test_modes_add_margin():
     assert flexible.verdict == "stable"
 
 
-@pytest.mark.parametrize(
-    "mode", [Mode(0.05, 2e4, 0.3), Mode(0.05, 2e4, 900.0), Mode(0.05, 0.0, 3.0), Mode(0.05, 2e4, 0.0)]
+@settings(max_examples=100, deadline=None)
+@given(
+    mode=st.tuples(*[st.one_of(st.just(0.0), st.floats(1e-6, 1e6))] * 3),
+    coupling=st.tuples(*[st.one_of(st.just(0.0), st.floats(1e-6, 1e6))] * 2),
 )
-@pytest.mark.parametrize("discretization", ["backward", "tustin"])
-def test_poles_are_where_the_network_is_singular(mode, discretization):
-    device = Device(1.0, 5.0, (mode,))
-    poles = absolute_stability(device, COUPLING, T, discretization=discretization).poles
-    assert len(poles) == (4 if mode.stiffness == 0 else 5)
-    with mpmath.workdps(40):
-        for pole in poles:
-            if pole == 0:
-                continue
-            z = mpmath.mpmathify(complex(pole)) + mpmath.mpf("1e-12")
-            s = 2 / mpmath.mpf(T) * (z - 1) / (z + 1)
-            tustin = 100 + 110e3 / s
-            z_c = tustin if discretization == "tustin" else 100 + 110e3 * T * z / (z - 1)
-            flexible = mode.mass * s * (mode.damping * s + mode.stiffness)
-            flexible /= mode.mass * s**2 + mode.damping * s + mode.stiffness
-            assert max(abs(s), abs(flexible), abs(1 / z_c)) > 1e6
+def test_no_pole_of_parts_that_are_not_negative_lies_outside_the_unit_circle(mode, coupling):
+    """Why margins alone decide: the poles of a mode by Tustin's method, and of both forms of 1/Z_c."""
+    (m, k, b), (k_c, b_c) = mode, coupling
+    s = np.roots([m, b, k]) if m else np.empty(0)
+    poles = [*((2 + s * T) / (2 - s * T))]
+    for beta in (b_c, b_c + k_c * T / 2):
+        if k_c:
+            # 1/Z_c = s/(β·s + k_c): in z its pole is where β·(2/T)(z − 1)/(z + 1) = −k_c.
+            poles += [*np.roots([2 * beta / T + k_c, k_c - 2 * beta / T])]
+    assert (np.abs(poles) <= 1 + 1e-12).all()
 
 
-def test_passive_parts_have_allowed_poles_even_undamped():
+def test_undamped_modes_do_not_make_a_device_unstable():
     twins = (Mode(0.05, 2e4, 0.0), Mode(0.05, 2e4, 0.0))
-    verdict = absolute_stability(Device(1.0, 25.0, twins), COUPLING, T)
-    assert verdict.verdict == "stable"
-    assert np.isclose(np.abs(verdict.poles), 1).sum() == 3
+    assert absolute_stability(Device(1.0, 25.0, twins), COUPLING, T).verdict == "stable"
 
 
 def test_table_is_judged_over_its_range_and_may_be_active():
     whole = np.linspace(1, np.pi / T, 50)
     passive = absolute_stability(TabulatedDevice(whole, 30 + 1j * whole), COUPLING, T)
     assert passive.verdict == "stable"
-    assert passive.poles is None
-    assert (passive.omega[0], passive.omega[-1]) == (1.0, np.pi / T)
     omega = np.linspace(1, 3000, 50)
     active = absolute_stability(TabulatedDevice(omega, np.where(omega > 2000, -1, 30)), COUPLING, T)
     assert active.verdict == "unstable"

@@ -10,6 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from percept import haptics
+from percept.haptics.impedance import coupling_admittance
+from percept.haptics.stability import coupling_bound
 from percept.report.figures.canvas import COLOURS, Drawing, common_range, log_scale, panels
 from percept.report.figures.curves import (
     Limits,
@@ -449,8 +451,8 @@ COUPLINGS = {"110 kN/m": haptics.Coupling(110e3, 100.0), "50 kN/m": haptics.Coup
 
 
 def stability_curves():
-    bound = haptics.coupling_bound(RANGE, DEVICE, T)
-    return bound, {label: haptics.coupling_admittance(RANGE, c, T).real for label, c in COUPLINGS.items()}
+    bound = coupling_bound(RANGE, DEVICE, T)
+    return bound, {label: coupling_admittance(RANGE, c, T).real for label, c in COUPLINGS.items()}
 
 
 def by_gid(ax, gid):
@@ -481,7 +483,7 @@ def test_binding_frequency_is_marked_and_named():
     dots = [dot for label in verdicts for dot in by_gid(ax, f"binding:{label}")]
     assert [dot.get_xdata()[0] for dot in dots] == [v.binding_omega for v in verdicts.values()]
     for dot, coupling in zip(dots, COUPLINGS.values(), strict=True):
-        expected = haptics.coupling_admittance(dot.get_xdata()[0], coupling, T).real
+        expected = coupling_admittance(dot.get_xdata()[0], coupling, T).real
         assert dot.get_ydata()[0] == pytest.approx(expected, rel=1e-3)
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
     for text, (label, verdict) in zip(texts[1:], verdicts.items(), strict=True):

@@ -10,7 +10,8 @@ import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
 from percept.boundary.records import Boundary
-from percept.haptics import Device, Environment, perceived_impedance, perceived_magnitude
+from percept.haptics import Device, Environment, perceived_impedance
+from percept.haptics.perceived import perceived_magnitude
 from percept.inference.regions import ellipse_region
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
