@@ -1,5 +1,7 @@
 """What a device can carry: published limits, the forward problem, the stable region, passive rendering."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,9 +20,16 @@ from percept.haptics import (
     required_damping,
     required_damping_at,
 )
-from percept.haptics.limits import best_coupling_damping, passivity_damping, stable_region, stiffness_limits
+from percept.haptics.limits import (
+    best_coupling_damping,
+    passivity_damping,
+    stable_region,
+    stable_stiffness,
+    stiffness_limits,
+)
 
 T = 1e-3
+GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 STIFFNESS = np.array([10.0, 1000.0, 10000.0, 25000.0, 50000.0])
 DAMPING = np.array([0.1, 1.0, 10.0, 25.0, 50.0])
 BOTH = [(d, h) for d in ("backward", "tustin") for h in ("average", "true")]
@@ -92,6 +101,14 @@ def test_smallest_limit_over_omega_is_the_rigid_limit():
     for b_d, b_c in ((15.0, 100.0), (20.0, 20.0), (20.0, 5.0)):
         seen = stiffness_limits(omega, Device(3.0, b_d), np.float64(b_c), T, "average").min()
         assert seen == pytest.approx(max_coupling_stiffness(b_d, b_c, T), rel=1e-6)
+
+
+def test_of_two_dips_over_omega_that_all_but_tie_the_lower_one_counts():
+    """At this b_c of a measured device the grid sees the higher of two dips as the lower."""
+    table = np.loadtxt(GOLDEN / "data" / "response.csv", delimiter=",", skiprows=1)
+    device, b_c = TabulatedDevice(table[:, 0], table[:, 1] + 1j * table[:, 2]), np.array([15.498823935850876])
+    dense = stiffness_limits(np.linspace(1813.0, 1814.0, 10_001), device, b_c, T, "average").min()
+    assert stable_stiffness(device, b_c, T, "average")[0] <= dense
 
 
 def test_limit_at_nyquist_and_for_an_active_device():
