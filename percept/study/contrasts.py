@@ -247,12 +247,11 @@ def contrast_priors(scene: Scene) -> list[dict[str, Any]]:
 def _bayesian(sessions: Sessions, scene: Scene, pair: _Pair, **how: Any) -> Iterator[Row | Skipped]:
     """Yield the rows of a model of its own, whose SDs of subjects hold at both levels."""
     from percept.inference.hierarchy.density import ConditionalMoments
-    from percept.inference.hierarchy.models import IntervalEstimands
     from percept.study.fit import sampled
 
     asked = pair.asked
     model = within_model(sessions, pair.quantity.name, scene, pair.levels)
-    run = sampled(model, IntervalEstimands(model, kinds=asked.kinds, **claim_of(asked)), asked, **how)
+    run = sampled(model, asked, **how)
     if not run.gate.passed:
         yield Skipped(f"Bayesian contrast of {pair}", " ".join(run.gate.reasons))
         return

@@ -171,15 +171,8 @@ def simpler_models(model: Model) -> list[str]:
     return settings
 
 
-def fit_model(
-    prepared: Prepared,
-    asked: InferenceTable,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-    store: RunStore | None = None,
-) -> Fit:
-    """Sample a prepared model to the scene's tolerance, or find the run in the store."""
-    run = sampled(prepared.model, estimands_of(prepared.model, asked), asked, progress=progress, store=store)
+def fit_of(prepared: Prepared, asked: InferenceTable, run: Run) -> Fit:
+    """Put a model and its finished run together, with the limits that the scene asks for."""
     laws = ConditionalMoments.unpack(run.components.reshape(-1, run.components.shape[-1]))
     native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
     return Fit(
@@ -192,13 +185,14 @@ def fit_model(
 
 def sampled(
     model: Model,
-    estimands: IntervalEstimands,
     asked: InferenceTable,
+    estimands: IntervalEstimands | None = None,
     *,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
 ) -> Run:
-    """Sample a model until the estimands meet the scene's tolerance, or find the run in the store."""
+    """Sample a model until the limits meet the scene's tolerance, or find the run in the store."""
+    estimands = estimands or estimands_of(model, asked)
     settings = Settings(
         tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
     )

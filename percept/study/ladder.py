@@ -17,7 +17,7 @@ from percept.inference.sampling.gate import Progress
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
-from percept.study.fit import Fit, RunStore, estimands_of, fit_model, prepare
+from percept.study.fit import Fit, RunStore, estimands_of, fit_of, prepare, sampled
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05
@@ -93,7 +93,8 @@ def climb(
             part = dataclasses.replace(sessions, table=table)
             try:
                 model = prepare(part, normal, parameters)
-                one = fit_model(model, normal.inference, progress=progress, store=store)
+                run = sampled(model.model, normal.inference, progress=progress, store=store)
+                one = fit_of(model, normal.inference, run)
                 why = " ".join(one.run.gate.reasons)
             except RefusalError as error:
                 why = error.message

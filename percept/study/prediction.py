@@ -146,7 +146,7 @@ def predict(
     if max(float(one.errors.max()) for one in limits.values()) > asked.tolerance:
         # The fit's draws were enough for the environments tested: sample until they are for this one.
         target = NewEstimands(estimands_of(fit.model, asked), x, _REPEATS, asked.seed)
-        run = sampled(fit.model, target, asked, progress=study.progress, store=study.store)
+        run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
         if run.gate.passed:
             fit = dataclasses.replace(fit, run=run)
             expected = expected_users(fit, x, asked)

@@ -13,7 +13,7 @@ from percept.inference.hierarchy.statistics import from_cells
 from percept.scene import Scene
 from percept.sessions import Reduced
 from percept.study.basics import References, analysed_parameters, results
-from percept.study.fit import Prepared, bayesian_rows, fit_model, pooled
+from percept.study.fit import Prepared, bayesian_rows, fit_of, pooled, sampled
 from percept.study.intervals import COLUMNS, TOO_FEW, Cell, classical_rows
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
@@ -34,7 +34,8 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
         cells = _cells(reduced, reference)
         rows += results(classical_rows({reduced.family: cells}, scene.inference, reference))
     if scene.inference.method != "classical":
-        found = fit_model(prepare_reduced(reduced, scene), scene.inference)
+        prepared = prepare_reduced(reduced, scene)
+        found = fit_of(prepared, scene.inference, sampled(prepared.model, scene.inference))
         why = found.withheld
         if found.passed:
             rows += results(bayesian_rows(found, scene.inference, reference))

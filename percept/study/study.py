@@ -151,7 +151,7 @@ class Study(StudyViews):
     def _fitted(self) -> Fit | Skipped:
         if self.scene.inference.method == "classical":
             return Skipped("hierarchical model", "only the classical method was asked for")
-        from percept.study.fit import fit_model, prepare
+        from percept.study.fit import fit_of, prepare, sampled
 
         try:
             prepared = prepare(self.sessions, self.scene, self.parameters)
@@ -161,7 +161,9 @@ class Study(StudyViews):
             if self.scene.inference.method != "both" or not known:
                 raise
             return Skipped("Bayesian intervals", str(refused))
-        return fit_model(prepared, self.scene.inference, progress=self.progress, store=self.store)
+        asked = self.scene.inference
+        run = sampled(prepared.model, asked, progress=self.progress, store=self.store)
+        return fit_of(prepared, asked, run)
 
     @property
     def fit(self) -> Fit | None:

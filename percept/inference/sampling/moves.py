@@ -10,11 +10,9 @@ given, and intervals come out too narrow with clean diagnostics.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import emcee
 import numpy as np
@@ -69,8 +67,6 @@ class Reference:
 
 
 Generators = Sequence[np.random.Generator]
-#: A log density, points (N, d) to (N,).
-Density = Callable[[Array], Array]
 #: Least and most share of independent draws. Walkers leave a far tail by rotations alone, and a limit that
 #: hangs on such a tail needs them wherever the bulk is served well.
 _LEAST_INDEPENDENT, _MOST_INDEPENDENT = 0.1, 0.6
@@ -83,7 +79,7 @@ _COST_INDEPENDENT = 0.8
 _AHEAD = 4
 
 
-class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
+class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
     """Metropolis-Hastings step of all walkers at once, each ensemble with its own generator.
 
     Steps leave the reference law invariant, and are judged by the density over that law.
@@ -92,14 +88,23 @@ class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untype
     def __init__(self, generators: Generators, law: Reference) -> None:
         self._generators = generators
         self._law = law
+        self._offers: list[tuple[Array, Array, Array]] = []
         self.steps, self.jumped = 0, 0.0  # Steps taken, and the sum of their worst walkers' squared jumps
+        self.accepted: Array | int = 0  # Accepted steps per walker
 
     def propose(self, model: emcee.model.Model, state: emcee.State) -> tuple[emcee.State, NDArray[np.bool_]]:
         """Propose for every walker once and accept or not."""
         coords, log_prob = state.coords.copy(), state.log_prob.copy()
-        # The density itself: emcee's own call goes through every value in Python, and its wrapper prints all
-        # of them when a run is interrupted.
-        points, values, log_law = self._offer(getattr(model.log_prob_fn, "f", model.log_prob_fn), coords)
+        if not self._offers:
+            offered = self._by_ensemble(coords, self._draw).swapaxes(0, 1)
+            flat = np.ascontiguousarray(offered).reshape(-1, coords.shape[1])
+            # The density itself: emcee's own call goes through every value in Python, and its wrapper prints
+            # all of them when a run is interrupted.
+            density = getattr(model.log_prob_fn, "f", model.log_prob_fn)
+            parts = (flat, density(flat), self._law.log_density(flat))
+            steps = (np.split(part, offered.shape[0]) for part in parts)
+            self._offers = list(zip(*steps, strict=True))
+        points, values, log_law = self._offers.pop()
         uniform = self._by_ensemble(coords, lambda own, generator: generator.random(len(own)))
         weight = log_prob - self._law.log_density(coords)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -107,6 +112,7 @@ class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untype
         worst = np.argsort(-weight)[: max(1, round(_WORST * len(coords)))]
         jumps = np.where(accepted[worst, None], points[worst] - coords[worst], 0.0)
         self.steps, self.jumped = self.steps + 1, self.jumped + float(np.square(jumps).mean())
+        self.accepted = self.accepted + accepted
         coords[accepted], log_prob[accepted] = points[accepted], values[accepted]
         return emcee.State(coords, log_prob=log_prob), accepted
 
@@ -116,51 +122,39 @@ class _ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untype
         return np.concatenate([draw(own, g) for own, g in zip(groups, self._generators, strict=True)])
 
     @abstractmethod
-    def _offer(self, density: Density, coords: Array) -> tuple[Array, Array, Array]:
-        """Points (N, d) offered to the walkers, with their log density and that of the law, each (N,)."""
+    def _draw(self, coords: Array, generator: np.random.Generator) -> Array:
+        """Points for the walkers (n, d) of an ensemble at this step and maybe some more, (n, steps, d)."""
 
 
-class IndependentMove(_ReferenceMove):
+class IndependentMove(ReferenceMove):
     """Independent draws from the reference law: they decorrelate at once where the transport fits.
 
     No draw depends on where a walker is, so the draws of several steps share one density call.
     """
 
-    def __init__(self, generators: Generators, law: Reference) -> None:
-        super().__init__(generators, law)
-        self._ahead: list[tuple[Array, Array, Array]] = []
-
-    def _offer(self, density: Density, coords: Array) -> tuple[Array, Array, Array]:
-        if not self._ahead:
-            law, size = self._law, coords.shape[1]
-            drawn = self._by_ensemble(
-                coords, lambda own, g: law.draw(_AHEAD * len(own), g).reshape(len(own), _AHEAD, size)
-            )
-            points = np.ascontiguousarray(drawn.swapaxes(0, 1)).reshape(-1, size)
-            parts = (np.split(part, _AHEAD) for part in (points, density(points), law.log_density(points)))
-            self._ahead = list(zip(*parts, strict=True))
-        return self._ahead.pop()
+    def _draw(self, coords: Array, generator: np.random.Generator) -> Array:
+        count, size = coords.shape
+        return self._law.draw(_AHEAD * count, generator).reshape(count, _AHEAD, size)
 
 
-class PCNMove(_ReferenceMove):
+class PCNMove(ReferenceMove):
     """Preconditioned Crank-Nicolson steps for a t law: rotations towards a fresh draw, by random angles.
 
     Small angles leave places that the transport serves badly.
     """
 
-    def _offer(self, density: Density, coords: Array) -> tuple[Array, Array, Array]:
-        points = self._by_ensemble(coords, self._law.rotate)
-        return points, density(points), self._law.log_density(points)
+    def _draw(self, coords: Array, generator: np.random.Generator) -> Array:
+        return self._law.rotate(coords, generator)[:, None]
 
 
 def standard_moves(
     law: Reference, generators: Generators, independent: float = 0.5
-) -> list[tuple[_ReferenceMove, float]]:
+) -> list[tuple[ReferenceMove, float]]:
     """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`."""
     return [(IndependentMove(generators, law), independent), (PCNMove(generators, law), 1.0 - independent)]
 
 
-def _earned(moves: Sequence[tuple[_ReferenceMove, float]]) -> tuple[float, float]:
+def _earned(moves: Sequence[tuple[ReferenceMove, float]]) -> tuple[float, float]:
     """Share of independent draws, by the squared jumps of both kinds for the same cost; and a step's jump.
 
     Jumps are in standard coordinates, each about the normal score of one of the target's, and of the walkers
@@ -173,72 +167,46 @@ def _earned(moves: Sequence[tuple[_ReferenceMove, float]]) -> tuple[float, float
     return share, float(share * each[0] + (1.0 - share) * each[1])
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class Ensembles:
-    """Everything E ensembles of W walkers need to go on."""
+    """E ensembles of W walkers on a target, each ensemble with a generator of its own."""
 
-    coords: Array  # (E, W, d) Walkers
-    log_density: Array  # (E, W) Their log densities
-    schedule: tuple[Any, ...]
-    generators: tuple[dict[str, Any], ...]  # State of each ensemble's own generator
-    accepted: NDArray[np.int64]  # (E, W) Accepted steps per walker so far
-    steps: int  # Steps taken so far
-    independent: float = 0.5  # Share of independent draws among the steps
-    jump: float = math.nan  # Mean squared jump of a step where that share was chosen
-
-
-def start(target: Target, points: Array, seed: np.random.SeedSequence) -> Ensembles:
-    """Place walkers and give every ensemble a generator of its own."""
-    ensembles, walkers, dimension = points.shape
-    flat = points.reshape(-1, dimension)
-    log_density = target(flat)
-    refuse_impossible(target, flat, log_density)
-    schedule, *generators = seed.spawn(1 + ensembles)
-    return Ensembles(
-        points.copy(),
-        log_density.reshape(ensembles, walkers),
+    def __init__(self, target: Target, points: Array, seed: np.random.SeedSequence) -> None:
+        self._target, self._shape = target, points.shape
+        flat = points.reshape(-1, points.shape[-1])
+        log_density = target(flat)
+        refuse_impossible(target, flat, log_density)
+        schedule, *generators = seed.spawn(1 + len(points))
+        self._generators = [np.random.Generator(np.random.PCG64(child)) for child in generators]
         # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in silence.
-        tuple(np.random.RandomState(np.random.MT19937(schedule)).get_state(legacy=True)),
-        tuple(dict(np.random.PCG64(child).state) for child in generators),
-        np.zeros((ensembles, walkers), dtype=np.int64),
-        0,
-    )
+        random_state = np.random.RandomState(np.random.MT19937(schedule)).get_state(legacy=True)
+        self._state = emcee.State(flat, log_prob=log_density, random_state=random_state, copy=True)
+        self.accepted = np.zeros(len(flat))  # (E W,) Accepted steps per walker so far
+        self.steps = 0  # Steps taken so far
+        self.independent = 0.5  # Share of independent draws among the steps
+        self.jump = math.nan  # Mean squared jump of a step where that share was chosen
 
+    def advance(self, steps: int, stride: int, *, learn: bool = False) -> Array:
+        """Run all ensembles for some steps; every `stride`-th position, (E, T, W, d).
 
-def advance(
-    target: Target, state: Ensembles, *, steps: int, stride: int, learn: bool = False
-) -> tuple[Ensembles, Array]:
-    """Run all ensembles for some steps and keep every `stride`-th position.
-
-    A run that learns leaves the share of independent draws that these steps earned.
-    """
-    ensembles, walkers, dimension = state.coords.shape
-    generators = [np.random.Generator(np.random.PCG64()) for _ in range(ensembles)]
-    for generator, stored in zip(generators, state.generators, strict=True):
-        generator.bit_generator.state = stored
-    moves = standard_moves(Reference(dimension), generators, state.independent)
-    sampler = emcee.EnsembleSampler(ensembles * walkers, dimension, target, moves=moves, vectorize=True)
-    current = emcee.State(
-        state.coords.reshape(-1, dimension),
-        log_prob=state.log_density.ravel(),
-        random_state=state.schedule,
-        copy=True,
-    )
-    kept = np.empty((ensembles, steps // stride, walkers, dimension))
-    accepted, before = state.accepted.ravel().copy(), state.log_density.ravel()
-    chain = sampler.sample(current, iterations=steps, store=False, skip_initial_state_check=True)
-    for step, current in enumerate(chain, start=1):
-        accepted += current.log_prob != before
-        before = np.array(current.log_prob)
-        if step % stride == 0:
-            kept[:, step // stride - 1] = current.coords.reshape(state.coords.shape)
-    after = Ensembles(
-        np.array(current.coords).reshape(state.coords.shape),
-        np.array(current.log_prob).reshape(state.log_density.shape),
-        tuple(sampler.random_state) if steps else state.schedule,
-        tuple(dict(generator.bit_generator.state) for generator in generators),
-        accepted.reshape(state.accepted.shape),
-        state.steps + steps,
-        *(_earned(moves) if learn else (state.independent, state.jump)),
-    )
-    return after, kept
+        A run that learns sets the share of independent draws to what these steps earned.
+        """
+        ensembles, walkers, dimension = self._shape
+        moves = standard_moves(Reference(dimension), self._generators, self.independent)
+        sampler = emcee.EnsembleSampler(
+            ensembles * walkers, dimension, self._target, moves=moves, vectorize=True
+        )
+        kept = np.empty((ensembles, steps // stride, walkers, dimension))
+        chain = sampler.sample(
+            self._state,
+            iterations=steps // stride,
+            thin_by=stride,
+            store=False,
+            skip_initial_state_check=True,
+        )
+        for position, self._state in enumerate(chain):
+            kept[:, position] = self._state.coords.reshape(self._shape)
+        self.accepted += sum(move.accepted for move, _ in moves)
+        self.steps += steps
+        if learn:
+            self.independent, self.jump = _earned(moves)
+        return kept

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.endpoints import Estimands
 from percept.inference.sampling.gate import TIMES_NEEDED, Judged, Progress, Run, Settings, judge, pass_gate
-from percept.inference.sampling.moves import advance, start
-from percept.inference.sampling.transport import Target, Transported
-from percept.inference.sampling.warmup import refine, warm_up
+from percept.inference.sampling.moves import Ensembles
+from percept.inference.sampling.transport import Target, Transport, Transported
+from percept.inference.sampling.warmup import starting_points, warm_up
 
 Array = NDArray[np.float64]
 
@@ -79,8 +79,8 @@ def sample(
         refined, fitted = refined + 1, drawn
         walkers, goal = _refined_size(run, chain.steps_by_error(run))
         rng, seed = np.random.default_rng(seeds[2 * refined]), seeds[2 * refined + 1]
-        sample_points = run.points.reshape(-1, run.points.shape[-1])
-        here, points = refine(target, sample_points, (settings.ensembles, walkers), rng)
+        here = Transported(target, Transport.fit(run.points.reshape(-1, run.points.shape[-1])))
+        points = starting_points(here, rng, (settings.ensembles, walkers))
         chain = _Chain(here, points, seed, estimands, settings, _REFINED_STRIDE, goal)
 
 
@@ -122,16 +122,16 @@ class _Chain:
     ) -> None:
         self._here, self._estimands, self._settings, self._stride = here, estimands, settings, stride
         self._began = time.monotonic()
-        settled = _BURN_IN - _LEARNING
-        state, _ = advance(here, start(here, points, seed), steps=settled, stride=settled)
-        self._state, _ = advance(here, state, steps=_LEARNING, stride=_LEARNING, learn=True)
+        self._walkers = Ensembles(here, points, seed)
+        self._walkers.advance(_BURN_IN - _LEARNING, _BURN_IN - _LEARNING)
+        self._walkers.advance(_LEARNING, _LEARNING, learn=True)
         self._kept: list[tuple[Array, Array]] = []  # Points (E, T, W, d) and components (E, T, W, C)
         self._closed: Run | None = None  # With the estimates of all closed parts
         self._closed_steps = 0
         room = min(_KEPT_LIMIT, _room(points, estimands.components(here.map(points[0, :1]))))
         self._most = max(room // (points.shape[0] * points.shape[1]), _FEWEST_POSITIONS)
         self._goal = min(goal, self._most * stride)
-        self._expected = _BURN_IN + max(goal, _STEPS_PER_JUMP / max(self._state.jump, 1e-3))
+        self._expected = _BURN_IN + max(goal, _STEPS_PER_JUMP / max(self._walkers.jump, 1e-3))
         self._error = math.nan
 
     @property
@@ -157,7 +157,7 @@ class _Chain:
         while self._steps < self._goal:
             self._tell(progress)
             steps = math.ceil(min(_SEGMENT, self._goal - self._steps) / self._stride) * self._stride
-            self._state, walked = advance(self._here, self._state, steps=steps, stride=self._stride)
+            walked = self._walkers.advance(steps, self._stride)
             # In one order of memory: the last bits of sums depend on it.
             flat = np.ascontiguousarray(self._here.map(walked.reshape(-1, walked.shape[-1])))
             components = np.ascontiguousarray(self._estimands.components(flat))
@@ -166,7 +166,7 @@ class _Chain:
     def _tell(self, progress: Callable[[Progress], None] | None) -> None:
         """Tell how far the run is; the clock is read for this alone."""
         if progress:
-            steps = self._state.steps
+            steps = self._walkers.steps
             left = (time.monotonic() - self._began) / steps * max(self._expected - steps, 0.0)
             expected = math.ceil(max(self._expected, steps))
             progress(Progress(steps, expected, self._error, self._settings.tolerance, left))
@@ -175,23 +175,23 @@ class _Chain:
         """Estimate, measure and pass the gate or not."""
         points, components = (np.concatenate(kept, axis=1) for kept in zip(*self._kept, strict=True))
         self._kept = [(points, components)]
-        state, settings, stride = self._state, self._settings, self._stride
+        walkers, settings, stride = self._walkers, self._settings, self._stride
         judged = judge(self._estimands, components)
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         if self._closed:
             judged = self._with_closed(judged, self._closed)
             points, components, stride = self._closed.points, self._closed.components, self._closed.stride
         gate = pass_gate(
-            settings, judged, state.accepted / state.steps, moved,
+            settings, judged, walkers.accepted / walkers.steps, moved,
             length=self._length, stride=self._stride, spanned=self.spanned,
         )  # fmt: skip
         times = judged.times * self._stride
         run = Run(
-            points, components, judged.estimates, judged.errors, times, gate, state.steps, stride, settings
+            points, components, judged.estimates, judged.errors, times, gate, walkers.steps, stride, settings
         )
         self._error = gate.worst_error
         wanted = max(self.steps_by_error(run), self._closed_steps + steps_to_settle(run))
-        self._expected = state.steps - self.spanned + wanted
+        self._expected = walkers.steps - self.spanned + wanted
         self._tell(progress)
         return run
 
@@ -209,7 +209,7 @@ class _Chain:
 
     def at_its_end(self, run: Run) -> bool:
         """Whether no steps are left, or too few to judge another part by."""
-        left = self._settings.most_steps - self._state.steps
+        left = self._settings.most_steps - self._walkers.steps
         if not self._full:
             return left < 1
         # A last part too short to settle would take the verdict from the parts before it.
@@ -226,7 +226,7 @@ class _Chain:
             points, components = (np.ascontiguousarray(kept[:, 1::2]) for kept in self._kept[0])
             self._kept = [(points, components)]
             self._stride *= 2
-        left = self._settings.most_steps - self._state.steps
+        left = self._settings.most_steps - self._walkers.steps
         self._goal = min(
             max(needed - self._closed_steps, settling), self._most * self._stride, self._steps + left
         )

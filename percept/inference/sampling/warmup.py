@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.moves import Reference, advance, start
+from percept.inference.sampling.moves import Ensembles, Reference
 from percept.inference.sampling.transport import Affine, Target, Transport, Transported, refuse_impossible
 
 Array = NDArray[np.float64]
@@ -35,20 +35,19 @@ def warm_up(
         # Tempered, or a few lucky draws would decide the covariance.
         weights = _weights(log_weights, at_least=min(0.5 * len(z), 10.0 * mode.size))
         here = Transported(target, Affine.fit(here.map(z), weights))
-    points = _resample(here, rng, shape)
+    points = starting_points(here, rng, shape)
     for (steps, skipped, stride), run_seed in zip(_RUNS, run_seeds, strict=True):
-        state = start(here, points, run_seed)
-        kept = advance(here, state, steps=steps, stride=stride)[1][:, skipped // stride :]
-        here, points = refine(target, here.map(kept.reshape(-1, mode.size)), shape, rng)
+        kept = Ensembles(here, points, run_seed).advance(steps, stride)[:, skipped // stride :]
+        here = Transported(target, Transport.fit(here.map(kept.reshape(-1, mode.size))))
+        points = starting_points(here, rng, shape)
     return here, points
 
 
-def refine(
-    target: Target, points: Array, shape: tuple[int, int], rng: np.random.Generator
-) -> tuple[Transported, Array]:
-    """Fit a new transport to draws, and find starting points in its coordinates."""
-    here = Transported(target, Transport.fit(points))
-    return here, _resample(here, rng, shape)
+def starting_points(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+    """Choose starting points (E, W, d): draws taken by their weights, evened out so that many are chosen."""
+    z, log_weights = _weigh(here, rng, shape)
+    chosen = rng.choice(len(z), size=shape[0] * shape[1], p=_weights(log_weights, at_least=0.05 * len(z)))
+    return z[chosen].reshape(*shape, -1)
 
 
 def _weigh(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Array, Array]:
@@ -59,13 +58,6 @@ def _weigh(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) 
     values = here(z)
     refuse_impossible(here, z, values)
     return z, values - law.log_density(z)
-
-
-def _resample(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
-    """Choose starting points: draws taken by their weights, evened out so that many are chosen."""
-    z, log_weights = _weigh(here, rng, shape)
-    chosen = rng.choice(len(z), size=shape[0] * shape[1], p=_weights(log_weights, at_least=0.05 * len(z)))
-    return z[chosen].reshape(*shape, -1)
 
 
 def _weights(log_weights: Array, *, at_least: float) -> Array:

@@ -12,7 +12,7 @@ from percept.inference.sampling import warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 from percept.inference.sampling.endpoints import Estimates, Means
 from percept.inference.sampling.gate import Judged, Settings, judge, pass_gate
-from percept.inference.sampling.moves import advance, start
+from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample
 from tests.inference.sampling.targets import Normal
 
@@ -174,20 +174,17 @@ def test_ensembles_have_streams_of_their_own():
         assert not np.isin(*both).any()
 
 
-def test_a_piece_taken_again_is_the_same():
+def test_walkers_go_on_from_where_they_are_and_inputs_are_unharmed():
     target = Normal(4)
     points = np.random.default_rng(1).normal(size=(4, 64, 4))
-    begun = start(target, points, np.random.SeedSequence(3))
-    half, _ = advance(target, begun, steps=24, stride=3)
-    rest, kept = advance(target, half, steps=36, stride=3)
-    again, kept_again = advance(target, half, steps=36, stride=3)
-    np.testing.assert_array_equal(kept_again, kept)
-    np.testing.assert_array_equal(again.coords, rest.coords)
-    np.testing.assert_array_equal(again.log_density, rest.log_density)
-    np.testing.assert_array_equal(again.accepted, rest.accepted)
-    assert again.generators == rest.generators
-    assert again.steps == rest.steps == 60
-    np.testing.assert_array_equal(points, begun.coords)  # inputs unharmed
+    given = points.copy()
+    first, second = (Ensembles(target, points, np.random.SeedSequence(3)) for _ in range(2))
+    pieces, again = ([walkers.advance(steps, 3) for steps in (24, 36)] for walkers in (first, second))
+    for kept, kept_again in zip(pieces, again, strict=True):
+        np.testing.assert_array_equal(kept_again, kept)
+    assert [kept.shape for kept in pieces] == [(4, 8, 64, 4), (4, 12, 64, 4)]
+    assert first.steps == 60
+    np.testing.assert_array_equal(points, given)
 
 
 def test_a_long_run_begins_anew_with_a_transport_of_its_first_round():
@@ -281,13 +278,14 @@ def test_the_slowest_quantity_is_named_with_the_steps_it_takes():
 
 def test_a_run_that_begins_anew_has_streams_of_its_own(monkeypatch):
     seeds = []
-    for module in (running, warmup):
 
-        def noted(here, points, seed, real=module.start):
+    class Noted(Ensembles):
+        def __init__(self, here, points, seed):
             seeds.append((seed.entropy, seed.spawn_key))
-            return real(here, points, seed)
+            super().__init__(here, points, seed)
 
-        monkeypatch.setattr(module, "start", noted)
+    for module in (running, warmup):
+        monkeypatch.setattr(module, "Ensembles", Noted)
     sample(Normal(4), MEAN, Settings(tolerance=0.003, seed=2))
     # Warm-up and run, then both again with the refined transport.
     assert len(seeds) == len(set(seeds)) == 4

@@ -5,13 +5,12 @@ import numpy as np
 import pytest
 
 from percept.inference.sampling.moves import (
+    Ensembles,
     IndependentMove,
     PCNMove,
     Reference,
     _earned,
-    advance,
     standard_moves,
-    start,
 )
 from tests.inference.sampling.targets import Correlated, Normal, SkewedHeavy, deviations, limit
 
@@ -92,16 +91,16 @@ def test_independent_draws_are_weighed_several_steps_ahead():
         calls.append(len(points))
         return points[:, 0]
 
-    law = Reference(3)
-    coords = np.random.default_rng(1).normal(size=(24, 3))
-    move = IndependentMove(generators(2), law)
-    offers = [move._offer(density, coords) for _ in range(5)]
+    move = IndependentMove(generators(2), Reference(3))
+    sampler = emcee.EnsembleSampler(24, 3, density, moves=move, vectorize=True)
+    start = emcee.State(np.random.default_rng(1).normal(size=(24, 3)), log_prob=np.full(24, -np.inf))
+    drawn = []
+    for state in sampler.sample(start, iterations=5, store=False, skip_initial_state_check=True):
+        # From nowhere every offer is accepted at first: the value is that of the point.
+        np.testing.assert_array_equal(state.log_prob, state.coords[:, 0])
+        drawn.append(state.coords[:, 0])
     assert calls == [96, 96]
-    for points, values, own in offers:
-        np.testing.assert_array_equal(values, points[:, 0])
-        np.testing.assert_array_equal(own, law.log_density(points))
-    drawn = np.concatenate([points for points, *_ in offers])
-    assert len(np.unique(drawn[:, 0])) == len(drawn)
+    assert len(np.unique(drawn)) > 24
 
 
 @pytest.mark.parametrize("move", range(2))
@@ -135,13 +134,14 @@ def test_a_run_chooses_the_moves_that_take_it_farther(width, wanted):
 
     target = Narrow(10)
     points = width * np.random.default_rng(1).normal(size=(4, 64, 10))
-    begun = start(target, points, np.random.SeedSequence(2))
-    learnt, _ = advance(target, begun, steps=24, stride=24, learn=True)
-    assert learnt.independent == pytest.approx(wanted)
-    again, _ = advance(target, begun, steps=24, stride=24, learn=True)
-    assert again.independent == learnt.independent
-    later, _ = advance(target, learnt, steps=12, stride=12)
-    assert later.independent == learnt.independent  # frozen for the run
+    walkers, again = (Ensembles(target, points, np.random.SeedSequence(2)) for _ in range(2))
+    walkers.advance(24, 24, learn=True)
+    learnt = walkers.independent
+    assert learnt == pytest.approx(wanted)
+    again.advance(24, 24, learn=True)
+    assert again.independent == learnt
+    walkers.advance(12, 12)
+    assert walkers.independent == learnt  # frozen for the run
 
 
 def test_shares_are_those_of_jumps_for_the_same_cost():

@@ -124,8 +124,7 @@ def chain(components, *, steps=120, accepted=60, estimands=MEAN, settings=None):
     points = np.random.default_rng(9).normal(size=(*components.shape[:3], 1))
     settings = settings or Settings(tolerance=0.005)
     made = running._Chain(here, points[:, -1], np.random.SeedSequence(1), estimands, settings, 3, 120)
-    accepted = np.full((ensembles, walkers), accepted)
-    made._state = dataclasses.replace(made._state, steps=steps, accepted=accepted)
+    made._walkers.steps, made._walkers.accepted = steps, np.full(ensembles * walkers, accepted)
     made._kept = [(points, components)]
     return made
 
