@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
+from percept.reproduce.judging import judge_all
 from percept.reproduce.published import load_published
-from percept.reproduce.write import judge_all, write_reproduction
+from percept.reproduce.write import write_reproduction
 
 __all__ = ["judge_all", "load_published", "write_reproduction"]

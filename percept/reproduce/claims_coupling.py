@@ -16,156 +16,104 @@ from percept.haptics import (
 )
 from percept.haptics.limits import best_coupling_damping, passivity_damping
 from percept.reproduce.devices import DAMPINGS, MASSES
-from percept.reproduce.published import (
-    LOOKED_AT,
-    THEORETICAL,
-    Array,
-    Judgement,
-    Published,
-    Quantity,
-    Wall,
-    judged,
-    listed,
-    unjudged,
-)
+from percept.reproduce.published import LOOKED_AT, THEORETICAL, Array, Evidence, Published, Wall
 from percept.reproduce.squares import cells, envelope_squares, felt_square, rendered_square, share
 
 _SAME = 1e-9
 
 
-def poles_unseen(published: Published) -> Judgement:
+def poles_unseen(published: Published) -> Evidence:
     """Judge whether Eqs 9 and 10 suffice without a look at the poles."""
     k, b = float(published.tuned.stiffness), float(published.tuned.damping)
     stretch = k * published.period
     # Eq. 10 sees k_c squared and the damping b_c + k_cT/2, which these two share; 1/Z_c has this pole.
     mirrored = b + stretch
     own, other = (b / mirrored, mirrored / b) if stretch else (0.0, 0.0)
-    return judged(
-        cases=[own <= 1, other <= 1],
-        condition="no pole lies outside the unit circle; with m ≥ 0 and k_c ≥ 0 in Eqs 5 and 6 none does",
-        finding="The conditions are necessary. They look at real parts on the unit circle, and Llewellyn’s "
-        f"criterion also looks at poles. A coupling of −{k / 1e3:g} kN/m and {mirrored:g} N·s/m meets both "
-        f"equations exactly where {k / 1e3:g} kN/m and {b:g} N·s/m do. Its 1/Z_c has a pole at z = "
-        f"{other:.3g}; the paper’s coupling has its pole at {own:.3g}.",
-        margin=Quantity("pole of 1/Z_c with k_c negative", other),
-        numbers=[Quantity("pole of 1/Z_c, tuned coupling", own)],
-    )
+    return {
+        "cases": [own <= 1, other <= 1],
+        "k": k / 1e3, "b": b, "mirrored": mirrored, "own": own, "other": other,
+    }  # fmt: skip
 
 
-def one_coupling(published: Published) -> Judgement:
+def one_coupling(published: Published) -> Evidence:
     """Judge whether Eqs 6 and 12 are about one coupling."""
-    k, b, period = float(THEORETICAL.stiffness), float(THEORETICAL.damping), published.period
-    backward = published.needed()
-    converted = Coupling(k, b + k * period / 2)
+    period, backward = published.period, published.needed()
+    converted = Coupling(THEORETICAL.stiffness, THEORETICAL.damping + THEORETICAL.stiffness * period / 2)
     tustin, again = (
         float(required_damping(coupling, period, discretization="tustin").damping)
         for coupling in (THEORETICAL, converted)
     )
-    return judged(
-        cases=[abs(tustin - backward) <= _SAME * backward, abs(again - backward) <= _SAME * backward],
-        condition=f"b_c of Eq. 12 is raised by k_cT/2, here from {b:g} to {converted.damping:g} N·s/m",
-        finding="Eq. 6 takes the backward difference for s, and Eq. 12 Tustin’s. With the same k_c and b_c "
-        f"Eq. 6 asks the device for {backward:.6g} N·s/m, and Eq. 12’s form for {tustin:.6g}.",
-        margin=Quantity("Tustin over backward difference, damping asked for", tustin / backward),
-        numbers=[
-            Quantity("damping asked for, Eq. 6", backward, "N·s/m"),
-            Quantity("damping asked for, Eq. 12's form", tustin, "N·s/m"),
-        ],
-    )
+    return {
+        "cases": [abs(needed - backward) <= _SAME * backward for needed in (tustin, again)],
+        "b": THEORETICAL.damping, "converted": converted.damping,
+        "backward": backward, "tustin": tustin, "ratio": tustin / backward,
+    }  # fmt: skip
 
 
-def fig_4_theoretical(published: Published) -> Judgement:
+def fig_4_theoretical(published: Published) -> Evidence:
     """Judge Fig. 4's theoretical coupling."""
     return _stable_with(published, THEORETICAL)
 
 
-def fig_4_tuned(published: Published) -> Judgement:
+def fig_4_tuned(published: Published) -> Evidence:
     """Judge the coupling found by tuning."""
     return _stable_with(published, published.tuned)
 
 
-def _stable_with(published: Published, coupling: Coupling) -> Judgement:
+def _stable_with(published: Published, coupling: Coupling) -> Evidence:
     record = required_damping(coupling, published.period)
-    needed = float(record.damping)
     best, least = best_coupling_damping(float(coupling.stiffness), published.period)
-    own = float(published.device.damping)
-    return judged(
-        cases=needed <= DAMPINGS,
-        condition=f"the device has at least {needed:.6g} N·s/m (rigid; its damping was never published)",
-        finding=f"Eq. 10 asks most of a rigid device at {float(record.omega):.6g} rad/s. With b_c = "
-        f"{best:.4g} N·s/m the same stiffness would need {least:.4g} N·s/m only. "
-        f"The scene’s device has {own:g}.",
-        margin=Quantity("damping asked for", needed, "N·s/m"),
-        numbers=[
-            Quantity("ω that binds", float(record.omega), "rad/s"),
-            Quantity("least damping asked for with this k_c", least, "N·s/m"),
-        ],
-    )
+    return {
+        "cases": float(record.damping) <= DAMPINGS,
+        "needed": float(record.damping), "omega": float(record.omega),
+        "best": best, "least": least,
+    }  # fmt: skip
 
 
-def worst_case(published: Published) -> Judgement:
+def worst_case(published: Published) -> Evidence:
     """Say why nobody can judge that a worst-case design made the system unstable."""
-    short = absolute_stability(published.device, THEORETICAL, published.period)
-    return unjudged(
-        needs="the device’s Z_d as measured up to Nyquist, its friction, and the hand and environment of "
-        "the unstable run",
-        finding="In the paper’s model a coupling that meets Eqs 9 and 10 is stable with every passive hand "
-        "and environment. The worst case is the safe side. The device may have too little damping for Eq. "
-        f"10, or the model may lack what mattered. The scene’s device has {short.smallest_margin:.1%} of the "
-        f"damping asked for at {short.binding_omega:.5g} rad/s.",
-        numbers=[Quantity("damping of the scene’s device over that asked for", short.smallest_margin, "1")],
-    )
+    found = absolute_stability(published.device, THEORETICAL, published.period)
+    return {"margin": found.smallest_margin, "omega": found.binding_omega}
 
 
-def direct_rendering(published: Published) -> Judgement:
+def direct_rendering(published: Published) -> Evidence:
     """Judge stable interaction with the reference without a coupling."""
     own = float(published.device.damping)
-    environments = [wall.environment for wall in published.walls]
     colgate, paper = (
-        np.array([float(passivity_damping(one, published.period, model=model)) for one in environments])
+        {
+            wall.name: float(passivity_damping(wall.environment, published.period, model=model))
+            for wall in published.walls
+        }
         for model in ("colgate", "tustin")
     )
-    fine = [wall.name for wall, needed in zip(published.walls, colgate, strict=True) if own > needed]
-    return judged(
-        cases=own > colgate,
-        condition=f"b_d is above {colgate.max():g} N·s/m; with {own:g} N·s/m it is true of {listed(fine)}",
-        finding="Stable with every passive hand means b_d > kT/2 + |b| (true hold, backward difference): "
-        f"{', '.join(f'{x:.4g}' for x in colgate)} N·s/m. The paper’s own Eqs 7 and 8 ask for b_d ≥ kT/2 − "
-        f"b: {', '.join(f'{x:.4g}' for x in paper)} N·s/m. Where this fails a wall may chatter, which would "
-        "bias what is set.",
-        margin=Quantity("damping asked for, largest", float(colgate.max()), "N·s/m"),
-        numbers=[
-            *(
-                Quantity(f"damping asked for, {wall.name}", float(x), "N·s/m")
-                for wall, x in zip(published.walls, colgate, strict=True)
-            ),
-            Quantity("damping asked for, largest, Eqs 7 and 8", float(paper.max()), "N·s/m"),
-        ],
-    )
+    return {
+        "cases": [own > needed for needed in colgate.values()],
+        "largest": max(colgate.values()), "largest_paper": max(paper.values()),
+        "fine": [name for name, needed in colgate.items() if own > needed],
+        "each": colgate, "colgate": list(colgate.values()), "paper": list(paper.values()),
+    }  # fmt: skip
 
 
-def suits_high(published: Published) -> Judgement:
+def suits_high(published: Published) -> Evidence:
     """Judge whether a coupling suits high impedance and harms low."""
-    stiffness = {wall.name: published.through_coupling(wall)[0] for wall in published.walls}
+    felt = {wall.name: published.through_coupling(wall)[0] for wall in published.walls}
     order = sorted(published.walls, key=lambda wall: wall.k)
-    loss = {wall.name: float(1 - stiffness[wall.name] / wall.k) for wall in order}
-    inside = [w.name for w in order if w.stiffness[0] <= stiffness[w.name] <= w.stiffness[1]]
+    loss = {wall.name: float(1 - felt[wall.name] / wall.k) for wall in order}
+    inside = [w.name for w in order if w.stiffness[0] <= felt[w.name] <= w.stiffness[1]]
     high = [wall.name for wall in order[-2:]]
     told = ", ".join(f"{part:.2%} ({name})" for name, part in loss.items())
     falls = [soft >= stiff for soft, stiff in pairwise(loss.values())]
-    return judged(
-        cases=[*(name in inside for name in high), *falls],
-        condition=f"one looks at {listed([name for name in high if name in inside])} alone",
-        finding=f"The stiffness lost does not rise with the wall’s: {told}."
+    return {
+        "cases": [*(name in inside for name in high), *falls],
+        "high": [name for name in high if name in inside],
+        "told": f"The stiffness lost does not rise with the wall’s: {told}."
         if any(falls)
-        else f"The opposite is true: the coupling takes {told} of the stiffness, more the stiffer the wall. "
-        f"Inside its limits stays {listed(inside)}. The paper itself finds VE4 unrealistic on Fig. 7f.",
-        margin=Quantity("stiffness lost at the stiffest wall", loss[order[-1].name], "1"),
-        numbers=[Quantity(f"effective stiffness, {name}", float(k), "N/m") for name, k in stiffness.items()],
-    )
+        else f"The opposite is true: the coupling takes {told} of the stiffness, more the stiffer the wall.",
+        "inside": inside, "most": loss[order[-1].name], "felt": felt,
+    }  # fmt: skip
 
 
-def always_smaller(published: Published) -> Judgement:
+def always_smaller(published: Published) -> Evidence:
     """Judge whether what is felt through the coupling is always below the virtual environment."""
     span, period = published.span, published.period
     device, shares = published.device, {}
@@ -180,48 +128,29 @@ def always_smaller(published: Published) -> Judgement:
         shares[wall.name] = share(edges, felt < rendered)
     worst = min(shares, key=shares.__getitem__)
     environment = next(wall.environment for wall in published.walls if wall.name == worst)
-    with_it = float(published.felt(LOOKED_AT, environment, coupling=published.tuned))
-    alone = float(np.abs(environment_impedance(LOOKED_AT, environment, period)))
-    always = [name for name, part in shares.items() if part == 1.0]
-    told = ", ".join(f"{part:.1%} ({name})" for name, part in shares.items())
-    return judged(
-        cases=[case for part in shares.values() for case in (part > 0, part == 1.0)],
-        condition="the coupling takes more than the device adds; with the scene’s device always at "
-        f"{listed(always)}",
-        finding=f"The hand feels the device too. With m = {device.mass:g} kg and b_d = {device.damping:g} "
-        f"N·s/m |Z_h_vc| is below |Z_e| over {told} of the range. At {LOOKED_AT:g} rad/s {worst} has "
-        f"{with_it:.5g} N·s/m against {alone:.5g}. Without a device it is always smaller.",
-        margin=Quantity(f"share of the range, {worst}", shares[worst], "1"),
-        numbers=[
-            Quantity(f"|Z_h_vc| of {worst}", with_it, "N·s/m"),
-            Quantity(f"|Z_e| of {worst}", alone, "N·s/m"),
-            *(
-                Quantity(f"share of the range, {name}", part, "1")
-                for name, part in shares.items()
-                if name != worst
-            ),
-        ],
-    )
+    return {
+        "cases": [case for part in shares.values() for case in (part > 0, part == 1.0)],
+        "always": [name for name, part in shares.items() if part == 1.0],
+        "shares": shares, "worst": worst, "least": shares[worst],
+        "others": {name: part for name, part in shares.items() if name != worst},
+        "with_it": float(published.felt(LOOKED_AT, environment, coupling=published.tuned)),
+        "alone": float(np.abs(environment_impedance(LOOKED_AT, environment, period))),
+    }  # fmt: skip
 
 
-def affects_realism(published: Published) -> Judgement:
+def affects_realism(published: Published) -> Evidence:
     """Judge the conclusion that a static coupling can spoil realism, by the next user's boundary."""
-    masses = (0.0, *MASSES[::14])
+    devices = [Device(mass, published.device.damping) for mass in (0.0, *MASSES[::14])]
     spoilt = [
         wall.name
         for wall, box in zip(published.walls, published.next_user, strict=True)
-        for device in (Device(mass, published.device.damping) for mass in masses)
+        for device in devices
         if _inside(published, wall, device, box, None)
         and not _inside(published, wall, device, box, published.tuned)
     ]
+    tried = len(published.walls) * len(devices)
     names = list(dict.fromkeys(spoilt))
-    return judged(
-        cases=[bool(names)],
-        finding="Judge by the next user’s boundary over the whole perceivable range. Inside when displayed "
-        f"directly, and outside through the coupling: {listed(names)}, in {len(spoilt)} of "
-        f"{len(published.walls) * len(masses)} environments and masses tried.",
-        margin=Quantity("environments and masses spoilt by the coupling", len(spoilt)),
-    )
+    return {"cases": [bool(spoilt)], "names": names, "spoilt": len(spoilt), "tried": tried}
 
 
 def _inside(published: Published, wall: Wall, device: Device, box: Array, coupling: Coupling | None) -> bool:

@@ -1,13 +1,12 @@
-"""What the paper prints, the scene it is looked at in, and a claim of the paper with its verdict."""
+"""What the paper prints, and the scene it is looked at in."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +21,16 @@ from percept.haptics import (
     required_damping,
 )
 from percept.inference import Moments, prediction_interval
-from percept.report.numbers import rounded
 from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.simulate.like import PublishedLimits
 
 Array = NDArray[np.float64]
+#: The cases that decide a verdict, and the values that its text names; without cases it stays open.
+Evidence = dict[str, Any]
 
 #: Section 2.3: the coupling the theory gave, k_c in N/m and b_c in N·s/m (Eq. 6).
 THEORETICAL = Coupling(110e3, 100.0)
-#: Section 3.1: this number of subjects is said to represent everybody.
-ENOUGH_SUBJECTS = 30
 #: Where Fig. 7 looks closely, rad/s.
 LOOKED_AT = 10.0
 
@@ -196,72 +194,3 @@ def dataset(name: str) -> Path:
     """Return a data set: inside an installed package, or next to it in a checkout."""
     inside = Path(str(resources.files("percept").joinpath("datasets", name)))
     return inside if inside.is_file() else Path(__file__).resolve().parents[2] / "datasets" / name
-
-
-Verdict = Literal["holds", "holds only if", "does not hold", "cannot be judged"]
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A number a verdict rests on."""
-
-    name: str
-    value: float  # With all its digits
-    unit: str = ""  # "1" where the value is a fraction, which is read as a percentage
-
-    @property
-    def text(self) -> str:
-        """The value as it is read, with its unit."""
-        if self.unit == "1":
-            return f"{rounded(100 * self.value, 4)} %"
-        text = f"{self.value:.0f}" if float(self.value).is_integer() else rounded(self.value)
-        return f"{text} {self.unit}".rstrip()
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """A verdict and what it rests on."""
-
-    verdict: Verdict  # Follows from the cases the sentence speaks of
-    condition: str  # What "only if" asks for, or what a judgement would need; empty otherwise
-    finding: str
-    margin: Quantity | None  # By how much the verdict is decided; None where it is not
-    numbers: tuple[Quantity, ...]  # What else it rests on
-
-
-def judged(
-    *,
-    cases: Iterable[bool],
-    condition: str = "",
-    finding: str,
-    margin: Quantity,
-    numbers: Iterable[Quantity] = (),
-) -> Judgement:
-    """Judge a sentence: it holds if it is true in all cases, does not if in none, else on a condition."""
-    true = [bool(case) for case in cases]
-    verdict: Verdict = "holds" if all(true) else "holds only if" if any(true) else "does not hold"
-    return Judgement(
-        verdict, condition if verdict == "holds only if" else "", finding, margin, tuple(numbers)
-    )
-
-
-def unjudged(*, needs: str, finding: str, numbers: Iterable[Quantity] = ()) -> Judgement:
-    """Leave a sentence open that no published number could refute, and say what a judgement needs."""
-    return Judgement("cannot be judged", needs, finding, None, tuple(numbers))
-
-
-@dataclass(frozen=True)
-class Claim(Judgement):
-    """A sentence of the paper and its verdict."""
-
-    name: str  # Short, unique
-    place: str  # Where in the paper
-    quote: str  # The sentence, or the part of it that is judged, as printed
-    source: str  # The function or command that gives the numbers
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names as a sentence lists them; "none" without any."""
-    if not names:
-        return "none"
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

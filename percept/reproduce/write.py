@@ -1,14 +1,13 @@
-"""Judge every claim, and write the reproduction: page, claims, Table 1 and figures."""
+"""Write the reproduction: page, claims, Table 1 and figures."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import metadata, resources
+from importlib import metadata
 from pathlib import Path
 from typing import Any, get_args
 
@@ -21,50 +20,16 @@ from percept.files import filled_folder
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
 from percept.report.plain import dumps, plain
-from percept.reproduce import claims_coupling as coupling
-from percept.reproduce import claims_figures as figures
-from percept.reproduce import claims_table as table
+from percept.reproduce.claims_table import limits_printed
 from percept.reproduce.devices import Adapted, adapted_couplings
-from percept.reproduce.published import Claim, Published, Verdict, unjudged
+from percept.reproduce.judging import Claim, Verdict, judge_all, sentences
+from percept.reproduce.published import Published
 from percept.sessions.quantities import IMPEDANCE
 
 PAGE = "reproduction.html"
 SCHEMA = "percept-reproduction/3"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
-
-
-def judge_all(published: Published) -> list[Claim]:
-    """Judge every claim.
-
-    Parameters
-    ----------
-    published : Published
-        As `load_published` reads it.
-
-    Returns
-    -------
-    list of Claim
-        In the order of the paper, each with its verdict and the numbers it rests on.
-    """
-    return [_judge(published, **entry) for entry in _sentences()["claim"]]
-
-
-def _sentences() -> dict[str, Any]:
-    """Read the sentences of the paper that are judged, and its misprints."""
-    text = resources.files("percept.reproduce").joinpath("claims.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
-
-
-def _judge(published: Published, *, name: str, place: str, quote: str, source: str, **open_: Any) -> Claim:
-    """Judge a sentence by the function of its name, or leave it open for the reason it comes with."""
-    if open_:
-        judgement = unjudged(**open_)
-    else:
-        function = name.replace("-", "_")
-        module = next(one for one in (coupling, figures, table) if hasattr(one, function))
-        judgement = getattr(module, function)(published)
-    return Claim(**vars(judgement), name=name, place=place, quote=quote, source=source)
 
 
 @dataclass(frozen=True)
@@ -165,7 +130,7 @@ def _document(published: Published, claims: Sequence[Claim], adapted: Adapted) -
         "claims": [{"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)],
         "table": _table(published),
         "future": _future(published, adapted),
-        "misprints": _sentences()["misprint"],
+        "misprints": sentences()["misprint"],
     }
     return dict(plain(document))
 
@@ -176,7 +141,7 @@ def _table(published: Published) -> list[dict[str, Any]]:
     share = tolerance_interval(moments, level=limits.level)
     rows = []
     cells = np.ndindex(len(limits.environments), len(limits.parameters))
-    for at, (name, parameter, lower, upper) in zip(cells, table.limits_printed(published), strict=True):
+    for at, (name, parameter, lower, upper) in zip(cells, limits_printed(published), strict=True):
         i, p = at
         rows.append(
             {
