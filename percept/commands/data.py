@@ -61,17 +61,18 @@ def _add_reproduce(parser: argparse.ArgumentParser) -> None:
 def _reproduce(arguments: argparse.Namespace) -> None:
     """Write the reproduction, and print every verdict and the page's path."""
     from percept.reproduce import load_published, write_reproduction
+    from percept.reproduce.write import PAGE
 
     published = load_published(arguments.table, arguments.scene)
     with Working("judging the claims", shown=not arguments.quiet):
-        written = write_reproduction(published, arguments.out, command=arguments.typed)
+        claims = write_reproduction(published, arguments.out, command=arguments.typed)
     if arguments.json:
-        print((written.folder / "claims.json").read_text(encoding="utf-8"))
+        print(Path(arguments.out, "claims.json").read_text(encoding="utf-8"))
         return
     if not arguments.quiet:
-        for claim in written.claims:
+        for claim in claims:
             print(f"{claim.verdict:<18}“{claim.quote}”")
-    print(written.page)
+    print(Path(arguments.out, PAGE))
 
 
 def _add_simulate(parser: argparse.ArgumentParser) -> None:

@@ -145,10 +145,6 @@ def _expected_share(n: int, level: float) -> float:
     return float(np.asarray(t_interval(Moments(0.0, 1.0, n), level=level).expected_share))
 
 
-def _expected_share(n: int, level: float) -> float:
-    return float(np.asarray(t_interval(Moments(0.0, 1.0, n), level=level).expected_share))
-
-
 def _cells(published: Published) -> list[str]:
     return [f"{parameter} of {wall.name}" for wall in published.walls for parameter in "kb"]
 

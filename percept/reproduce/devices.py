@@ -102,16 +102,14 @@ def panels(published: Published) -> tuple[Panel, ...]:
 
 def over_devices(published: Published, panel: Panel, mass: Array, damping: Array) -> BoolArray:
     """Say for which devices a panel's statement is true over its window."""
-    mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
     omega = np.linspace(*panel.window, _POINTS)
     return panel.true_of(curves(published, panel.wall, omega, Device(mass, damping)))
 
 
 def environments_inside(published: Published, mass: Array, damping: Array) -> NDArray[np.int64]:
     """Count the environments that feel real through the tuned coupling, by device."""
-    mass, damping = np.broadcast_arrays(np.asarray(mass, dtype=float), np.asarray(damping, dtype=float))
     device, omega = Device(mass[..., None], damping[..., None]), published.omega(_RANGE)
-    count = np.zeros(mass.shape, dtype=np.int64)
+    count = np.zeros(np.broadcast_shapes(mass.shape, damping.shape), dtype=np.int64)
     for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
         lower, upper = magnitude_envelope(omega, device, k, b, published.period)
         felt = published.felt(omega, wall.environment, device=device, coupling=published.tuned)

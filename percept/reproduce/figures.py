@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -31,24 +29,38 @@ from percept.reproduce.devices import DAMPINGS, MASSES, Adapted, over_devices
 from percept.reproduce.published import THEORETICAL, Array, Published, Wall
 
 _PAIR = (86.0, 72.0)
-_WIDE = (0.1, 1000.0)  # rad/s; the paper's axes reach past the device's resonances at 300
-_POINTS = 241
+_WIDE = np.geomspace(0.1, 1000.0, 241)  # rad/s; the paper's axes reach past the device's resonances at 300
 _MAP_MASSES = np.geomspace(MASSES[0], MASSES[-1], 141)
 _MAP_DAMPINGS = np.geomspace(DAMPINGS[0], DAMPINGS[-1], 121)
 
 
 def drawings(published: Published, adapted: Adapted) -> list[Drawing]:
     """Return every figure of the page; nothing is drawn yet."""
-    found = [_fig4(published), _fig5(published)]
+    device, tuned = published.device, published.tuned
+    wall, _ = published.drawn[0]
+    bare = _curves(
+        published,
+        "fig-5",
+        "Fig. 5: realistic performance boundaries",
+        f"The limits of {wall.name} without a device, so that the upper limits lie above the lower ones "
+        "throughout; the reference is dashed.",
+        (Device(0.0, 0.0), wall, None),
+        published.omega(),
+    )
+    found = [_fig4(published), bare]
     for panel, letter in zip(devices.panels(published), "ace", strict=True):
-        found.append(_fig7_wide(published, panel.wall, letter))
-        found.append(_fig7_close(published, panel, published.device, f"fig-{panel.name}"))
-    return [
-        *found,
-        _fig7b_light(published),
-        _maps(published),
-        _design(published, adapted),
-    ]
+        name, shown = panel.wall.name, (device, panel.wall, tuned)
+        true = over_devices(published, panel, np.array(device.mass), np.array(device.damping))
+        wide = f"Boundaries, reference, and reference through the coupling, {_device(device)}."
+        close = f"The paper reads: {panel.says}. {'So it is' if true else 'Not so'} with {_device(device)}."
+        found += [
+            _curves(published, f"fig-7{letter}", f"Fig. 7{letter}: {name}", wide, shown, _WIDE),
+            _curves(
+                published, f"fig-{panel.name}", f"Fig. {panel.name}: {name}, enlarged", close, shown,
+                np.linspace(*panel.window, 121), log=False,
+            ),
+        ]  # fmt: skip
+    return [*found, _maps(published), _design(published, adapted)]
 
 
 def _fig4(published: Published) -> Drawing:
@@ -78,98 +90,36 @@ def _fig4(published: Published) -> Drawing:
     )
 
 
-def _fig5(published: Published) -> Drawing:
-    wall, _ = published.drawn[0]
-
-    def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18, bottom=23, right=5)
-        _draw_four(ax, published, Device(0.0, 0.0), wall, published.omega(), coupling=None, log=True)
-        legend_below(ax, columns=1)
-
-    return Drawing(
-        "fig-5",
-        "Fig. 5: realistic performance boundaries",
-        f"The limits of {wall.name} without a device, so that the upper limits lie above the lower ones "
-        "throughout; the reference is dashed.",
-        (120.0, 84.0),
-        draw,
-    )
-
-
-def _fig7_wide(published: Published, wall: Wall, letter: str) -> Drawing:
-    omega = np.geomspace(*_WIDE, _POINTS)
-    return Drawing(
-        f"fig-7{letter}",
-        f"Fig. 7{letter}: {wall.name}",
-        f"Boundaries, reference, and reference through the coupling, {_device(published.device)}.",
-        _PAIR,
-        partial(_draw_panel, published, published.device, wall, omega, log=True),
-    )
-
-
-def _fig7_close(
-    published: Published, panel: devices.Panel, device: Device, name: str, title: str = "enlarged"
-) -> Drawing:
-    true = bool(over_devices(published, panel, np.array(device.mass), np.array(device.damping)))
-    return Drawing(
-        name,
-        f"Fig. {panel.name}: {panel.wall.name}, {title}",
-        f"The paper reads: {panel.says}. {'So it is' if true else 'Not so'} with {_device(device)}.",
-        _PAIR,
-        partial(_draw_panel, published, device, panel.wall, np.linspace(*panel.window, 121), log=False),
-    )
-
-
-def _fig7b_light(published: Published) -> Drawing:
-    """Draw Fig. 7b for a device with which the paper's reading is true, if there is one."""
-    panel = devices.panels(published)[0]
-    true = over_devices(published, panel, MASSES, DAMPINGS[:, None])
-    row, column = np.argwhere(true)[-1] // 2 if true.any() else (0, 0)
-    return _fig7_close(
-        published,
-        panel,
-        Device(float(MASSES[column]), float(DAMPINGS[row])),
-        "fig-7b-light",
-        "enlarged, a lighter device",
-    )
-
-
 def _device(device: Device) -> str:
     return f"m = {float(device.mass):.3g} kg and b_d = {float(device.damping):.3g} N·s/m"
 
 
-def _draw_panel(
-    published: Published, device: Device, wall: Wall, omega: Array, figure: Figure, *, log: bool
-) -> None:
-    (ax,) = panels(figure, left=18, bottom=24, right=5)
-    _draw_four(ax, published, device, wall, omega, coupling=published.tuned, log=log)
-    ax.set_title(f"{wall.name}: {wall.k:g} N/m, {wall.b:g} N·s/m", loc="left")
-    legend_below(ax, columns=1)
-
-
-def _draw_four(
-    ax: Axes,
+def _curves(
     published: Published,
-    device: Device,
-    wall: Wall,
+    name: str,
+    title: str,
+    description: str,
+    shown: tuple[Device, Wall, Coupling | None],
     omega: Array,
     *,
-    coupling: Coupling | None,
-    log: bool,
-) -> None:
-    at_low, at_high = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
-    direct, coupled = (
-        published.felt(omega, wall.environment, device=device, coupling=each) for each in (None, coupling)
-    )
-    limits = Limits(
-        label=f"boundaries, {published.limits.level:.0%} limits of k and b",
-        method="classical",
-        omega=omega,
-        lower=at_low,
-        upper=at_high,
-        reference=direct,
-    )
-    draw_magnitude(ax, omega, [limits], direct, None if coupling is None else coupled, log=log)
+    log: bool = True,
+) -> Drawing:
+    """Draw boundaries and reference for a device, and the reference through a coupling."""
+    device, wall, coupling = shown
+
+    def draw(figure: Figure) -> None:
+        (ax,) = panels(figure, left=18, bottom=24, right=5)
+        at_low, at_high = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
+        direct, coupled = (
+            published.felt(omega, wall.environment, device=device, coupling=each) for each in (None, coupling)
+        )
+        label = f"boundaries, {published.limits.level:.0%} limits of k and b"
+        limits = Limits(label, "classical", omega, at_low, at_high, direct)
+        draw_magnitude(ax, omega, [limits], direct, None if coupling is None else coupled, log=log)
+        ax.set_title(f"{wall.name}: {wall.k:g} N/m, {wall.b:g} N·s/m", loc="left")
+        legend_below(ax, columns=1)
+
+    return Drawing(name, title, description, _PAIR, draw)
 
 
 def _maps(published: Published) -> Drawing:

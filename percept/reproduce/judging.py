@@ -7,7 +7,7 @@ that decide the verdict, and the values that stand in the text.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Literal
@@ -62,17 +62,11 @@ class _Many:
     def __format__(self, spec: str) -> str:
         if isinstance(self._values, Mapping):
             return ", ".join(f"{value:{spec}} ({name})" for name, value in self._values.items())
-        return ", ".join(f"{value:{spec}}" for value in self._values) if spec else listed(self._values)
+        *first, last = [format(value, spec) for value in self._values] or ["none"]
+        return ", ".join([*first, last]) if spec or not first else f"{', '.join(first)} and {last}"
 
     def __getitem__(self, index: int) -> Any:
         return self._values[index]
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names as a sentence lists them; "none" without any."""
-    if not names:
-        return "none"
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def verdict_of(cases: Iterable[bool] | None) -> Verdict:

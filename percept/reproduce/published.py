@@ -68,18 +68,13 @@ class Published:
         if self.limits.parameters != ("k", "b"):
             raise UsageError("the table must have k and b.", file=table, column="parameter")
         device, windows = self.scene.device, self.scene.report.zoom
+        rigid = device is not None and device.mass is not None and not device.modes
+        drawn = len(windows) == 3 and set(windows) <= set(self.limits.environments)
+        windows_needed = "three windows are needed, as in Figs 7b, d and f, on environments of the table."
         for given, key, message in (
-            (
-                device is not None and device.mass is not None and not device.modes,
-                "device",
-                "the reproduction needs a rigid device: mass and damping.",
-            ),
+            (rigid, "device", "the reproduction needs a rigid device: mass and damping."),
             (self.scene.coupling, "coupling", "the reproduction needs the coupling of section 2.3."),
-            (
-                len(windows) == 3 and set(windows) <= set(self.limits.environments),
-                "report.zoom",
-                "three windows are needed, as in Figs 7b, d and f, on environments of the table.",
-            ),
+            (drawn, "report.zoom", windows_needed),
         ):
             if not given:
                 raise UsageError(message, file=scene, key=key)

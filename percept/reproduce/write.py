@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import platform
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any, get_args
 
@@ -15,7 +12,6 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
-import percept
 from percept.files import filled_folder
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
@@ -32,18 +28,9 @@ SCHEMA = "percept-reproduction/3"
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
 
 
-@dataclass(frozen=True)
-class Written:
-    """What was written."""
-
-    folder: Path
-    page: Path  # The HTML file in it
-    claims: tuple[Claim, ...]  # Every claim with its verdict
-
-
 def write_reproduction(
     published: Published, out_dir: str | Path, *, command: str = "percept reproduce"
-) -> Written:
+) -> list[Claim]:
     """Judge every claim, draw every figure and write both.
 
     Parameters
@@ -57,8 +44,8 @@ def write_reproduction(
 
     Returns
     -------
-    Written
-        Folder, page and claims.
+    list of Claim
+        Every claim with its verdict.
 
     Raises
     ------
@@ -72,7 +59,8 @@ def write_reproduction(
 
     claims = judge_all(published)
     adapted = adapted_couplings(published)
-    document = _document(published, claims, adapted)
+    made = made_by(command, _PACKAGES)
+    document = _document(published, claims, adapted, made.versions)
     with filled_folder(out_dir, last=PAGE) as folder:
         texts = {
             "claims.json": dumps(document),
@@ -91,10 +79,10 @@ def write_reproduction(
             document=document,
             claims=claims,
             by_name={claim.name: claim for claim in claims},
-            made=made_by(command, _PACKAGES),
+            made=made,
         )
         (folder / PAGE).write_text(page, encoding="utf-8")
-    return Written(Path(out_dir), Path(out_dir) / PAGE, tuple(claims))
+    return claims
 
 
 def symbols(text: str) -> Markup:
@@ -107,17 +95,15 @@ def symbols(text: str) -> Markup:
     return Markup(found.replace("k_cT", "k<sub>c</sub>T"))
 
 
-def _document(published: Published, claims: Sequence[Claim], adapted: Adapted) -> dict[str, Any]:
+def _document(
+    published: Published, claims: Sequence[Claim], adapted: Adapted, versions: dict[str, str]
+) -> dict[str, Any]:
     """Put everything together as plain values, as claims.json holds it."""
     verdicts = [claim.verdict for claim in claims]
     document = {
         "schema": SCHEMA,
         "provenance": {
-            "versions": {
-                "percept": percept.__version__,
-                "python": platform.python_version(),
-                **{name: metadata.version(name) for name in _PACKAGES},
-            },
+            "versions": versions,
             "files": [
                 {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
                 for path in published.files
@@ -139,24 +125,28 @@ def _table(published: Published) -> list[dict[str, Any]]:
     limits, moments = published.limits, published.moments
     user = prediction_interval(moments, level=limits.level)
     share = tolerance_interval(moments, level=limits.level)
+    printed = {
+        "reference": limits.reference, "lower_printed": limits.lower, "upper_printed": limits.upper,
+    }  # fmt: skip
     rows = []
     cells = np.ndindex(len(limits.environments), len(limits.parameters))
     for at, (name, parameter, lower, upper) in zip(cells, limits_printed(published), strict=True):
-        i, p = at
+        mean, sd, *ends = (
+            float(np.asarray(each)[at])
+            for each in (moments.mean, moments.sd, user.lower, user.upper, share.lower, share.upper)
+        )
         rows.append(
             {
                 "environment": name,
                 "parameter": parameter,
                 "unit": IMPEDANCE[parameter].unit,
-                "reference": str(limits.reference[i][p]),
-                "lower_printed": str(limits.lower[i][p]),
-                "upper_printed": str(limits.upper[i][p]),
+                **{column: str(values[at[0]][at[1]]) for column, values in printed.items()},
                 "lower": lower,
                 "upper": upper,
-                "mean": float(np.asarray(moments.mean)[at]),
-                "sd": float(np.asarray(moments.sd)[at]),
-                "user": [float(np.asarray(end)[at]) for end in (user.lower, user.upper)],
-                "share": [float(np.asarray(end)[at]) for end in (share.lower, share.upper)],
+                "mean": mean,
+                "sd": sd,
+                "user": ends[:2],
+                "share": ends[2:],
             }
         )
     return rows
