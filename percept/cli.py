@@ -118,7 +118,8 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
             epilog=f"example:\n  {part.example}\n",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        part.add_arguments(command)
+        for argument in part.arguments:
+            command.add_argument(argument.name, **argument.settings)
         command.set_defaults(run=part.run, parser=command)
     return parser
 

@@ -7,8 +7,15 @@ imports, prints, and returns the exit code, None for 0.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+
+class Argument(NamedTuple):
+    """An argument of a command, as argparse takes it."""
+
+    name: str
+    settings: dict[str, Any]
 
 
 class Command(NamedTuple):
@@ -16,5 +23,29 @@ class Command(NamedTuple):
 
     description: str
     example: str
-    add_arguments: Callable[[argparse.ArgumentParser], None]
+    arguments: Sequence[Argument]
     run: Callable[[argparse.Namespace], int | None]
+
+
+def argument(name: str, metavar: str | None, help: str, **settings: Any) -> Argument:
+    """Describe an argument with a value, text unless its `type` says otherwise."""
+    return Argument(name, {"metavar": metavar, "help": help, **settings})
+
+
+def flag(name: str, help: str) -> Argument:
+    """Describe an option that is given or not."""
+    return Argument(name, {"action": "store_true", "help": help})
+
+
+def number(name: str, metavar: str, help: str, **settings: Any) -> Argument:
+    """Describe an option that takes a number: an integer where it is called N."""
+    return argument(name, metavar, help, type=int if metavar == "N" else float, **settings)
+
+
+def folder(default: str) -> Argument:
+    """Describe the folder that a command writes into."""
+    return argument("--out", "DIR", f"folder to write into ({default})", default=default)
+
+
+JSON = flag("--json", "print as JSON")
+QUIET = flag("--quiet", "no progress, no notices")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import math
-import re
 import sys
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from percept.commands import QUIET, Argument, argument, flag, number
 from percept.errors import RefusalError, UsageError, printable
 
 if TYPE_CHECKING:
@@ -25,56 +23,40 @@ if TYPE_CHECKING:
 
 _SETTINGS = ("seed", "tolerance", "level", "family", "method")
 _NOTICES = 10  # printed; percept validate lists all
-_WIDE = 80  # columns that leave room for a bar beside the words
 _LONG = 60.0  # seconds of a run from which on a command says how long it takes
 
 
-def add_analysis_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add session files, scene and the settings of `[inference]` that have a flag."""
-    parser.add_argument(
-        "sessions", nargs="+", metavar="PATH", help="session files or folders, or a published summary"
-    )
-    add_setting_arguments(parser)
-    parser.add_argument(
-        "--accept", action="store_true", help="go on with the mapping proposed for unknown column names"
-    )
-    parser.add_argument("--write-scene", metavar="FILE", help="write that mapping as a scene")
-    parser.add_argument(
-        "--no-cache", action="store_true", help="sample again, and keep no posterior (see percept cache)"
-    )
+SESSIONS = argument("sessions", "PATH", "session files or folders, or a published summary", nargs="+")
+#: The scene, and the settings of `[inference]` that have a flag.
+SETTINGS = (
+    argument("--scene", "FILE", "TOML file that says what to analyse"),
+    number("--seed", "N", "seed of the sampler (1)"),
+    number("--tolerance", "X", "Monte Carlo error over half-width (0.01)"),
+    number("--level", "X", "confidence or credibility (0.99)"),
+    argument(
+        "--family", None, "scale of the hierarchical model (lognormal)", choices=("lognormal", "normal")
+    ),
+    argument("--method", None, "which method to run (both)", choices=("both", "classical", "bayesian")),
+    QUIET,
+)
+#: What describes a study.
+STUDY = (
+    SESSIONS,
+    *SETTINGS,
+    argument("--write-scene", "FILE", "write the mapping proposed for unknown column names as a scene"),
+    flag("--no-cache", "sample again, and keep no posterior (see percept cache)"),
+)
+#: As `percept.workers.open_mapper` takes them.
+WORKERS = (
+    number("--workers", "N", "processes on this machine (all cores)"),
+    argument("--scheduler", "ADDRESS", "a running dask scheduler, in their place"),
+)
 
 
-def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scene and the settings of `[inference]` that have a flag."""
-    parser.add_argument("--scene", metavar="FILE", help="TOML file that says what to analyse")
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of the sampler (1)")
-    parser.add_argument(
-        "--tolerance", type=float, metavar="X", help="Monte Carlo error over half-width (0.01)"
-    )
-    parser.add_argument("--level", type=float, metavar="X", help="confidence or credibility (0.99)")
-    parser.add_argument(
-        "--family", choices=("lognormal", "normal"), help="scale of the hierarchical model (lognormal)"
-    )
-    parser.add_argument(
-        "--method", choices=("both", "classical", "bayesian"), help="which method to run (both)"
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress, no notices")
-
-
-def add_check_arguments(parser: argparse.ArgumentParser, *, usual: bool = False) -> None:
-    """Add `--checks` and `--no-checks`, which go before the scene's `[checks]`."""
-    parser.add_argument(
-        "--checks",
-        action=argparse.BooleanOptionalAction,
-        default=usual or None,
-        help=f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})",
-    )
-
-
-def add_worker_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add `--workers` and `--scheduler`, as `percept.workers.open_mapper` takes them."""
-    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (all cores)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="a running dask scheduler, in their place")
+def checks_argument(*, usual: bool) -> Argument:
+    """Describe `--checks` and `--no-checks`, which go before the scene's `[checks]`."""
+    said = f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})"
+    return argument("--checks", None, said, action=argparse.BooleanOptionalAction, default=usual or None)
 
 
 def settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -101,18 +83,18 @@ def open_study(
     arguments: argparse.Namespace, progress: Working | None = None, *, groups: Sequence[str] = ()
 ) -> Study:
     """Read the sessions and the scene, put them together, and say what the reader noticed."""
-    from percept.sessions import ReadOptions, read_sessions
+    from percept.sessions import read_sessions
     from percept.study import Study
 
     scene, options = read_scene(arguments)
     scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
-    options = options.with_groups(groups)
     try:
-        sessions = read_sessions(*arguments.sessions, options=options)
+        sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
     except UsageError as error:
-        scene = _with_mapping(arguments, scene, options, error)
-        options = ReadOptions.from_mapping(dict(scene)).with_groups(groups)
-        sessions = read_sessions(*arguments.sessions, options=options)
+        # Row 1 is the header: of cells no mapping makes anything else.
+        if error.row == 1:
+            _propose_mapping(arguments, options, error)
+        raise
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)
         for notice in notices[:_NOTICES]:
@@ -125,62 +107,35 @@ def open_study(
     return study
 
 
-def _with_mapping(
-    arguments: argparse.Namespace, scene: Scene, options: ReadOptions, error: UsageError
-) -> Scene:
-    """Propose a mapping for unknown columns; return the scene with it where the user accepts it."""
-    from percept.scene import Scene
+def _propose_mapping(arguments: argparse.Namespace, options: ReadOptions, error: UsageError) -> None:
+    """Say what percept would make of unknown columns, and write it where that is asked for."""
     from percept.sessions import propose_columns
 
-    # Row 1 is the header: of cells no mapping makes anything else.
-    if error.row != 1:
-        raise error
     proposal = propose_columns(arguments.sessions[0], options=options)
     if not proposal.guessed:
-        raise error
-    if arguments.write_scene:
-        text = proposal.text
-        if arguments.scene:
-            text = _joined(Path(arguments.scene).read_text(encoding="utf-8"), text)
-        try:
-            with Path(arguments.write_scene).open("x", encoding="utf-8", newline="\n") as file:
-                file.write(text)
-        except FileExistsError:
-            hint = "Give another name, or remove it first."
-            raise UsageError(
-                "is already there and stays as it is.", file=arguments.write_scene, hint=hint
-            ) from None
-    if arguments.accept and not proposal.missing:
-        print(f"notice: columns are read as follows\n{proposal.text}", file=sys.stderr)
-        own = scene.model_dump(exclude_none=True)
-        tables = tomllib.loads(proposal.text)
-        if "quantities" in tables and scene.quantities == Scene().quantities:
-            # Stiffness and damping are what a scene without quantities means, not a part of this one.
-            del own["quantities"]
-        return scene.with_tables(**{name: own.get(name, {}) | table for name, table in tables.items()})
+        return
     lacking = f" It lacks {', '.join(proposal.missing)}." if proposal.missing else ""
-    hint = f"Add --write-scene scene.toml to write it, or --accept to go on with it.{lacking}"
+    hint = f"Add --write-scene scene.toml to write it.{lacking}"
     if arguments.write_scene:
+        write_new(arguments.write_scene, proposal.text)
         hint = f"It is written: look through it, then give --scene {arguments.write_scene}.{lacking}"
+        if arguments.scene:
+            hint += f" Copy your own tables from {arguments.scene} into it."
     message = f"the columns have other names. This is what percept would make of them:\n\n{proposal.text}"
     raise UsageError(message, file=str(arguments.sessions[0]), hint=hint) from error
 
 
-def _joined(scene: str, proposal: str) -> str:
-    """Add a proposal to a scene; lines of a table that the scene has go there, TOML has each table once."""
-    remarks, *tables = re.split(r"^(?=\[)", proposal, flags=re.MULTILINE)
-    own = tomllib.loads(scene)
-    text = f"{scene.rstrip()}\n\n{remarks}"
-    for table in tables:
-        name, _, body = table.partition("\n")
-        head = re.compile(rf"^\s*{re.escape(name)}.*\n", re.MULTILINE)
-        if (at := head.search(text)) is None:
-            text += table
-            continue
-        there = functools.reduce(lambda found, key: found[key], name.strip("[]").split("."), own)
-        lines = [line for line in body.splitlines() if line and line.split(" = ")[0] not in there]
-        text = text[: at.end()] + "".join(f"{line}\n" for line in lines) + text[at.end() :]
-    return text
+def write_new(path: str, text: str) -> None:
+    """Write a file that is not there yet."""
+    hint = "Give another name, or remove it first."
+    try:
+        with Path(path).open("x", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+    except FileExistsError as error:
+        raise UsageError("is already there and stays as it is.", file=path, hint=hint) from error
+    except OSError as error:
+        hint = "Name a folder that is there."
+        raise UsageError(f"cannot be written: {error.strerror}.", file=path, hint=hint) from error
 
 
 def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
@@ -252,10 +207,6 @@ class Working:
     def show(self, words: str, done: int, total: int) -> None:
         """Show how much of a whole is done, with what else there is to say."""
         if self._bar is not None:
-            from rich.progress import TextColumn, TimeRemainingColumn
-
-            if self._bar.tasks[0].total is None:
-                self._bar.columns += (TimeRemainingColumn(), TextColumn("left"))
             self._bar.update(self._bar.task_ids[0], description=words, completed=done, total=total)
 
     def __call__(self, state: Progress) -> None:
@@ -274,13 +225,18 @@ class Working:
 
 def _bar(what: str) -> rich.progress.Progress:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    console = Console(stderr=True)
-    columns = [TextColumn("{task.description}", markup=False), TimeElapsedColumn()]
-    if console.width >= _WIDE:
-        columns.insert(1, BarColumn(bar_width=16))
     # Standard output is for the results alone.
-    bar = Progress(*columns, console=console, transient=True, redirect_stdout=False, refresh_per_second=4)
+    bar = Progress(
+        TextColumn("{task.description}", markup=False),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+        console=Console(stderr=True),
+        transient=True,
+        redirect_stdout=False,
+        refresh_per_second=4,
+    )
     bar.add_task(what, total=None)
     return bar

@@ -6,15 +6,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from percept.commands import Command
-from percept.commands.analysis import (
-    Working,
-    add_setting_arguments,
-    add_worker_arguments,
-    print_json,
-    read_scene,
-    settings,
-)
+from percept.commands import JSON, Command, argument, folder
+from percept.commands.analysis import SETTINGS, WORKERS, Working, print_json, read_scene, settings
 from percept.errors import UsageError, counted, printable
 
 if TYPE_CHECKING:
@@ -27,16 +20,6 @@ pattern each match is one. DIR/batch.parquet has the intervals of all. A bad stu
 interrupted batch goes on when started again. Exit code 1: some study failed, was refused or has no Bayesian
 numbers.
 """
-
-
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "studies", nargs="+", metavar="STUDY", help="a session file, folder or quoted pattern"
-    )
-    add_setting_arguments(parser)
-    add_worker_arguments(parser)
-    parser.add_argument("--out", default="batch", metavar="DIR", help="folder to write into (batch)")
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -82,5 +65,14 @@ def _print(summary: Summary) -> None:
 
 
 BATCH = Command(
-    _DESCRIPTION, "percept batch studies/* --scene scene.toml --workers 8 --out results", _add_arguments, _run
+    _DESCRIPTION,
+    "percept batch studies/* --scene scene.toml --workers 8 --out results",
+    (
+        argument("studies", "STUDY", "a session file, folder or quoted pattern", nargs="+"),
+        *SETTINGS,
+        *WORKERS,
+        folder("batch"),
+        JSON,
+    ),
+    _run,
 )

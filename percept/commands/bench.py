@@ -5,90 +5,48 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib
-import json
 import os
 import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from percept.commands import Command
+from percept.commands import JSON, Command, argument, flag, number
+from percept.commands.analysis import print_json
 from percept.errors import UsageError
 
 _OUT = "benchmark"
 
 
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "parts",
-        nargs="*",
-        metavar="PART",
-        help=f"what to measure: {', '.join((*_PARTS, *_WRITERS))}",
-    )
-    parser.add_argument("--stability", action="store_true", help="the same as the part digits")
-    parser.add_argument("--cases", type=int, default=2000, metavar="N", help="haptics cases of digits (2000)")
-    parser.add_argument("--seeds", type=int, nargs="+", metavar="SEED", help="of designs (1 2 3)")
-    parser.add_argument(
-        "--rows",
-        nargs="+",
-        default=(),
-        metavar="NAME",
-        help="designs, or studies of peers (all)",
-    )
-    parser.add_argument(
-        "--peer", action=argparse.BooleanOptionalAction, default=True, help="nutpie beside designs (yes)"
-    )
-    parser.add_argument("--json", action="store_true", help="print as JSON")
-    parser.add_argument(
-        "--out",
-        metavar="DIR",
-        help="write PART.json and PART.md into it as they are measured (peers: benchmark)",
-    )
-    peers = parser.add_argument_group(
-        "peers, reference", "parts run alone, that write files: percept against other samplers (extra peers)"
-    )
-    peers.add_argument("--engines", nargs="+", default=(), metavar="NAME", help="only these")
-    peers.add_argument(
-        "--seconds", type=float, default=150.0, metavar="S", help="begin no run of an engine later (150)"
-    )
-    peers.add_argument("--starts", type=int, default=3, metavar="N", help="processes per engine (3)")
-    peers.add_argument("--repeats", type=int, default=5, metavar="N", help="rounds of whole commands (5)")
-    peers.add_argument("--quick", action="store_true", help="smallest budgets, to see that all works")
-
-
 def _run(arguments: argparse.Namespace) -> None:
-    """Measure the parts asked for and print one table each."""
-    if len(arguments.parts) == 1 and arguments.parts[0] in _WRITERS:
-        print(_WRITERS[arguments.parts[0]](arguments))
-        return
+    """Measure the parts asked for; print one table each, or write it where a folder is named."""
     parts = list(dict.fromkeys([*arguments.parts, *(["digits"] if arguments.stability else [])]))
+    if len(parts) == 1 and parts[0] in _WRITERS:
+        print(_WRITERS[parts[0]](arguments))
+        return
     for part in parts or [""]:
         if part not in _PARTS:
             raise UsageError(f"not a part that goes with others; those are {', '.join(_PARTS)}.", value=part)
-    rows: dict[str, list[dict[str, Any]]] = {}
-    for part in parts:
-        _log(f"measuring {part}")
-        rows[part] = [dataclasses.asdict(record) for record in _measured(part, arguments)]
+    measured = {part: _measured(part, arguments) for part in parts}
     if arguments.json:
-        print(json.dumps(rows, indent=1))
+        print_json(measured)
     elif not arguments.out:
         import pandas as pd
 
-        for part, records in rows.items():
-            table = pd.DataFrame(records).to_string(index=False, float_format="{:.4g}".format)
-            print(f"\n{part}\n{table}")
+        for part, records in measured.items():
+            table = pd.DataFrame(map(dataclasses.asdict, records))
+            print(f"\n{part}\n{table.to_string(index=False, float_format='{:.4g}'.format)}")
 
 
 def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
     """Measure one part and, where asked, write it."""
+    _log(f"measuring {part}")
     started, before = time.perf_counter(), os.getloadavg()[0]
     try:
         records = _PARTS[part](arguments)
     except ModuleNotFoundError as error:
-        raise UsageError(
-            f"{part} needs {error.name}, which is not installed.",
-            hint="Install percept with its extra: percept[bench].",
-        ) from error
+        hint = "Install percept with its extra: percept[bench]."
+        raise UsageError(f"{part} needs {error.name}, which is not installed.", hint=hint) from error
     if arguments.out:
         document = _bench("measure", "measurement")(
             part,
@@ -122,7 +80,7 @@ def _digits(arguments: argparse.Namespace) -> list[Any]:
 
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "designs": lambda given: _bench("designs", "design_costs")(
-        given.rows, seeds=given.seeds or (1, 2, 3), peer=given.peer, out=given.out, log=_log
+        given.rows, seeds=given.seeds, peer=not given.no_peer, out=given.out, log=_log
     ),
     "digits": _digits,
     "skipping": lambda _: _bench("skipping", "skipping_cost")(),
@@ -142,6 +100,22 @@ _WRITERS: dict[str, Callable[[argparse.Namespace], Any]] = {
 BENCH = Command(
     "Measure run time against error and the digits kept, on this machine.",
     "percept bench skipping --out benchmark",
-    _add_arguments,
+    (
+        argument("parts", "PART", f"what to measure: {', '.join((*_PARTS, *_WRITERS))}", nargs="*"),
+        flag("--stability", "the same as the part digits"),
+        number("--cases", "N", "haptics cases of digits (2000)", default=2000),
+        number("--seeds", "N", "of designs (1 2 3)", nargs="+", default=[1, 2, 3]),
+        argument("--rows", "NAME", "designs, or studies of peers (all)", nargs="+", default=()),
+        flag("--no-peer", "designs without nutpie beside them"),
+        JSON,
+        argument(
+            "--out", "DIR", "write PART.json and PART.md into it as they are measured (peers: benchmark)"
+        ),
+        argument("--engines", "NAME", "of peers, only these", nargs="+", default=()),
+        number("--seconds", "S", "of peers, begin no run of an engine later (150)", default=150.0),
+        number("--starts", "N", "of peers, processes per engine (3)", default=3),
+        number("--repeats", "N", "of peers, rounds of whole commands (5)", default=5),
+        flag("--quick", "of peers, the smallest budgets, to see that all works"),
+    ),
     _run,
 )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from percept.commands import Command
+from percept.commands import JSON, Command, argument
 from percept.commands.analysis import (
+    STUDY,
     Working,
-    add_analysis_arguments,
     in_words_of,
     open_study,
     print_json,
@@ -29,21 +29,10 @@ _PAIRS = [
 _STEPS = ["environment", "parameter", "cause", "width", "log_width_error", "centre", "centre_error"]
 _CONTRAST = ["environment", "parameter", "kind", "method", "lower", "estimate", "upper", "p_value", "n"]
 _MOST_CURVES = 10
-
-
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_analysis_arguments(parser)
-    parser.add_argument(
-        "--other-scene", metavar="FILE", help="scene of the second study, such as another device"
-    )
-    parser.add_argument("--by", metavar="COLUMN", help="compare the groups, or conditions, in this column")
-    parser.add_argument(
-        "--coverage",
-        default="coverage",
-        metavar="DIR",
-        help="where percept calibrate --advice wrote what recommends a method (coverage)",
-    )
-    parser.add_argument("--json", action="store_true", help="print as JSON")
+_CURVES = """area: mean over log omega of
+abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega (rad/s)."""
+_STEPS_SAY = """width: ratio of widths; centre: shift in classical half-widths;
+error: Monte Carlo standard error (log_width_error: of the ratio's logarithm)."""
 
 
 def _run(arguments: argparse.Namespace) -> None:
@@ -66,39 +55,34 @@ def _run(arguments: argparse.Namespace) -> None:
                     column=column,
                     hint=f"Keep two in the scene: [sessions] only.{column}.",
                 )
-            studies = {f"{column} {group}": study.over(sessions) for group, sessions in groups.items()}
-            names, (a, b) = list(studies), studies.values()
+            studies = [(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()]
         elif len(paths) == 1 and not arguments.other_scene:
             return _methods(open_study(arguments, progress), arguments, progress)
         elif len(paths) > 2:
             raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
         else:
-            both = [(paths[0], arguments.scene), (paths[-1], arguments.other_scene or arguments.scene)]
-            names = [f"{path} under {scene}" if scene else path for path, scene in both]
-            a, b = (
-                open_study(
-                    argparse.Namespace(**vars(arguments) | {"sessions": [path], "scene": scene}), progress
-                )
-                for path, scene in both
-            )
-        comparison = compare_studies(a, b)
+            studies = []
+            for path, scene in zip((paths[0], paths[-1]), (None, arguments.other_scene), strict=True):
+                own = vars(arguments) | {"sessions": [path], "scene": scene or arguments.scene}
+                name = f"{path} under {own['scene']}" if own["scene"] else path
+                studies.append((name, open_study(argparse.Namespace(**own), progress)))
+        (name_a, a), (name_b, b) = studies
+        found = compare_studies(a, b)
     tell_error(a, b)
     if arguments.json:
-        tables = {name: getattr(comparison, name) for name in ("intervals", "differences", "curves")}
-        studies_named = dict(zip("ab", names, strict=True))
-        return print_json({"studies": studies_named, **_stated(a), "notes": comparison.notes, **tables})
-    unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
-    notes = map(in_words_of(a.scene), comparison.notes)
-    print("\n".join([f"A: {names[0]}", f"B: {names[1]}", *notes]))
+        return print_json({"studies": {"a": name_a, "b": name_b}, **_stated(a), **vars(found)})
+    print("\n".join([f"A: {name_a}", f"B: {name_b}", *map(in_words_of(a.scene), found.notes)]))
     print(f"Both: {_claim(a)}.")
-    if len(comparison.differences):
-        print(f"\nAverage users, {unit}; spread between users, ratio B/A:")
-        _print(comparison.differences)
-    elif not len(comparison.curves):
-        print("\nIntervals of A and B; width ratio B/A:")
-        _print(comparison.intervals)
-    if len(comparison.curves):
-        _print_curves(comparison.curves)
+    if len(found.differences):
+        unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
+        _print(f"Average users, {unit}; spread between users, ratio B/A:", found.differences)
+    elif not len(found.curves):
+        _print("Intervals of A and B; width ratio B/A:", found.intervals)
+    if len(found.curves):
+        areas = found.curves[["area_lower", "area_upper"]].max(axis=1)
+        worst = found.curves.loc[areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]]
+        head = f"The {len(worst)} of {len(found.curves)} boundaries farthest apart. {_CURVES}"
+        _print(head, worst)
     return None
 
 
@@ -115,20 +99,19 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
     assert factor is not None
     notes = [f"{row.what}: {row.why}" for row in rows if isinstance(row, Skipped)]
     progress.stop()
-    if not len(table):
+    if table.empty:
         raise RefusalError("no contrast can be worked out.", column=factor.name, hint="; ".join(notes))
     if arguments.json:
         stated = {"factor": factor.name, "levels": factor.levels, **_stated(study), "notes": notes}
-        return print_json({**stated, "contrast": table.to_dict("records")})
+        return print_json({**stated, "contrast": table})
     ratio = "ratio" if study.scene.inference.family == "lognormal" else "difference, in references"
+    units = {"bias": ratio, "spread": "ratio of SDs between users"}
     print("\n".join([f"{factor.name}: the same subjects at {', '.join(factor.levels)}.", *notes]))
     print(f"Paired, {_claim(study)}.")
     table = table.assign(environment=table["environment"].fillna("overall"))
-    units = {"bias": ratio, "spread": "ratio of SDs between users"}
     for names, alike in table.groupby(["first", "second", "of"], sort=False):
         first, second, of = map(str, names)
-        print(f"\n{of.capitalize()}, {second} against {first}, {units[of]}:")
-        _print(alike[_CONTRAST])
+        _print(f"{of.capitalize()}, {second} against {first}, {units[of]}:", alike[_CONTRAST])
     return None
 
 
@@ -138,25 +121,15 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
 
     from percept.calibration.coverage import recommend
 
-    table = study.comparison
-    if table is None:
-        method = study.scene.inference.method
-        if method != "both":
-            raise RefusalError(
-                f"only the {method} method was asked for: there is nothing to compare it with.",
-                hint='Set method = "both", or give a second study.',
-            )
+    table, ladder, method = study.comparison, study.ladder, study.scene.inference.method
+    if method != "both":
+        hint = 'Set method = "both", or give a second study.'
         raise RefusalError(
-            "the Bayesian intervals are withheld, and the others stand alone.",
-            hint=dict(study.skipped)["Bayesian intervals"],
+            f"only the {method} method was asked for, and nothing to compare it with.", hint=hint
         )
-    if table.empty:
-        raise RefusalError(
-            "no interval of one method has a counterpart in the other.",
-            hint="percept fit prints the intervals there are, and why others are left out.",
-        )
-    ladder = study.ladder
-    assert ladder is not None
+    if table is None or table.empty or ladder is None:
+        why = dict(study.skipped).get("Bayesian intervals", "percept fit prints what intervals there are.")
+        raise RefusalError("no interval of one method has a counterpart in the other.", hint=why)
     progress.stop()
     tell_error(study)
     asked = {"scene": arguments.scene, **settings(arguments), "out": arguments.coverage}
@@ -164,16 +137,13 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     command = " ".join(["percept calibrate", *arguments.sessions, *flags, "--advice"])
     advice = recommend(study, arguments.coverage, command)
     if arguments.json:
-        found = {"comparison": table, "ladder": ladder, "advice": advice}
-        return print_json({**_stated(study), **found})
-    print(f"Intervals in pairs, {_claim(study)}:")
-    _print(table[_PAIRS])
-    kind, effects = study.scene.inference.kinds[0], ladder.effects
+        return print_json({**_stated(study), "comparison": table, "ladder": ladder, "advice": advice})
+    _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
     print("\nWhy they differ, step by step from the classical interval of the normal family:")
     print("\n".join(map(in_words_of(study.scene), [*ladder.sentences, *ladder.notes, "", *advice])))
-    print(f"\nThe steps of kind {kind}. width: ratio of widths; centre: shift in classical half-widths;")
-    print("error: Monte Carlo standard error (log_width_error: of the ratio's logarithm).")
-    _print(effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind][_STEPS])
+    kind, effects = study.scene.inference.kinds[0], ladder.effects
+    steps = effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind]
+    _print(f"The steps of kind {kind}. {_STEPS_SAY}", steps[_STEPS])
     return None
 
 
@@ -188,23 +158,25 @@ def _claim(study: Study) -> str:
     return f"{study.scene.inference.family} family, level {percent(study.scene.inference.level)}"
 
 
-def _print_curves(curves: pd.DataFrame) -> None:
-    """Print the boundaries farthest from each other."""
-    areas = curves[["area_lower", "area_upper"]].max(axis=1)
-    worst = curves.loc[areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]]
-    print(f"\nThe {len(worst)} of {len(curves)} boundaries farthest apart. area: mean over log omega of")
-    print("abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega (rad/s).")
-    _print(worst)
-
-
-def _print(table: pd.DataFrame) -> None:
+def _print(head: str, table: pd.DataFrame) -> None:
     shown = table.dropna(axis=1, how="all")
-    print(shown.to_string(index=False, float_format="{:.4g}".format, na_rep="-"))
+    print(f"\n{head}\n{shown.to_string(index=False, float_format='{:.4g}'.format, na_rep='-')}")
 
 
 COMPARE = Command(
     "Compare the two methods on one study, or two studies, groups of subjects or devices.",
     "percept compare study_a.csv study_b.csv --scene scene.toml",
-    _add_arguments,
+    (
+        *STUDY,
+        argument("--other-scene", "FILE", "scene of the second study, such as another device"),
+        argument("--by", "COLUMN", "compare the groups, or conditions, in this column"),
+        argument(
+            "--coverage",
+            "DIR",
+            "where percept calibrate --advice wrote what recommends a method (coverage)",
+            default="coverage",
+        ),
+        JSON,
+    ),
     _run,
 )

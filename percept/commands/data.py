@@ -6,17 +6,8 @@ import argparse
 from importlib import resources
 from pathlib import Path
 
-from percept.commands import Command
-from percept.commands.analysis import Working, in_words_of, read_scene
-from percept.errors import UsageError
-
-
-def _add_validate(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("sessions", nargs="+", metavar="PATH", help="session files or folders")
-    parser.add_argument(
-        "--scene", metavar="FILE", help="TOML file with [columns], [sessions], [environments]"
-    )
-    parser.add_argument("--json", action="store_true", help="print as JSON")
+from percept.commands import JSON, QUIET, Command, argument, folder, number
+from percept.commands.analysis import SESSIONS, Working, in_words_of, read_scene, write_new
 
 
 def _validate(arguments: argparse.Namespace) -> int:
@@ -29,33 +20,11 @@ def _validate(arguments: argparse.Namespace) -> int:
     return found.exit_code
 
 
-def _add_new(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "path", nargs="?", default="scene.toml", metavar="FILE", help="file to write (scene.toml)"
-    )
-
-
 def _new(arguments: argparse.Namespace) -> None:
     """Write the file and print its path; a file that is there stays as it is."""
-    path = Path(arguments.path)
-    try:
-        with path.open("x", encoding="utf-8", newline="\n") as file:
-            file.write(resources.files("percept.commands").joinpath("scene.toml").read_text(encoding="utf-8"))
-    except FileExistsError as error:
-        hint = "Give another name, or remove it first."
-        raise UsageError("is already there and stays as it is.", file=str(path), hint=hint) from error
-    except OSError as error:
-        hint = "Name a folder that is there."
-        raise UsageError(f"cannot be written: {error.strerror}.", file=str(path), hint=hint) from error
-    print(path)
-
-
-def _add_reproduce(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", default="reproduction", metavar="DIR", help="folder to write (reproduction)")
-    parser.add_argument("--table", metavar="FILE", help="published limits (the paper's Table 1)")
-    parser.add_argument("--scene", metavar="FILE", help="device, coupling and range (the paper's, with them)")
-    parser.add_argument("--json", action="store_true", help="print the claims as JSON")
-    parser.add_argument("--quiet", action="store_true", help="print the page's path only")
+    scene = resources.files("percept.commands").joinpath("scene.toml").read_text(encoding="utf-8")
+    write_new(arguments.path, scene)
+    print(arguments.path)
 
 
 def _reproduce(arguments: argparse.Namespace) -> None:
@@ -75,14 +44,6 @@ def _reproduce(arguments: argparse.Namespace) -> None:
     print(Path(arguments.out, PAGE))
 
 
-def _add_simulate(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--like", required=True, metavar="FILE", help="published limits to reproduce")
-    parser.add_argument("--scene", metavar="FILE", help="TOML file with [columns], [sessions] for that file")
-    parser.add_argument("--seed", type=int, required=True, metavar="N", help="seed of the simulation")
-    parser.add_argument("--subjects", type=int, metavar="N", help="subjects (the table's own n)")
-    parser.add_argument("--out", required=True, metavar="FILE", help="CSV file to write")
-
-
 def _simulate(arguments: argparse.Namespace) -> None:
     """Simulate and write; prints the path."""
     from percept.sessions import read_sessions
@@ -96,27 +57,41 @@ def _simulate(arguments: argparse.Namespace) -> None:
     print(path)
 
 
+_READING = argument("--scene", "FILE", "TOML file with [columns], [sessions], [environments]")
+
 NEW = Command(
     "Write a commented scene file that has every key, to be cut down to what a study needs.",
     "percept new scene.toml",
-    _add_new,
+    (argument("path", "FILE", "file to write (scene.toml)", nargs="?", default="scene.toml"),),
     _new,
 )
 VALIDATE = Command(
     "Read session files and say what was read, every notice and every problem; analyse nothing.",
     "percept validate sessions/ --scene scene.toml",
-    _add_validate,
+    (SESSIONS, _READING, JSON),
     _validate,
 )
 SIMULATE = Command(
     "Simulate sessions whose t-intervals print as a published table's limits.",
     "percept simulate --like datasets/hbfd_table1.csv --seed 1 --out sessions.csv",
-    _add_simulate,
+    (
+        argument("--like", "FILE", "published limits to reproduce", required=True),
+        _READING,
+        number("--seed", "N", "seed of the simulation", required=True),
+        number("--subjects", "N", "subjects (the table's own n)"),
+        argument("--out", "FILE", "CSV file to write", required=True),
+    ),
     _simulate,
 )
 REPRODUCE = Command(
     "Reproduce the paper from its published numbers: tables, figures, and every claim with its verdict.",
     "percept reproduce --out results",
-    _add_reproduce,
+    (
+        folder("reproduction"),
+        argument("--table", "FILE", "published limits (the paper's Table 1)"),
+        argument("--scene", "FILE", "device, coupling and range (the paper's, with them)"),
+        JSON,
+        QUIET,
+    ),
     _reproduce,
 )

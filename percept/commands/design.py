@@ -6,20 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from percept.commands import Command
-from percept.commands.analysis import (
-    Working,
-    add_analysis_arguments,
-    add_worker_arguments,
-    open_study,
-    print_json,
-)
+from percept.commands import JSON, Command, argument, flag, folder, number
+from percept.commands.analysis import STUDY, WORKERS, Working, open_study, print_json
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
     from percept.calibration.judge import CoveragePlan
 
-# By kind: what must be given, and what may be.
+# By kind: what must be given, the width first, and what may be.
 _OPTIONS = {
     "mean": (("half_width", "sd"), ("level", "family")),
     "user": (("ratio",), ("level",)),
@@ -28,7 +22,6 @@ _OPTIONS = {
 _NAMES = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
 
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
-_METHODS = {"both": ("classical", "bayesian")}
 _REFITTED = {"classical": "the classical method", "bayesian": "the Bayesian one to a tolerance of {:g} %"}
 _HEAD = """# Coverage
 
@@ -48,94 +41,31 @@ _CURVES = """ Curves belong to a device of {0[0]:g} kg and
 {0[1]:g} N·s/m at a period of {1:g} s, at {2[2]} frequencies from {2[0]:g} to {2[1]:g} rad/s."""
 
 
-def _add_plan(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--kind", choices=_OPTIONS, default="mean", help="what the interval covers (mean)")
-    parser.add_argument(
-        "--half-width", type=float, metavar="X", help="kind mean: in the unit of --sd, or as a fraction"
-    )
-    parser.add_argument(
-        "--sd", type=float, metavar="X", help="kind mean: SD between users, or their coefficient of variation"
-    )
-    parser.add_argument(
-        "--family", choices=("normal", "lognormal"), help="kind mean: distribution between users (normal)"
-    )
-    parser.add_argument(
-        "--ratio", type=float, metavar="X", help="kinds user and share: width over that of all users, above 1"
-    )
-    parser.add_argument("--level", type=float, metavar="X", help="kinds mean and user: level (0.99)")
-    parser.add_argument("--share", type=float, metavar="X", help="kind share: share of users held (0.99)")
-    parser.add_argument("--confidence", type=float, metavar="X", help="kind share: confidence (0.95)")
-    parser.add_argument(
-        "--assurance", type=float, default=0.8, metavar="X", help="probability of the width (0.8)"
-    )
-    parser.add_argument("--json", action="store_true", help="print as JSON")
-
-
 def _plan(arguments: argparse.Namespace) -> None:
     """Print the smallest number of subjects and what it promises."""
     from percept.planning import plan_mean, plan_share, plan_user
     from percept.report.plain import plain
 
+    kind = arguments.kind
     given = {name: value for name in _NAMES if (value := getattr(arguments, name)) is not None}
-    _refuse_misplaced(arguments.kind, given)
-    width = given.pop(_OPTIONS[arguments.kind][0][0])
-    planners: dict[str, Any] = {"mean": plan_mean, "user": plan_user, "share": plan_share}
-    plan = planners[arguments.kind](width, **given, assurance=arguments.assurance)
+    needed, useful = _OPTIONS[kind]
+    for says, names in (
+        ("needs", [name for name in needed if name not in given]),
+        ("has no use for", [name for name in given if name not in (*needed, *useful)]),
+    ):
+        if names:
+            flags = " and ".join(f"--{name.replace('_', '-')}" for name in names)
+            raise UsageError(f"kind {kind} {says} {flags}.")
+    planner: Any = {"mean": plan_mean, "user": plan_user, "share": plan_share}[kind]
+    plan = planner(given.pop(needed[0]), **given, assurance=arguments.assurance)
     if arguments.json:
         print_json({**plain(plan), "covers": plan.covers})
     else:
         print(plan.covers)
 
 
-def _refuse_misplaced(kind: str, given: dict[str, object]) -> None:
-    """Refuse options that a kind lacks or has no use for."""
-    needed, useful = _OPTIONS[kind]
-    for name in needed:
-        if name not in given:
-            raise UsageError(f"kind {kind} needs {_flag(name)}.")
-    for name in given:
-        if name not in (*needed, *useful):
-            kinds = [other for other, (must, may) in _OPTIONS.items() if name in (*must, *may)]
-            raise UsageError(
-                f"kind {kind} has no use for {_flag(name)}, which is of kind {' or '.join(kinds)}."
-            )
-
-
-def _flag(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
-
-
-def _add_calibrate(parser: argparse.ArgumentParser) -> None:
-    add_analysis_arguments(parser)
-    parser.add_argument("--studies", type=int, default=100, metavar="N", help="studies per design (100)")
-    parser.add_argument(
-        "--classical", type=int, metavar="N", help="of the classical method alone (--studies)"
-    )
-    parser.add_argument("--seconds", type=float, metavar="S", help="begin no more studies after so long")
-    parser.add_argument("--subjects", type=int, nargs="+", metavar="N", help="subjects (the study's own)")
-    parser.add_argument(
-        "--from", dest="source", choices=("fit", "prior"), default="fit", help="simulate from (fit)"
-    )
-    parser.add_argument(
-        "--truth",
-        nargs="+",
-        choices=("lognormal", "normal"),
-        default=["lognormal"],
-        help="distribution of the simulated users (lognormal); the family of the model is --family",
-    )
-    parser.add_argument(
-        "--advice",
-        action="store_true",
-        help="simulate what percept compare recommends a method by; it resumes",
-    )
-    add_worker_arguments(parser)
-    parser.add_argument("--out", default="coverage", metavar="DIR", help="folder to write into (coverage)")
-
-
 def _calibrate(arguments: argparse.Namespace) -> None:
     """Write DIR/coverage.md and DIR/coverage.csv; an interrupted run goes on from DIR/judged.jsonl."""
-    import time
-
     import pandas as pd
 
     from percept.calibration.coverage import FILE, coverage, coverage_markdown, gather
@@ -160,13 +90,10 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             print(out / FILE)
             return
         rows = []
-        stop = None if arguments.seconds is None else time.monotonic() + arguments.seconds
-        for done, plan in enumerate(plans):
-            # Every plan has an equal share of the time that is left.
-            left = None if stop is None else (stop - time.monotonic()) / (len(plans) - done)
+        for plan in plans:
             classical = arguments.classical if plan.method == "classical" else None
             studies = arguments.studies if classical is None else classical
-            rows.append(coverage(plan, studies, checkpoint=out / "judged.jsonl", seconds=left, **shared))
+            rows.append(coverage(plan, studies, checkpoint=out / "judged.jsonl", **shared))
     table = pd.concat(rows).sort_values(["truth", "subjects"], kind="stable")
     methods = dict.fromkeys(plan.method for plan in plans)
     out.mkdir(parents=True, exist_ok=True)
@@ -195,26 +122,13 @@ def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
         if arguments.advice:
             return list(advice_plans(study))
         values = kept_values(study, out) if arguments.source == "fit" else None
+    method = study.scene.inference.method
     return [
-        plan_like(study, subjects, truth=truth, values=values, method=method)
-        for method in _METHODS.get(study.scene.inference.method, (study.scene.inference.method,))
+        plan_like(study, subjects, truth=truth, values=values, method=one)
+        for one in (("classical", "bayesian") if method == "both" else (method,))
         for subjects in arguments.subjects or [None]
         for truth in arguments.truth
     ]
-
-
-def _add_sbc(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--fits", type=int, default=100, metavar="N", help="fits per design (100)")
-    parser.add_argument(
-        "--designs", nargs="+", metavar="NAME", help="designs (all); verdicts on others in DIR stay"
-    )
-    parser.add_argument("--fault", default="none", metavar="NAME", help="a deliberate error to catch (none)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the studies (1)")
-    add_worker_arguments(parser)
-    parser.add_argument("--seconds", type=float, metavar="S", help="hand out no more fits after so long")
-    parser.add_argument(
-        "--out", default="calibration", metavar="DIR", help="folder to write into (calibration)"
-    )
 
 
 def _sbc(arguments: argparse.Namespace) -> None:
@@ -253,18 +167,59 @@ def _sbc(arguments: argparse.Namespace) -> None:
 PLAN = Command(
     "How many subjects the next study needs for an interval of a wanted width.",
     "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal",
-    _add_plan,
+    (
+        argument("--kind", None, "what the interval covers (mean)", choices=_OPTIONS, default="mean"),
+        number("--half-width", "X", "kind mean: in the unit of --sd, or as a fraction"),
+        number("--sd", "X", "kind mean: SD between users, or their coefficient of variation"),
+        argument(
+            "--family",
+            None,
+            "kind mean: distribution between users (normal)",
+            choices=("normal", "lognormal"),
+        ),
+        number("--ratio", "X", "kinds user and share: width over that of all users, above 1"),
+        number("--level", "X", "kinds mean and user: level (0.99)"),
+        number("--share", "X", "kind share: share of users held (0.99)"),
+        number("--confidence", "X", "kind share: confidence (0.95)"),
+        number("--assurance", "X", "probability of the width (0.8)", default=0.8),
+        JSON,
+    ),
     _plan,
 )
 CALIBRATE = Command(
     "Simulate studies like yours, refit them, and report the real coverage of every interval and boundary.",
     "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage",
-    _add_calibrate,
+    (
+        *STUDY,
+        number("--studies", "N", "studies per design (100)", default=100),
+        number("--classical", "N", "of the classical method alone (--studies)"),
+        number("--subjects", "N", "subjects (the study's own)", nargs="+"),
+        argument("--from", None, "simulate from (fit)", dest="source", choices=_SOURCES, default="fit"),
+        argument(
+            "--truth",
+            None,
+            "distribution of the simulated users (lognormal); the family of the model is --family",
+            nargs="+",
+            choices=("lognormal", "normal"),
+            default=["lognormal"],
+        ),
+        flag("--advice", "simulate what percept compare recommends a method by; it resumes"),
+        *WORKERS,
+        folder("coverage"),
+    ),
     _calibrate,
 )
 SBC = Command(
     "Simulation-based calibration: whether fits find the values that studies were simulated from.",
     "percept sbc --fits 1000 --out reports/calibration",
-    _add_sbc,
+    (
+        number("--fits", "N", "fits per design (100)", default=100),
+        argument("--designs", "NAME", "designs (all); verdicts on others in DIR stay", nargs="+"),
+        argument("--fault", "NAME", "a deliberate error to catch (none)", default="none"),
+        number("--seed", "N", "seed of the studies (1)", default=1),
+        *WORKERS,
+        number("--seconds", "S", "hand out no more fits after so long"),
+        folder("calibration"),
+    ),
     _sbc,
 )

@@ -7,15 +7,8 @@ import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from percept.commands import Command
-from percept.commands.analysis import (
-    Working,
-    add_analysis_arguments,
-    add_check_arguments,
-    in_words_of,
-    open_study,
-    verdict,
-)
+from percept.commands import JSON, Command, argument, flag, folder
+from percept.commands.analysis import STUDY, Working, checks_argument, in_words_of, open_study, verdict
 from percept.errors import printable
 
 if TYPE_CHECKING:
@@ -23,16 +16,6 @@ if TYPE_CHECKING:
 
 _COLUMNS = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
 _MOST_ROWS = 30
-
-
-def _add_fit(parser: argparse.ArgumentParser) -> None:
-    add_analysis_arguments(parser)
-    add_check_arguments(parser)
-    parser.add_argument("--out", default="fit", metavar="DIR", help="folder to write into (fit)")
-    parser.add_argument(
-        "--all", action="store_true", help="print every interval: both families, joint ones too"
-    )
-    parser.add_argument("--json", action="store_true", help="print fit.json")
 
 
 def _fit(arguments: argparse.Namespace) -> int:
@@ -85,23 +68,6 @@ def _print_checks(study: Study, say: Callable[[str], str]) -> None:
         print(say(message))
 
 
-def _add_report(parser: argparse.ArgumentParser) -> None:
-    add_analysis_arguments(parser)
-    add_check_arguments(parser, usual=True)
-    parser.add_argument("--out", default="report", metavar="DIR", help="folder to write into (report)")
-    parser.add_argument(
-        "--why", action="store_true", help="say why the methods differ; samples the models between them"
-    )
-    parser.add_argument(
-        "--formats",
-        nargs="+",
-        choices=("svg", "pdf", "png"),
-        default=["svg"],
-        metavar="FORM",
-        help="files of the figures: svg, pdf, png (svg)",
-    )
-
-
 def _report(arguments: argparse.Namespace) -> int:
     """Write the report, with what the gate does not withhold; and print its findings, warnings and path."""
     from percept.report import write_report
@@ -122,12 +88,26 @@ def _report(arguments: argparse.Namespace) -> int:
 FIT = Command(
     "Fit the model and write the intervals: fit.json (in report.json's schema) and the posterior.",
     "percept fit sessions.csv --scene scene.toml --out results --json",
-    _add_fit,
+    (
+        *STUDY,
+        checks_argument(usual=False),
+        folder("fit"),
+        flag("--all", "print every interval: both families, joint ones too"),
+        JSON,
+    ),
     _fit,
 )
 REPORT = Command(
     "Analyse sessions and write the report: page, report.json, tables, figures and posterior.",
     "percept report sessions/ --scene scene.toml --out results",
-    _add_report,
+    (
+        *STUDY,
+        checks_argument(usual=True),
+        folder("report"),
+        flag("--why", "say why the methods differ; samples the models between them"),
+        argument(
+            "--formats", "FORM", "files of the figures: svg, pdf, png (svg)", nargs="+", default=["svg"]
+        ),
+    ),
     _report,
 )

@@ -10,7 +10,7 @@ from importlib import metadata
 from typing import NamedTuple
 
 from percept import __version__
-from percept.commands import Command
+from percept.commands import Command, argument, flag
 from percept.errors import UsageError, counted
 
 _CACHE = """Show what posteriors are kept for next time, or clear them.
@@ -45,10 +45,6 @@ def dependency(line: str) -> Dependency:
     return Dependency(requirement.name, version, extra[1] if extra else None, wanted, fits)
 
 
-def _add_doctor(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--all", action="store_true", help="list every dependency with its version")
-
-
 def _doctor(arguments: argparse.Namespace) -> int:
     """Print the environment; 1 where a dependency that is always needed is missing or too old."""
     from percept.cache import cache_folder
@@ -76,12 +72,6 @@ def _doctor(arguments: argparse.Namespace) -> int:
     return int(bool(broken))
 
 
-def _add_cache(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "action", nargs="?", choices=("show", "clear"), default="show", help="what to do (show)"
-    )
-
-
 def _cache(arguments: argparse.Namespace) -> None:
     """Print the folder, its size and entries, or clear it."""
     from percept.cache import PosteriorCache, cache_folder
@@ -105,10 +95,6 @@ def _cache(arguments: argparse.Namespace) -> None:
         print(f"  {entry.key[:16]}  {entry.size / 1e6:8.1f} MB  last used {used}")
 
 
-def _add_completion(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="for which shell")
-
-
 def _completion(arguments: argparse.Namespace) -> None:
     """Print the script; files are completed wherever a command takes paths."""
     import shtab
@@ -129,15 +115,20 @@ def _completion(arguments: argparse.Namespace) -> None:
 DOCTOR = Command(
     "Say what percept runs on: Python, its dependencies and their versions, and the cache.",
     "percept doctor --all",
-    _add_doctor,
+    (flag("--all", "list every dependency with its version"),),
     _doctor,
 )
-CACHE = Command(_CACHE, "percept cache clear", _add_cache, _cache)
+CACHE = Command(
+    _CACHE,
+    "percept cache clear",
+    (argument("action", None, "what to do (show)", nargs="?", choices=("show", "clear"), default="show"),),
+    _cache,
+)
 COMPLETION = Command(
     "Print a completion script for a shell, to be evaluated or saved where the shell looks for it.",
     """eval "$(percept completion bash)"                         # bash, in ~/.bashrc
   eval "$(percept completion zsh)"                          # zsh, in ~/.zshrc after compinit
   percept completion tcsh > ~/.percept.csh                  # tcsh, then source it in ~/.tcshrc""",
-    _add_completion,
+    (argument("shell", None, "for which shell", choices=("bash", "zsh", "tcsh")),),
     _completion,
 )

@@ -6,10 +6,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from percept.commands import Command
+from percept.commands import JSON, Command, argument, number
 from percept.commands.analysis import (
+    STUDY,
     Working,
-    add_analysis_arguments,
     in_words_of,
     open_study,
     print_json,
@@ -18,16 +18,6 @@ from percept.commands.analysis import (
 from percept.errors import UsageError
 
 _COLUMNS = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
-
-
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_analysis_arguments(parser)
-    parser.add_argument("--k", type=float, metavar="N/m", help="stiffness of the untested environment")
-    parser.add_argument("--b", type=float, metavar="N·s/m", help="damping of the untested environment")
-    parser.add_argument(
-        "--at", nargs="+", default=[], metavar="NAME=X", help="references of other quantities, in their units"
-    )
-    parser.add_argument("--json", action="store_true", help="print as JSON, with the boundaries")
 
 
 def _run(arguments: argparse.Namespace) -> None:
@@ -65,9 +55,9 @@ def references_of(texts: Sequence[str]) -> dict[str, float]:
     """Read references such as "duration=500"."""
     found = {}
     for text in texts:
-        name, _, number = text.partition("=")
+        name, _, value = text.partition("=")
         try:
-            found[name] = float(number)
+            found[name] = float(value)
         except ValueError:
             raise UsageError(
                 "a reference is written NAME=X, as in duration=500.", key="at", value=text
@@ -78,6 +68,12 @@ def references_of(texts: Sequence[str]) -> dict[str, float]:
 PREDICT = Command(
     "Predict intervals and the boundary of an environment nobody tested.",
     "percept predict sessions.csv --k 15000 --b 12 --scene scene.toml",
-    _add_arguments,
+    (
+        *STUDY,
+        number("--k", "N/m", "stiffness of the untested environment"),
+        number("--b", "N·s/m", "damping of the untested environment"),
+        argument("--at", "NAME=X", "references of other quantities, in their units", nargs="+", default=[]),
+        JSON,
+    ),
     _run,
 )

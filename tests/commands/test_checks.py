@@ -7,13 +7,14 @@ import pytest
 import xarray
 
 from percept.cli import main
-from percept.commands.analysis import add_check_arguments, with_checks
+from percept.commands.analysis import checks_argument, with_checks
 from percept.scene import ChecksTable, Scene
 
 
 def parsed(*words):
     parser = argparse.ArgumentParser()
-    add_check_arguments(parser)
+    argument = checks_argument(usual=False)
+    parser.add_argument(argument.name, **argument.settings)
     return parser.parse_args(words)
 
 

@@ -144,7 +144,7 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
     text = printed(words, capsys)
     # The study's own posterior, each environment's, and the one of the normal family: no other was sampled.
     assert len(kept) == len(set(tmp_path.iterdir())) == 4
-    assert text.startswith("Intervals in pairs, lognormal family, level 99 %:")
+    assert text.startswith("\nIntervals in pairs, lognormal family, level 99 %:")
     assert len(found["ladder"]["sentences"]) == 2 * 2
     for told in found["ladder"]["sentences"]:
         assert told in text.split("Why they differ")[1]
@@ -177,7 +177,11 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
         ),
         (["all.csv", "--scene", "first.toml", "--other-scene", "last.toml"], 1, "1 subject (S04) is in both"),
         (["all.csv", "all.csv"], 1, "the same sessions under the same scene"),
-        (["unmixed.csv", "--scene", "hasty.toml"], 1, "withheld, and the others stand alone. "),
+        (
+            ["unmixed.csv", "--scene", "hasty.toml"],
+            1,
+            "no interval of one method has a counterpart in the other. ",
+        ),
     ],
 )
 def test_refused(folder, monkeypatch, capsys, words, code, message):

@@ -30,8 +30,9 @@ def test_options_reach_the_plan_of_their_kind(words, plan, capsys):
     [
         ("--kind mean --sd 1", "kind mean needs --half-width"),
         ("--kind user", "kind user needs --ratio"),
-        ("--kind user --ratio 1.1 --sd 3", "no use for --sd, which is of kind mean"),
-        ("--kind share --ratio 1.1 --level 0.9", "no use for --level, which is of kind mean or user"),
+        ("--kind mean", "kind mean needs --half-width and --sd."),
+        ("--kind user --ratio 1.1 --sd 3", "kind user has no use for --sd."),
+        ("--kind share --ratio 1.1 --level 0.9", "kind share has no use for --level."),
         ("--kind share --ratio 0.9", "ratio must be above 1"),
     ],
 )
