@@ -6,7 +6,6 @@ numbers refer to "The effect of static virtual couplings on realistic performanc
 
 from __future__ import annotations
 
-from percept.haptics.design import EnvironmentBoundary, design_couplings
 from percept.haptics.envelope import corner_curves, magnitude_envelope
 from percept.haptics.impedance import coupling_impedance, device_impedance, environment_impedance, hold
 from percept.haptics.limits import max_coupling_stiffness
@@ -23,13 +22,11 @@ __all__ = [
     "Coupling",
     "Device",
     "Environment",
-    "EnvironmentBoundary",
     "Mode",
     "TabulatedDevice",
     "absolute_stability",
     "corner_curves",
     "coupling_impedance",
-    "design_couplings",
     "device_impedance",
     "effective_impedance",
     "environment_impedance",

@@ -13,15 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.errors import UsageError
 from percept.haptics.arrays import (
-    LARGEST,
     BoolArray,
     FloatArray,
     IntArray,
-    nonnegative_array,
     ratio,
-    real_array,
     times,
 )
 from percept.haptics.containment import Plane
@@ -54,7 +50,7 @@ def magnitude_envelope_ellipse(
     x is (k, b), or with `log` their natural logarithms, and `shape` a covariance of x. ω is above zero.
     """
     curve = _Curve.of(centre, shape, radius, log=log)
-    across, along, held = distance_axes(warp(omega, period), device, hold, real_array(mass, "mass", "kg"))
+    across, along, held = distance_axes(warp(omega, period), device, hold, mass)
     parts = np.broadcast_arrays(held.gain, held.per_rate, across, along)
     plane = Plane(*(part.ravel() for part in parts))
     # A mass is endless at Nyquist.
@@ -75,36 +71,14 @@ class _Curve:
 
     @classmethod
     def of(cls, centre: ArrayLike, shape: ArrayLike, radius: float, *, log: bool) -> _Curve:
-        """Check an ellipse and take its root."""
-        pair = "(log k, log b)" if log else "(k, b)"
-        middle = real_array(centre, f"the centre {pair}", "N/m and N·s/m")
-        matrix = real_array(shape, "shape", "squares and products of N/m and N·s/m")
-        size = nonnegative_array(radius, "radius", "standard deviations")
-        if middle.shape != (2,) or matrix.shape != (2, 2) or size.ndim:
-            raise UsageError(
-                f"an ellipse needs the pair {pair} as its centre, a 2-by-2 shape and one radius.",
-                value=(middle.shape, matrix.shape, size.shape),
-            )
-        kk, kb, bk, bb = matrix.ravel()
-        product = np.sqrt(max(kk, 0.0)) * np.sqrt(max(bb, 0.0))
-        if abs(kb - bk) > 1e-12 * product or kk < 0 or bb < 0 or abs(kb) > product * (1 + 1e-12):
-            raise UsageError(
-                "shape must be symmetric and positive semidefinite.",
-                value=matrix.tolist(),
-                hint=f"Give a covariance matrix of {pair}.",
-            )
-        rho = float(np.clip(kb / product, -1.0, 1.0)) if product else 0.0
+        """Take the root of a covariance."""
+        (kk, kb), (_, bb) = np.asarray(shape, dtype=np.float64)
+        sd_k, sd_b = np.sqrt(kk), np.sqrt(bb)
+        rho = float(np.clip(kb / (sd_k * sd_b), -1.0, 1.0)) if sd_k * sd_b else 0.0
         # (1 − ρ)(1 + ρ) keeps the digits that 1 − ρ² would lose.
         rest = np.sqrt((1 - rho) * (1 + rho))
-        factor = float(size) * np.array([[np.sqrt(kk), 0.0], [rho * np.sqrt(bb), rest * np.sqrt(bb)]])
-        reach = float((np.abs(middle) + np.hypot(*factor.T)).max())
-        if log and reach > np.log(LARGEST):
-            raise UsageError(
-                f"the ellipse reaches beyond {LARGEST:g} or below its inverse.",
-                value=reach,
-                hint="centre and shape are of natural logarithms of k and b.",
-            )
-        return cls(middle, factor, log)
+        factor = radius * np.array([[sd_k, 0.0], [rho * sd_b, rest * sd_b]])
+        return cls(np.asarray(centre, dtype=np.float64), factor, log)
 
     def at(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return k and b."""

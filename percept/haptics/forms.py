@@ -7,7 +7,7 @@ form of degree one. The variable is x = Ω², or Ω itself for a device known by
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 from typing import Any, TypeAlias
 
@@ -68,13 +68,9 @@ class Display:
     @property
     def size(self) -> int | None:
         """How many displays the arrays make, None for one."""
-        sizes = {np.size(part) for part in self._parts() if np.ndim(part)}
-        return max(sizes) if sizes else None
-
-    def _parts(self) -> list[Any]:
-        device = [self.device.mass, self.device.damping] if isinstance(self.device, Device) else []
-        coupling = [] if self.coupling is None else [self.coupling.stiffness, self.coupling.damping]
-        return device + coupling
+        parts = [self.device.mass, self.device.damping] if isinstance(self.device, Device) else []
+        parts += [] if self.coupling is None else [self.coupling.stiffness, self.coupling.damping]
+        return max((np.size(part) for part in parts if np.ndim(part)), default=None)
 
     def at(self, which: Any) -> Display:
         """Return some of the displays."""
@@ -84,37 +80,28 @@ class Display:
 
         device, coupling = self.device, self.coupling
         if isinstance(device, Device):
-            device = Device(some(device.mass), some(device.damping), device.modes)
+            device = replace(device, mass=some(device.mass), damping=some(device.damping))
         if coupling is not None:
             coupling = Coupling(some(coupling.stiffness), some(coupling.damping))
-        return Display(device, self.environment, self.period, coupling, self.hold)
+        return replace(self, device=device, coupling=coupling)
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What environment and coupling show in series, b = damping/under and k = stiffness/under; no mass."""
-
-    damping: FloatArray
-    stiffness: FloatArray
-    under: FloatArray
-
-    @classmethod
-    def of(cls, display: Display, x: FloatArray) -> Shown:
-        """Count the environment's mass with the device, as users' limits do."""
-        own = display.environment
-        k, b, m = (np.array([[float(v)]]) for v in (own.stiffness, own.damping, own.mass))
-        if display.coupling is None:
-            return cls(b, k, np.ones((1, 1)))
-        k_c, b_c = (np.atleast_1d(v)[None] for v in (display.coupling.stiffness, display.coupling.damping))
-        spring = total(k, -m * x) if m[0, 0] else k
-        near = total(b**2 * x, product(spring, spring))
-        beyond = total(b_c**2 * x, k_c**2)
-        joined = spring + k_c
-        under = total((b + b_c) ** 2 * x, product(joined, joined))
-        stiffness = total(product(near, k_c), product(beyond, spring))
-        if m[0, 0]:
-            stiffness = total(stiffness, product(m * x, under))
-        return cls(total(product(near, b_c), product(beyond, b)), stiffness, under)
+def _shown_forms(display: Display, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return forms of k·V, b·V and V > 0 of what is shown; the environment's mass counts with the device."""
+    own = display.environment
+    k, b, m = (np.array([[float(v)]]) for v in (own.stiffness, own.damping, own.mass))
+    if display.coupling is None:
+        return k, b, np.ones((1, 1))
+    k_c, b_c = (np.atleast_1d(v)[None] for v in (display.coupling.stiffness, display.coupling.damping))
+    spring = total(k, -m * x) if m[0, 0] else k
+    near = total(b**2 * x, product(spring, spring))
+    beyond = total(b_c**2 * x, k_c**2)
+    joined = spring + k_c
+    under = total((b + b_c) ** 2 * x, product(joined, joined))
+    stiffness = total(product(near, k_c), product(beyond, spring))
+    if m[0, 0]:
+        stiffness = total(stiffness, product(m * x, under))
+    return stiffness, total(product(near, b_c), product(beyond, b)), under
 
 
 @dataclass(frozen=True)
@@ -139,9 +126,8 @@ class Squares:
         """Take pieces by their ends, shape (2, pieces)."""
         grid = warp(omega, display.period)
         x, under, ends = _device_forms(grid, display)
-        felt = Shown.of(display, x)
-        largest = np.abs(felt.under).max(axis=0)
-        b, k, v = (part / largest for part in (felt.damping, felt.stiffness, felt.under))
+        felt = _shown_forms(display, x)
+        k, b, v = (form / np.abs(felt[2]).max(axis=0) for form in felt)
         w2, v2, vw = product(under, under), product(v, v), product(v, under)
         own = total(product(x, b, b, w2), product(k, k, w2))
         rows, first = [], ends[0]

@@ -170,21 +170,15 @@ def stable_region(
     return np.append(stretch, 0.0) / period, np.append(damping, 0.0)
 
 
-def passivity_damping(environment: Environment, period: float, *, model: str = "colgate") -> FloatArray:
-    """Return the device damping above which an environment rendered without coupling is passive, N·s/m.
+def passivity_damping(environment: Environment, period: float) -> tuple[FloatArray, FloatArray]:
+    """Return the device damping, N·s/m, above which an environment rendered without coupling is passive.
 
-    "colgate" is the true zero-order hold and backward differences (Colgate & Schenkel), b_d > k·T/2 + abs(b)
-    for an environment without mass. "tustin" is the averaging hold and Tustin's method (Eqs 7, 8),
-    b_d ≥ k·T/2 − b, whatever the mass.
-
-    Colgate and Schenkel ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT. With
-    u = sin²(θ/2) and backward differences throughout, the right-hand side is
-    k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so largest at DC, k·T/2 − b, or at Nyquist,
-    k·T/2 + b + 2m/T. In the paper's own model
+    First by Colgate & Schenkel, with the true zero-order hold and backward differences: without mass
+    k·T/2 + abs(b). They ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT. With
+    u = sin²(θ/2) the right-hand side is k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so largest at DC,
+    k·T/2 − b, or at Nyquist, k·T/2 + b + 2m/T. Then in the paper's own model (Eqs 7, 8), k·T/2 − b: there
     Re Z_h = b_d + cos²(θ/2)(b − k·T/2) + (2m/T)·sin²(θ/2), smallest at DC where it can be negative at all.
     """
     k, b, m = (np.asarray(part) for part in (environment.stiffness, environment.damping, environment.mass))
     elastic = k * (period / 2)
-    if one_of(model, "model", ("colgate", "tustin")) == "colgate":
-        return (elastic + b + m * (2 / period))[()]
-    return (elastic - b + 0.0 * m)[()]
+    return (elastic + b + m * (2 / period))[()], (elastic - b + 0.0 * m)[()]

@@ -79,12 +79,10 @@ def worst_case(published: Published) -> Evidence:
 def direct_rendering(published: Published) -> Evidence:
     """Judge stable interaction with the reference without a coupling."""
     own = float(published.device.damping)
+    needs = [passivity_damping(wall.environment, published.period) for wall in published.walls]
     colgate, paper = (
-        {
-            wall.name: float(passivity_damping(wall.environment, published.period, model=model))
-            for wall in published.walls
-        }
-        for model in ("colgate", "tustin")
+        {wall.name: float(need) for wall, need in zip(published.walls, column, strict=True)}
+        for column in zip(*needs, strict=True)
     )
     return {
         "cases": [own > needed for needed in colgate.values()],

@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from percept.haptics import (
     Device,
-    EnvironmentBoundary,
     corner_curves,
-    design_couplings,
     magnitude_envelope,
 )
-from percept.haptics.design import CouplingDesign
+from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
 from percept.haptics.search import section_minimum
 from percept.reproduce.published import Array, Published, Wall
 from percept.reproduce.squares import Square, felt_square

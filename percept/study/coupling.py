@@ -11,11 +11,11 @@ import pandas as pd
 from scipy import special
 
 from percept import haptics
-from percept.boundary.realism import Populations, Realism, realism
+from percept.boundary.realism import Realism, realism
 from percept.errors import UsageError
 from percept.haptics import Coupling, TabulatedDevice
 from percept.haptics.containment import Boxes, departures, plane_departures
-from percept.haptics.design import CouplingDesign
+from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.search import covers_range
 from percept.haptics.stability import coupling_bound
@@ -190,21 +190,21 @@ def design_by_method(
         if of_user.keys() != setup.references.keys():
             continue
         limits = [
-            haptics.EnvironmentBoundary(reference, *box)
+            EnvironmentBoundary(reference, *box)
             for name, reference in setup.references.items()
             if (box := of_user[name].limits) is not None
         ]
-        found[method] = haptics.design_couplings(setup.device, limits, within, setup.period, hold=setup.hold)
+        found[method] = design_couplings(setup.device, limits, within, setup.period, hold=setup.hold)
     return found
 
 
-def populations(fit: Fit, asked: InferenceTable) -> dict[str, Populations]:
+def populations(fit: Fit, asked: InferenceTable) -> dict[str, Boxes]:
     """Limits between which the level of all users lie, per posterior draw and environment."""
     means, _ = fit.model.draw(fit.points, generator(asked.seed, Stream.REALISM))
     reach = -special.ndtri(0.5 * (1.0 - asked.level)) * fit.model.laws(fit.points).population_sd
     lower, upper = fit.scale.native(means - reach), fit.scale.native(means + reach)
     pairs = zip(fit.environments, fit.pairs(lower).values(), fit.pairs(upper).values(), strict=True)
-    return {e: Populations(*zip(low, high, strict=True)) for e, low, high in pairs}
+    return {e: Boxes(*zip(low, high, strict=True)) for e, low, high in pairs}
 
 
 def study_realism(setup: Setup, fit: Fit, asked: InferenceTable, within: tuple[float, float]) -> Realisms:

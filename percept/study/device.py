@@ -90,10 +90,7 @@ class Setup:
         if isinstance(self.device, Device):
             damping = self.device.damping
             for name, reference in self.references.items():
-                colgate, tustin = (
-                    float(passivity_damping(reference, self.period, model=model))
-                    for model in ("colgate", "tustin")
-                )
+                colgate, tustin = map(float, passivity_damping(reference, self.period))
                 rows.append((name, colgate, tustin, damping, bool(damping > colgate)))
         columns = ["environment", "needed_colgate", "needed_paper", "device_damping", "passive"]
         return pd.DataFrame(rows, columns=columns)

@@ -6,8 +6,8 @@ import sys
 import percept.haptics
 
 PUBLIC = """
-Coupling Device Environment EnvironmentBoundary Mode TabulatedDevice
-absolute_stability corner_curves coupling_impedance design_couplings device_impedance effective_impedance
+Coupling Device Environment Mode TabulatedDevice
+absolute_stability corner_curves coupling_impedance device_impedance effective_impedance
 environment_impedance hold magnitude_envelope max_coupling_stiffness perceived_impedance required_damping
 required_damping_at stability_margin
 """
