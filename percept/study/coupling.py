@@ -204,7 +204,7 @@ def populations(fit: Fit, asked: InferenceTable) -> dict[str, Boxes]:
     reach = -special.ndtri(0.5 * (1.0 - asked.level)) * fit.model.laws(fit.points).population_sd
     lower, upper = fit.scale.native(means - reach), fit.scale.native(means + reach)
     pairs = zip(fit.environments, fit.pairs(lower).values(), fit.pairs(upper).values(), strict=True)
-    return {e: Boxes(*zip(low, high, strict=True)) for e, low, high in pairs}
+    return {e: Boxes((low[0], high[0]), (low[1], high[1])) for e, low, high in pairs}
 
 
 def study_realism(setup: Setup, fit: Fit, asked: InferenceTable, within: tuple[float, float]) -> Realisms:
