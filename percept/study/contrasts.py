@@ -19,7 +19,7 @@ from percept.sessions.quantities import Quantity
 from percept.sessions.records import Factor
 from percept.study.basics import Array, Skipped, claim_of
 from percept.study.intervals import Row
-from percept.study.responses import lacking_scatter, trials
+from percept.study.responses import Trials, lacking_scatter, trials
 
 # The classical contrasts do without the model.
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class _Pair:
     def row(
         self,
         references: Sequence[str],
-        ends: Sequence[float],
+        ends: Sequence[float] | Array,
         n: int,
         *,
         method: str,
@@ -54,11 +54,10 @@ class _Pair:
 
         `environment` is None for subjects' averages over the references.
         """
-        asked, log = self.asked, self.asked.family == "lognormal"
-        if kind and log:
-            with np.errstate(over="ignore"):
-                ends = np.exp(ends).tolist()
-        lower, upper, estimate = map(float, ends)
+        asked, share = self.asked, kind == "share"
+        log = asked.family == "lognormal"
+        with np.errstate(over="ignore"):
+            lower, upper, estimate = map(float, np.exp(ends) if kind and log else ends)
         return {
             "factor": self.factor.name,
             "first": self.levels[0],
@@ -71,8 +70,8 @@ class _Pair:
             "method": method,
             "family": asked.family,
             "level": asked.level,
-            "share": asked.held_share if kind == "share" else None,
-            "confidence": asked.confidence if kind == "share" else None,
+            "share": asked.held_share if share else None,
+            "confidence": asked.confidence if share else None,
             "lower": lower,
             "upper": upper,
             "estimate": estimate,
@@ -109,43 +108,30 @@ def contrast_rows(
         p: [_Pair(factor, pair, sessions.quantities[p], asked, len(parameters) == 1) for pair in factor.pairs]
         for p in parameters
     }
-    for of_quantity in pairs.values() if asked.method != "bayesian" else ():
-        values = _responses(sessions, of_quantity[0].quantity, scene)
-        if isinstance(values, Skipped):
-            yield values
+    for p, of_quantity in pairs.items() if asked.method != "bayesian" else ():
+        try:
+            data = trials(sessions, scene, (p,))
+        except RefusalError as refused:
+            yield Skipped(f"contrasts of {sessions.quantities[p].label}", str(refused))
             continue
+        values = _subject_means(data)
         for pair in of_quantity:
             yield from _classical(values, pair)
-    if asked.method != "classical":
-        for pair in (pair for of_quantity in pairs.values() for pair in of_quantity):
-            try:
-                yield from _bayesian(sessions, scene, pair, **how)
-            except RefusalError as refused:
-                yield Skipped(f"Bayesian contrast of {pair}", str(refused))
+    for pair in (pair for own in pairs.values() for pair in own) if asked.method != "classical" else ():
+        try:
+            yield from _bayesian(sessions, scene, pair, **how)
+        except RefusalError as refused:
+            yield Skipped(f"Bayesian contrast of {pair}", str(refused))
 
 
-def _responses(sessions: Sessions, quantity: Quantity, scene: Scene) -> pd.DataFrame | Skipped:
-    """Subjects' means on the model's scale, a column per cell; or why there are none."""
-    p, what = quantity.name, f"contrasts of {quantity.label}"
-    lognormal = scene.inference.family == "lognormal"
-    known = sessions.table[sessions.table[f"{p}_adj"].notna()]
-    adjusted, reference = (known[f"{p}_{name}"].to_numpy(dtype=float) for name in ("adj", "ref"))
-    if lognormal and (adjusted <= 0.0).any():
-        return Skipped(what, 'a value is zero or negative; family = "normal" takes it')
-    if lognormal:
-        response = np.log(adjusted / np.where(reference > 0.0, reference, 1.0))
-    else:
-        unit = reference if (reference > 0.0).all() else scene.model.scale.get(p)
-        if unit is None:
-            return Skipped(what, f"a reference is missing or not positive; [model] scale.{p} gives a unit")
-        response = (adjusted - np.nan_to_num(reference)) / unit
-    assert sessions.factor is not None
+def _subject_means(data: Trials) -> pd.DataFrame:
+    """Subjects' means on the model's scale, a column per cell."""
     means = {}
-    for cell in sessions.factor.cells:
-        own = (known["environment"] == cell).to_numpy()
-        who = known["subject"].to_numpy()[own]
-        values = subject_means(response[own], who).values if own.any() else np.empty(0)
-        means[cell] = pd.Series(values, index=list(dict.fromkeys(who)), dtype=float)
+    for at, cell in enumerate(data.environments):
+        own = data.environment == at
+        who = data.subject[own]
+        values = subject_means(data.response[own, 0], who).values
+        means[cell] = pd.Series(values, index=list(dict.fromkeys(who.tolist())))
     return pd.DataFrame(means)
 
 
@@ -181,8 +167,8 @@ def _of_subjects(
     ends: Sequence[Array], pair: _Pair, references: Sequence[str], what: str, *, overall: bool = False
 ) -> Iterator[Row | Skipped]:
     """Yield the rows of subjects' values at both levels."""
-    first, second = ends
-    n, asked = len(first), pair.asked
+    (first, second), asked = ends, pair.asked
+    n = len(first)
     if n < 2:
         yield Skipped(f"contrast of {what}", "fewer than two subjects have both levels")
         return
@@ -190,21 +176,20 @@ def _of_subjects(
     try:
         for kind in asked.kinds:
             found, p_value = paired_contrast(second - first, kind, **claim_of(asked))
-            limits = [float(end) for end in (found.lower, found.upper, found.estimate)]
             p = p_value if kind == "mean" else None
+            limits = np.array([found.lower, found.upper, found.estimate], dtype=float)
             yield pair.row(references, limits, n, kind=kind, p_value=p, **of_subjects)
         ratio = spread_ratio(first, second, level=asked.level)
     except RefusalError as refused:
         yield Skipped(f"contrast of {what}", str(refused))
         return
-    limits = [ratio.lower, ratio.upper, ratio.estimate]
+    limits = np.array([ratio.lower, ratio.upper, ratio.estimate])
     yield pair.row(references, limits, ratio.n, p_value=ratio.p_value, **of_subjects)
 
 
 def within_model(sessions: Sessions, parameter: str, scene: Scene, levels: tuple[str, str]) -> WithinSubjects:
     """Build the model of one quantity at two levels, of the references that have both."""
     from percept.inference.hierarchy.priors import Priors
-    from percept.inference.hierarchy.statistics import from_trials
     from percept.inference.hierarchy.within import WithinSubjects
 
     if scene.model.pooling == "none":
@@ -217,15 +202,10 @@ def within_model(sessions: Sessions, parameter: str, scene: Scene, levels: tuple
     if len(names) < 2:
         raise RefusalError("it needs two references that have both levels.")
     cells = [factor.cell(e, level) for e in names for level in levels]
-    data = trials(
-        dataclasses.replace(sessions, table=known[known["environment"].isin(cells)]), scene, (parameter,)
-    )
-    statistics = from_trials(
-        data.response, data.subject, data.environment, data.x,
-        parameters=(parameter,), environments=data.environments, subjects=data.subjects,
-    )  # fmt: skip
+    both = known[known["environment"].isin(cells)]
+    statistics = trials(dataclasses.replace(sessions, table=both), scene, (parameter,)).statistics
     lacking_scatter(statistics, (), sessions.quantities)
-    at = [factor.cells[cell] for cell in data.environments]
+    at = [factor.cells[cell] for cell in statistics.environments]
     return WithinSubjects(
         statistics,
         np.array([names.index(environment) for environment, _ in at]),
@@ -270,4 +250,4 @@ def _bayesian(sessions: Sessions, scene: Scene, pair: _Pair, **how: Any) -> Iter
         for kind, (lower, upper) in zip(asked.kinds, limits[..., c], strict=True):
             ends = [lower, upper, laws.mean[:, c].mean()]
             yield pair.row(references, ends, n, kind=kind, **of_model)
-        yield pair.row(references, spreads[:, c].tolist(), n, **of_model)
+        yield pair.row(references, spreads[:, c], n, **of_model)

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+import percept
 from percept.errors import RefusalError
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments, Resolution
 from percept.inference.hierarchy.models import IntervalEstimands, Model, Product, Unpooled
 from percept.inference.hierarchy.priors import MEANINGS, Priors
 from percept.inference.hierarchy.scales import Options
-from percept.inference.hierarchy.statistics import Statistics, from_summary, from_trials
+from percept.inference.hierarchy.statistics import Statistics, from_summary
 from percept.inference.record import Family
 from percept.inference.sampling.gate import Progress, Run, Settings
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE, Quantities
-from percept.study.basics import Array, References, Skipped, claim_of
-from percept.study.intervals import Row, bayesian_row, cell_moments
+from percept.study.basics import Array, References, Skipped, Stream, claim_of, generator
+from percept.study.intervals import Row, bayesian_row, cell_moments, known_moments
 from percept.study.responses import (
     ResponseScale,
     Trials,
@@ -62,13 +62,10 @@ class Fit(Prepared):
         Draws, diagnostics and the verdict of the gate.
     limits : dict
         Lower and upper limits, each of shape (C,), by kind, in their units.
-    estimate : ndarray, shape (C,)
-        Posterior mean of the population's mean on the model's scale, in its unit.
     """
 
     run: Run
     limits: dict[str, tuple[Array, Array]]
-    estimate: Array
 
     @property
     def passed(self) -> bool:
@@ -94,6 +91,11 @@ class Fit(Prepared):
     def moments(self) -> ConditionalMoments:
         """Moments per kept draw and cell, on the response scale."""
         return ConditionalMoments.unpack(self.run.components.reshape(-1, self.run.components.shape[-1]))
+
+    @cached_property
+    def estimate(self) -> Array:
+        """Posterior mean of each population's mean on the model's scale, in its unit, shape (C,)."""
+        return self.scale.native(self.moments.mean.mean(axis=0))
 
     @cached_property
     def column(self) -> dict[tuple[str, str], int]:
@@ -173,13 +175,11 @@ def simpler_models(model: Model) -> list[str]:
 
 def fit_of(prepared: Prepared, asked: InferenceTable, run: Run) -> Fit:
     """Put a model and its finished run together, with the limits that the scene asks for."""
-    laws = ConditionalMoments.unpack(run.components.reshape(-1, run.components.shape[-1]))
     native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
     return Fit(
         **vars(prepared),
         run=run,
         limits={str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)},
-        estimate=prepared.scale.native(laws.mean.mean(axis=0)),
     )
 
 
@@ -281,16 +281,7 @@ def _side_by_side(models: list[Prepared]) -> Prepared:
 def _of_trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Build the model of parameters that are modelled together."""
     data = trials(sessions, scene, parameters, partial=scene.inference.method == "both")
-    statistics = from_trials(
-        data.response,
-        data.subject,
-        data.environment,
-        data.x,
-        parameters=parameters,
-        environments=data.environments,
-        subjects=data.subjects,
-    )
-    return pooled(statistics, scene, data.reference, data.scale, data)
+    return pooled(data.statistics, scene, data.reference, data.scale, data)
 
 
 def pooled(
@@ -322,53 +313,81 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     """Model each parameter of published limits by itself: limits hold no correlation."""
     environments, family = sessions.environments, scene.inference.family
     reference = references(sessions, parameters, environments)
-    named = [(p, e) for p in parameters for e in environments]
-    refuse_no_ratio(dict(zip(named, reference.ravel().tolist(), strict=True)), sessions.quantities)
-    _, moments = _all_moments(sessions, parameters, family)
-    mean, sd, n = (
-        np.array([getattr(m, name) for m in moments]).reshape(reference.shape) for name in ("mean", "sd", "n")
-    )
+    cells, mean, sd, counts, _ = _all_moments(sessions, parameters, family)
+    refuse_no_ratio(dict(zip(cells, reference.ravel().tolist(), strict=True)), sessions.quantities)
+    mean, sd = (part.reshape(reference.shape) for part in (mean, sd))
     if family == "lognormal":
         mean = mean - np.log(reference)
     else:
         mean, sd = (mean - reference) / reference, sd / reference
+    n = counts.reshape(reference.shape)
     rows = zip(parameters, mean, sd, n, decades(reference), strict=True)
     models = [
         _model(from_summary(*row, parameter=parameter, environments=environments), scene)
         for parameter, *row in rows
     ]
-    scale = ResponseScale.of(reference, family)
-    return Prepared(
-        Product(models),
-        scale,
-        n.ravel(),
-        None,
-        approximate=family == "lognormal",
-        quantities=sessions.quantities,
-    )
+    scale, approximate = ResponseScale.of(reference, family), family == "lognormal"
+    quantities = sessions.quantities
+    return Prepared(Product(models), scale, counts, None, approximate=approximate, quantities=quantities)
 
 
 def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Each cell by itself, standardised by its own exact mean and SD."""
-    cells, moments = _all_moments(sessions, parameters, scene.inference.family)
-    origin, unit, counts = (np.array([getattr(m, name) for m in moments]) for name in ("mean", "sd", "n"))
+    cells, origin, unit, counts, repeats = _all_moments(sessions, parameters, scene.inference.family)
     log = scene.inference.family == "lognormal"
     scale = ResponseScale(log, np.exp(origin) if log else origin, unit)
-    repeats = any(m.repeats for m in moments)
     return Prepared(Unpooled(cells, counts), scale, counts, repeats, quantities=sessions.quantities)
 
 
 def _all_moments(
     sessions: Sessions, parameters: tuple[str, ...], family: Family
-) -> tuple[tuple[tuple[str, str], ...], list[Moments]]:
-    """Every cell and its moments on the family's scale; a cell without any is refused."""
+) -> tuple[tuple[tuple[str, str], ...], Array, Array, NDArray[np.int64], bool]:
+    """Every cell, its mean, SD and n on the family's scale, and whether any has repeats; or a refusal."""
     cells = cell_moments(sessions, parameters, family)
-    moments = []
     for cell in cells:
         if cell.moments is None:
             raise RefusalError(
                 f"there is no posterior of {cell.where}: {cell.why}.",
                 hint='Set family = "normal", or leave the parameter or environment out in the scene.',
             )
-        moments.append(cell.moments.on_scale(family))
-    return tuple((cell.parameter, cell.environment) for cell in cells), moments
+    known = known_moments(cells, family)
+    mean, sd, n = (np.array([getattr(m, name) for m in known.values()]) for name in ("mean", "sd", "n"))
+    return tuple(known), mean, sd, n, any(m.repeats for m in known.values())
+
+
+def posterior_tree(fit: Fit, *, seed: int) -> Any:
+    """Collect scales, correlations, locations and new users as a DataTree, one chain per ensemble."""
+    import xarray
+
+    points, grid = fit.points, (len(fit.parameters), len(fit.environments))
+    means, users = fit.model.draw(points, generator(seed, Stream.LOCATIONS))
+    # Parameters that are modelled apart may have other environments.
+    at = [fit.parameters.index(p) * grid[1] + fit.environments.index(e) for p, e in fit.model.cells]
+
+    def in_cells(responses: Array) -> tuple[Sequence[str], Array]:
+        whole = np.full((len(points), *grid), np.nan)
+        whole.reshape(len(points), -1)[:, at] = fit.scale.native(responses)
+        return ("parameter", "environment"), whole
+
+    # By group and variable: dimensions after the draw, and values (draws, ...).
+    groups: dict[str, Mapping[str, tuple[Sequence[str], Array]]] = {
+        "posterior": {"population_mean": in_cells(means), **fit.model.scales(points)},
+        "posterior_predictive": {"new_user": in_cells(users)},
+        "sample_stats": {"lp": ((), fit.model(points))},
+    }
+    labels = {
+        "parameter": fit.parameters,
+        "environment": fit.environments,
+        "cell": [f"{p} in {e}" for p, e in fit.model.cells],
+    }
+    made_by = {"creation_library": "percept", "creation_library_version": percept.__version__}
+    chains, found = len(fit.run.points), {}
+    for group, named in groups.items():
+        variables = {
+            name: (("chain", "draw", *dims), np.reshape(values, (chains, -1, *values.shape[1:])))
+            for name, (dims, values) in named.items()
+        }
+        dataset = xarray.Dataset(variables, attrs=made_by)
+        coords = {dim: labels.get(str(dim), np.arange(size)) for dim, size in dataset.sizes.items()}
+        found[group] = dataset.assign_coords(coords)
+    return xarray.DataTree.from_dict(found)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Self
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError, counted
@@ -57,12 +59,26 @@ class Trials:
     response: Array  # (M, P) Unit-free responses
     subject: NDArray[np.intp]  # (M,) Codes
     environment: NDArray[np.intp]  # (M,) Codes
+    parameters: tuple[str, ...]
     subjects: tuple[str, ...]  # Labels of the codes
     environments: tuple[str, ...]  # Labels of the codes
     reference: Array  # (P, J) In the units of their quantities
-    x: Array  # (P, J) log10 of each reference over their geometric mean
     scale: ResponseScale  # The way back
     skipped: tuple[Skipped, ...]  # Trials and environments that lack one of the parameters
+
+    @property
+    def x(self) -> Array:
+        """log10 of each reference over their geometric mean, shape (P, J)."""
+        return decades(self.reference)
+
+    @cached_property
+    def statistics(self) -> Statistics:
+        """What the density of the model needs of the trials."""
+        # The classical method does without the model.
+        from percept.inference.hierarchy.statistics import from_trials
+
+        labels: Any = {name: getattr(self, name) for name in ("parameters", "environments", "subjects")}
+        return from_trials(self.response, self.subject, self.environment, self.x, **labels)
 
 
 def references(sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]) -> Array:
@@ -84,67 +100,71 @@ def decades(reference: Array) -> Array:
 
 def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool = False) -> Trials:
     """Take trials with all parameters asked for, unit-free; in part where values have no logarithm."""
-    columns = [f"{p}_adj" for p in parameters]
+    columns, skipped = [f"{p}_adj" for p in parameters], list[Skipped]()
     complete = sessions.table[columns].notna().all(axis=1)
     table = sessions.table[complete]
+    if dropped := int((~complete).sum()):
+        lacking, present = (
+            " or ".join(sessions.quantities[p].label for p in parameters),
+            set(table["environment"]),
+        )
+        lack, needed = (
+            "it lacks" if dropped == 1 else "they lack",
+            "both parameters" if len(columns) == 2 else lacking,
+        )
+        what = f"{counted(dropped, 'trial')}, in the hierarchical model"
+        skipped.append(Skipped(what, f"{lack} {lacking}"))
+        skipped += [
+            Skipped(f"Bayesian intervals of {environment}", f"no trial there has {needed}")
+            for environment in sessions.environments
+            if environment not in present
+        ]
     lognormal = scene.inference.family == "lognormal"
     low = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(sort=False)
-    # Without their environment: to leave out the lowest trials alone would bias what is left there.
-    others = lognormal and partial and len(low) < table["environment"].nunique()
-    left_out = low if others else low[:0]
-    table = table[~table["environment"].isin(left_out.index)]
+    if lognormal and partial and len(low) < table["environment"].nunique():
+        # Without their environment: to leave out the lowest trials alone would bias what is left there.
+        table = table[~table["environment"].isin(low.index)]
+        skipped += [
+            Skipped(
+                f"{name}, in the hierarchical model",
+                f"zero or negative values have no logarithm ({count} there); "
+                'family = "normal" takes them, and [sessions] exclude leaves them out',
+            )
+            for name, count in low.items()
+        ]
     subjects = tuple(dict.fromkeys(table["subject"]))
-    present = set(table["environment"])
-    environments = tuple(name for name in sessions.environments if name in present)
     refuse_lone_subject(subjects)
     adjusted = table[columns].to_numpy(dtype=float)
-    if lognormal:
-        _refuse_not_positive(sessions, table.index.to_numpy(), adjusted, columns)
+    if lognormal and len(wrong := np.argwhere(adjusted <= 0)):
+        row, column = wrong[0]
+        file, line = sessions.locate(int(table.index[row]))
+        raise RefusalError(
+            f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
+            file=file,
+            row=line,
+            column=columns[column],
+            value=float(adjusted[row, column]),
+            hint='Set family = "normal", or exclude the trial in the scene.',
+        )
+    present = set(table["environment"])
+    environments = tuple(name for name in sessions.environments if name in present)
     reference = references(sessions, parameters, environments)
-    codes = {name: at for at, name in enumerate(environments)}
-    environment = np.array([codes[name] for name in table["environment"]], dtype=np.intp)
-    subject = table["subject"].map({s: i for i, s in enumerate(subjects)}).to_numpy(dtype=np.intp)
     unit = _units(reference, parameters, environments, scene)
+    environment, subject = (
+        pd.Categorical(table[name], categories=labels).codes.astype(np.intp)
+        for name, labels in (("environment", environments), ("subject", subjects))
+    )
     at = reference[:, environment].T
     return Trials(
         response=np.log(adjusted / at) if lognormal else (adjusted - at) / unit[:, environment].T,
         subject=subject,
         environment=environment,
+        parameters=parameters,
         subjects=subjects,
         environments=environments,
         reference=reference,
-        x=decades(reference),
         scale=ResponseScale.of(reference, scene.inference.family, unit),
-        skipped=(
-            *_incomplete(sessions, parameters, (*environments, *left_out.index), int((~complete).sum())),
-            *(
-                Skipped(
-                    f"{name}, in the hierarchical model",
-                    f"zero or negative values have no logarithm ({count} there); "
-                    'family = "normal" takes them, and [sessions] exclude leaves them out',
-                )
-                for name, count in left_out.items()
-            ),
-        ),
-    )
-
-
-def _incomplete(
-    sessions: Sessions, parameters: tuple[str, ...], kept: tuple[str, ...], dropped: int
-) -> tuple[Skipped, ...]:
-    """Name the trials that lack a parameter, and the environments they leave without any."""
-    if not dropped:
-        return ()
-    lacking = " or ".join(sessions.quantities[p].label for p in parameters)
-    lack = "it lacks" if dropped == 1 else "they lack"
-    needed = "both parameters" if len(parameters) == 2 else lacking
-    return (
-        Skipped(f"{counted(dropped, 'trial')}, in the hierarchical model", f"{lack} {lacking}"),
-        *(
-            Skipped(f"Bayesian intervals of {environment}", f"no trial there has {needed}")
-            for environment in sessions.environments
-            if environment not in kept
-        ),
+        skipped=tuple(skipped),
     )
 
 
@@ -152,8 +172,7 @@ def _units(
     reference: Array, parameters: tuple[str, ...], environments: tuple[str, ...], scene: Scene
 ) -> Array:
     """Return the unit of a response: the reference, or the scene's scale where a reference is zero."""
-    unit = reference.copy()
-    scales = {str(name): scale for name, scale in scene.model.scale.items()}
+    unit, scales = reference.copy(), scene.model.scale
     for p, name in enumerate(parameters):
         if np.all(reference[p] > 0):
             continue
@@ -195,31 +214,14 @@ def refuse_no_ratio(
             )
 
 
-def _refuse_not_positive(
-    sessions: Sessions, index: NDArray[np.generic], adjusted: Array, columns: list[str]
-) -> None:
-    wrong = np.argwhere(adjusted <= 0)
-    if len(wrong):
-        row, column = wrong[0]
-        file, line = sessions.locate(int(index[row]))
-        raise RefusalError(
-            f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
-            file=file,
-            row=line,
-            column=columns[column],
-            value=float(adjusted[row, column]),
-            hint='Set family = "normal", or exclude the trial in the scene.',
-        )
-
-
 def resolution_of(statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale) -> Resolution:
     """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those.
 
     Rounding is part of the scatter that is seen: there the variance would count twice.
     """
-    steps = {str(name): step for name, step in scene.model.resolution.items()}
     from percept.inference.hierarchy.density import Resolution
 
+    steps = scene.model.resolution
     between, trial = lacking_scatter(statistics, steps, scene.quantities)
     if not (between.any() or trial.any()):
         return Resolution()
@@ -244,9 +246,18 @@ def lacking_scatter(
     """
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
-    known = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
     for what, still in (("all subjects adjusted alike", between), ("no subject's trials differ", trial)):
-        _refuse_still(statistics, still & ~known, what, quantities)
+        for parameter, cells in zip(statistics.parameters, still, strict=True):
+            if cells.any() and parameter not in steps:
+                quantity = quantities[parameter]
+                names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
+                raise RefusalError(
+                    f"{what} in {quantity.label} of {names}: zero scatter has no proper posterior.",
+                    column=f"{parameter}_adj",
+                    hint=f"Give the adjustment's step in {quantity.unit or 'its own unit'}: "
+                    f"[model] resolution.{parameter}.",
+                )
+    known = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
     if len(statistics.parameters) == 2:
         means = statistics.cell_means
         off = (means - np.nanmean(means, axis=0)).transpose(2, 1, 0)
@@ -269,20 +280,6 @@ def lacking_scatter(
                     )
                 lacking |= df > 0
     return between & known, trial & known
-
-
-def _refuse_still(
-    statistics: Statistics, still: NDArray[np.bool_], what: str, quantities: Quantities
-) -> None:
-    for parameter, cells in zip(statistics.parameters, still, strict=True):
-        if cells.any():
-            names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
-            raise RefusalError(
-                f"{what} in {quantities[parameter].label} of {names}: zero scatter has no proper posterior.",
-                column=f"{parameter}_adj",
-                hint=f"Give the adjustment's step in {quantities[parameter].unit or 'its own unit'}: "
-                f"[model] resolution.{parameter}.",
-            )
 
 
 def _in_proportion(scatter: list[Array], df: Array) -> bool:

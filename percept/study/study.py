@@ -179,7 +179,7 @@ class Study(StudyViews):
         """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
         if self._passed is None:
             return None
-        from percept.study.posterior import posterior_tree
+        from percept.study.fit import posterior_tree
 
         return posterior_tree(self._passed, seed=self.scene.inference.seed)
 
