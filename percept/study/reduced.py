@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -24,26 +25,26 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
     if scene.study.factor:
         hint = "Read the files with read_sessions, or leave the key out to pool the levels."
         raise UsageError("a reduced study keeps no levels.", key="study.factor", hint=hint)
-    references = reduced.references.set_index("environment")
-    parameters = _parameters(reduced, scene)
-    reference = {(p, str(e)): float(v) for p in parameters for e, v in references[f"{p}_ref"].items()}
-    refuse_lone_subject(reduced.cells["subject"][reduced.cells["n"] > 0].unique().tolist())
+    asked, parameters = scene.inference, _parameters(reduced, scene)
+    shown = reduced.references.set_index("environment")
+    reference = {(p, str(e)): float(v) for p in parameters for e, v in shown[f"{p}_ref"].items()}
+    cells = reduced.cells[reduced.cells["n"] > 0]
+    refuse_lone_subject(cells["subject"].unique().tolist())
     rows: list[dict[str, Any]] = []
     attrs: dict[str, Any] = {"skipped": (), "error_reached": ""}
-    if scene.inference.method != "bayesian":
-        cells = _cells(reduced, reference)
-        rows += results(classical_rows({reduced.family: cells}, scene.inference, reference))
-    if scene.inference.method != "classical":
+    if asked.method != "bayesian":
+        moments = list(_cells(reduced, cells, reference))
+        rows += results(classical_rows({reduced.family: moments}, asked, reference))
+    if asked.method != "classical":
         prepared = prepare_reduced(reduced, scene)
-        found = fit_of(prepared, scene.inference, sampled(prepared.model, scene.inference))
-        why = found.withheld
+        found = fit_of(prepared, asked, sampled(prepared.model, asked))
         if found.passed:
-            rows += results(bayesian_rows(found, scene.inference, reference))
+            rows += results(bayesian_rows(found, asked, reference))
             attrs["error_reached"] = found.run.gate.error_reached
         elif rows:
-            attrs["skipped"] = (("Bayesian intervals", why),)
+            attrs["skipped"] = (("Bayesian intervals", found.withheld),)
         else:
-            raise RefusalError(f"the Bayesian intervals are withheld: {why}")
+            raise RefusalError(f"the Bayesian intervals are withheld: {found.withheld}")
     table = pd.DataFrame(rows, columns=COLUMNS)
     table.attrs |= attrs
     return table
@@ -51,11 +52,10 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
 
 def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     """Build the hierarchical model of a study that was reduced while it was read."""
-    parameters = _parameters(reduced, scene)
-    cells = reduced.cells[reduced.cells["n"] > 0]
+    parameters, cells = _parameters(reduced, scene), reduced.cells[reduced.cells["n"] > 0]
     subjects, present = tuple(cells["subject"].unique()), set(cells["environment"])
-    environments = tuple(name for name in reduced.references["environment"] if name in present)
     refuse_lone_subject(subjects)
+    environments = tuple(name for name in reduced.references["environment"] if name in present)
     columns = list(environments)
     grid = cells.pivot(index="subject", columns="environment").reindex(subjects)
     count = grid["n"][columns].fillna(0).to_numpy(dtype=np.intp)
@@ -63,14 +63,13 @@ def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     # One name, "kb", for either order of the parameters.
     order = list(reduced.quantities)
     pairs = [["scatter_" + "".join(sorted((p, q), key=order.index)) for q in parameters] for p in parameters]
-    names_of_pairs = list(dict.fromkeys(pair for row in pairs for pair in row))
-    sums = cells.groupby("environment")[names_of_pairs].sum().loc[columns]
+    sums = cells.groupby("environment")[list({pair for row in pairs for pair in row})].sum().loc[columns]
     scatter = np.array([[sums[pair].to_numpy() for pair in row] for row in pairs])
-    references = reduced.references.set_index("environment").loc[columns]
-    reference = references[[f"{p}_ref" for p in parameters]].to_numpy().T
+    reference = reduced.references.set_index("environment").loc[columns, [f"{p}_ref" for p in parameters]]
+    shown = reference.to_numpy().T
     names: Any = {"parameters": parameters, "environments": environments, "subjects": subjects}
-    statistics = from_cells(count, mean, scatter, decades(reference), **names)
-    return pooled(statistics, scene, reference, ResponseScale.of(reference, reduced.family))
+    statistics = from_cells(count, mean, scatter, decades(shown), **names)
+    return pooled(statistics, scene, shown, ResponseScale.of(shown, reduced.family))
 
 
 def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
@@ -86,16 +85,13 @@ def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
     return analysed_parameters(present, scene.inference.parameters, reduced.quantities)
 
 
-def _cells(reduced: Reduced, reference: References) -> list[Cell]:
-    """One value per subject, the mean of the trials on the family's scale, in its unit."""
-    cells, log = reduced.cells[reduced.cells["n"] > 0], reduced.family == "lognormal"
-    tables = dict(list(cells.groupby("environment", sort=False)))
-    out: list[Cell] = []
-    for p in dict.fromkeys(parameter for parameter, _ in reference):
-        for environment in (e for e in reduced.references["environment"] if e in tables):
-            table = tables[environment]
-            mean, repeats = table[f"mean_{p}"].to_numpy(), bool((table["n"] > 1).any())
-            values = reference[p, str(environment)] * (np.exp(mean) if log else 1.0 + mean)
-            moments = Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW
-            out.append(Cell.of(reduced.quantities[p], str(environment), moments))
-    return out
+def _cells(reduced: Reduced, cells: pd.DataFrame, reference: References) -> Iterator[Cell]:
+    """Yield one value per subject, the mean of the trials on the family's scale, in its unit."""
+    log, tables = reduced.family == "lognormal", dict(list(cells.groupby("environment", sort=False)))
+    for (p, environment), shown in reference.items():
+        if (table := tables.get(environment)) is None:
+            continue
+        mean, repeats = table[f"mean_{p}"].to_numpy(), bool((table["n"] > 1).any())
+        values = shown * (np.exp(mean) if log else 1.0 + mean)
+        moments = Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW
+        yield Cell.of(reduced.quantities[p], environment, moments)
