@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from percept.inference.hierarchy.priors import SpreadMap
-from percept.inference.hierarchy.scales import _tie, _TiedSpreads
+from percept.inference.hierarchy.spreads import SpreadMap, TiedSpreads, _tie
 
 CENTRE = -1.6
 WEIGHTS = {"all": (18.0, 18.0, 18.0, 18.0), "uneven": (38.0, 0.0, 2.0, 18.0), "none": (0.0, 0.0, 0.0, 0.0)}
@@ -55,37 +54,37 @@ def test_map_is_dense_algebra(loadings, weights, omega):
     rng = np.random.default_rng(8)
     u = np.array([[2.0, -3.0, 0.1, 1.0], rng.normal(size=4)]).T
     trend = rng.normal(size=(2, 2))
-    basis, weight = np.array([LOADINGS[loadings]]), np.array([WEIGHTS[weights]])
-    found = SpreadMap(CENTRE, basis, ROUGH[None], weight)(u[None], np.full((1, 2), omega), trend[None])
+    basis, weight = np.array(LOADINGS[loadings]), np.array(WEIGHTS[weights])
+    log_sigma, multiples, log_density = SpreadMap(CENTRE, basis, ROUGH, weight)(u, np.full(2, omega), trend)
     with mp.workdps(60):
         for w in range(2):
             arguments = (LOADINGS[loadings], WEIGHTS[weights], mp.mpf(omega), u[:, w], trend[:, w])
-            value, given, log_density = dense(*arguments)
+            value, given, wanted = dense(*arguments)
             for cell in range(4):
-                assert abs(found.log_sigma[0, cell, w] - float(value[cell])) < 1e-12
+                assert abs(log_sigma[cell, w] - float(value[cell])) < 1e-12
             for part in range(2):
-                assert abs(found.trend[0, part, w] - float(given[part])) < 1e-9
-            assert abs(found.log_density[w] - float(log_density)) < 1e-10 * (1 + abs(float(log_density)))
+                assert abs(multiples[part, w] - float(given[part])) < 1e-9
+            assert abs(log_density[w] - float(wanted)) < 1e-10 * (1 + abs(float(wanted)))
 
 
 @pytest.mark.parametrize("omega", [1e-70, 1e70])
 def test_extreme_spreads_keep_their_digits(omega):
-    basis, weight = np.array([LOADINGS["trend"]]), np.array([WEIGHTS["uneven"]])
+    basis, weight = np.array(LOADINGS["trend"]), np.array(WEIGHTS["uneven"])
     u, trend = np.array([[30.0], [-30.0], [0.0], [1.0]]), np.ones((2, 1))
-    found = SpreadMap(CENTRE, basis, ROUGH[None], weight)(u[None], np.full((1, 1), omega), trend[None])
+    found = SpreadMap(CENTRE, basis, ROUGH, weight)(u, np.full(1, omega), trend)
     with mp.workdps(400):
         arguments = (LOADINGS["trend"], WEIGHTS["uneven"], mp.mpf(omega), u[:, 0], trend[:, 0])
         value, given, log_density = dense(*arguments)
-    for part, exact in ((found.log_sigma, value), (found.trend, given), (found.log_density, [log_density])):
+    for part, exact in zip(found, (value, given, [log_density]), strict=True):
         np.testing.assert_allclose(part.ravel(), np.array([float(one) for one in exact]), rtol=1e-13)
 
 
 def test_tied_spreads_have_the_rough_likelihood_s_correlation():
     """Under a flat prior the map is l + A u with AA' the covariance of the rough likelihood."""
     mean, weight = np.array([[-1.0, -2.0], [-1.5, -2.5]]), np.array([[20.0, 30.0], [45.0, 0.0]])
-    tied = _TiedSpreads(CENTRE, np.zeros((2, 2, 2)), mean, weight, 0.98)
+    tied = TiedSpreads(CENTRE, np.zeros((2, 2, 2)), mean, weight, 0.98)
     u = np.concatenate([np.zeros((4, 1)), np.eye(4)], axis=1).reshape(2, 2, 5)
-    value = tied(u, np.full((2, 5), 1e7), np.zeros((2, 2, 5))).log_sigma
+    value, *_ = tied(u, np.full((2, 5), 1e7), np.zeros((2, 2, 5)))
     first = value[:, 0]
     np.testing.assert_allclose(first[:, 0], mean[:, 0], atol=1e-9)
     columns = first[:, 1:] - first[:, :1]
@@ -101,28 +100,32 @@ def test_tied_spreads_leave_the_prior_as_it_is():
     rng = np.random.default_rng(3)
     loadings = np.array([LOADINGS["trend"], LOADINGS["off centre"]])
     weight = np.array([WEIGHTS["uneven"], WEIGHTS["all"]])
-    tied = _TiedSpreads(CENTRE, loadings, np.array([ROUGH, ROUGH + 0.3]), weight, 0.95)
+    tied = TiedSpreads(CENTRE, loadings, np.array([ROUGH, ROUGH + 0.3]), weight, 0.95)
     omega = np.array([0.4, 0.7])
     for u in rng.normal(size=(3, 8)):
         points = np.concatenate(
             [u[:, None], u[:, None] + 1e-4 * np.eye(8), u[:, None] - 1e-4 * np.eye(8)], axis=1
         )
         wide = np.repeat(omega[:, None], 17, axis=1)
-        found = tied(points.reshape(2, 4, 17), wide, np.zeros((2, 2, 17)))
-        value = found.log_sigma.reshape(8, 17)
+        log_sigma, _, log_density = tied(points.reshape(2, 4, 17), wide, np.zeros((2, 2, 17)))
+        value = log_sigma.reshape(8, 17)
         _, log_jacobian = np.linalg.slogdet((value[:, 1:9] - value[:, 9:]) / 2e-4)
         prior = 0.0
         for p in range(2):
             covariance = loadings[p].T @ loadings[p] + omega[p] ** 2 * np.eye(4)
-            off = found.log_sigma[p, :, 0] - CENTRE
+            off = log_sigma[p, :, 0] - CENTRE
             prior -= 0.5 * (off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(covariance)[1])
-        assert found.log_density[0] == pytest.approx(prior + log_jacobian, abs=1e-6)
+        assert log_density[0] == pytest.approx(prior + log_jacobian, abs=1e-6)
 
 
 def test_a_tie_is_the_square_of_a_correlation_less_two_standard_errors():
     k, b = np.array([1.0, -1.0, 2.0, -2.0]), np.array([1.0, -1.0, 2.0, -1.0])
     r = 8.0 / np.sqrt(10.0 * 7.0)
-    assert _tie(k, b, 103.0) == pytest.approx(np.tanh(np.arctanh(r) - 0.2) ** 2)
-    assert _tie(k, -b, 103.0) == _tie(k, b, 103.0)
-    assert _tie(k, k, 1e12) == pytest.approx(0.9999**2, rel=1e-6)
-    assert _tie(k, b, 3.0) == _tie(k, b, 4.0) == _tie(k, 0.0 * b, 103.0) == 0.0
+
+    def tie(first, second, df):
+        return _tie(np.stack([first, second]), np.ones((2, 1)), df)
+
+    assert tie(k, b, 103.0) == pytest.approx(np.tanh(np.arctanh(r) - 0.2) ** 2)
+    assert tie(k, -b, 103.0) == tie(k, b, 103.0)
+    assert tie(k, k, 1e12) == pytest.approx(0.9999**2, rel=1e-6)
+    assert tie(k, b, 3.0) == tie(k, b, 4.0) == tie(k, 0.0 * b, 103.0) == 0.0

@@ -9,6 +9,7 @@ import pytest
 from percept.inference.sampling import run as running
 from percept.inference.sampling.endpoints import Means
 from percept.inference.sampling.gate import Settings
+from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample
 from percept.inference.sampling.transport import Affine, Transported
 from tests.inference.sampling.targets import Normal, SkewedHeavy
@@ -27,22 +28,21 @@ class Remembered(Means):
         return found
 
 
-class Walk:
+class Walk(Ensembles):
     """Autoregressive chains in place of the walkers: a step remembers all but a fiftieth of the last."""
 
-    def __init__(self):
-        self.rng = np.random.default_rng(1)
+    def __init__(self, target, points, seed):
+        super().__init__(target, points, seed)
+        self.rng, self.here = np.random.default_rng(seed), points
 
-    def __call__(self, target, state, *, steps, stride, learn=False):
-        kept, here = [], state.coords
+    def advance(self, steps, stride, *, learn=False):
+        kept = []
         for step in range(1, steps + 1):
-            here = 0.98 * here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(here.shape)
+            self.here = 0.98 * self.here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(self.here.shape)
             if step % stride == 0:
-                kept.append(here)
-        moved = dataclasses.replace(
-            state, coords=here, accepted=state.accepted + steps, steps=state.steps + steps
-        )
-        return moved, np.stack(kept, axis=1)
+                kept.append(self.here)
+        self.accepted, self.steps = self.accepted + steps, self.steps + steps
+        return np.stack(kept, axis=1)
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
     """Chains that remember a hundred steps need longer parts than there is room for at every third step."""
     monkeypatch.setattr(running, "_KEPT_LIMIT", 1 << 14)
     slow = running._FIRST_ROUND
-    monkeypatch.setattr(running, "advance", Walk())
+    monkeypatch.setattr(running, "Ensembles", Walk)
     means = Means(("E x",), lambda points: points[:, :1])
     run = sample(Normal(1), means, Settings(tolerance=0.008, seed=1))
     assert run.gate.passed, run.gate.reasons
@@ -93,7 +93,7 @@ def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
 def test_no_last_part_begins_that_could_not_settle(monkeypatch):
     """A part takes 1,000 steps to settle here; the first has 3,072, and the cap leaves 700 for another."""
     monkeypatch.setattr(running, "_KEPT_LIMIT", 1 << 20)
-    monkeypatch.setattr(running, "advance", Walk())
+    monkeypatch.setattr(running, "Ensembles", Walk)
     means = Means(("E x",), lambda points: points[:, :1])
     run = sample(Normal(1), means, Settings(tolerance=1e-5, seed=1, most_steps=3800))
     assert run.gate.passed, run.gate.reasons
