@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import elementwise
 
-from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
@@ -82,91 +82,57 @@ class BandStudy(NotebookRecord):
     kappa: pd.DataFrame | None = None
 
 
-def environment_magnitude_range(
-    omega: float, stiffness: tuple[ArrayLike, ArrayLike], damping: tuple[ArrayLike, ArrayLike]
-) -> tuple[Array, Array]:
-    """Smallest and largest abs(b - jk/omega) over rectangles of (k, b)."""
-    k, b = (tuple(np.asarray(limit, dtype=float) for limit in pair) for pair in (stiffness, damping))
-    axes = [(k[0] / omega, k[1] / omega), b]
-    near = [np.maximum(0.0, np.maximum(low, -high)) for low, high in axes]
-    far = [np.maximum(np.abs(low), np.abs(high)) for low, high in axes]
-    return np.hypot(*near), np.hypot(*far)
-
-
 def band_laws(
     environments: tuple[str, ...],
     impedance: Array,
     bands: Array | None,
     replicates: Array,
     *,
-    method: str,
-    kind: str,
-    family: str,
     level: float,
     parameter: str | None = None,
-) -> tuple[BandLaw, ...]:
-    """Fit the three laws, each with intervals, leave-one-environment-out error and what it rests on."""
-    count = impedance.size
-    if count < 3:
-        raise RefusalError(f"a law of the band needs three environments; there are {count}.")
-    drawn_laws = {law: fit_law(law, impedance, replicates) for law in LAWS}
-    fits = {
-        law: (np.median(drawn, axis=0) if bands is None else fit_law(law, impedance, bands[None])[0], drawn)
-        for law, drawn in drawn_laws.items()
-    }
+    **whose: str,
+) -> Iterator[BandLaw]:
+    """Fit the three laws, each with intervals, leave-one-environment-out error and what it rests on.
+
+    An estimate is that of the study's bands, or without them the median of the draws'.
+    """
+    drawn = {law: fit_law(law, impedance, replicates) for law in LAWS}
     left_out = {law: leave_one_out(law, impedance, replicates) for law in LAWS}
     errors = np.stack([np.sqrt((error**2).mean(axis=1)) for error, _ in left_out.values()])
     typical = dict(zip(LAWS, np.median(errors, axis=1).tolist(), strict=True))
-    best = dict(zip(LAWS, np.bincount(errors.argmin(axis=0), minlength=3) / errors.shape[1], strict=True))
-    tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
-    carrier = _carrier(environments, fits["offset"][1], left_out["offset"][1])
-    found = []
-    for law, (value, drawn) in fits.items():
-        ends = np.quantile(drawn, tails, axis=0)
-        parameters = {
-            name: Estimate(float(value[i]), float(ends[0, i]), float(ends[1, i]))
-            for i, name in enumerate(LAWS[law])
-        }
+    best = np.bincount(errors.argmin(axis=0), minlength=3) / errors.shape[1]
+    carrier = _carrier(environments, drawn["offset"], left_out["offset"][1])
+    for (law, names), share in zip(LAWS.items(), best.tolist(), strict=True):
+        value = np.median(drawn[law], axis=0) if bands is None else fit_law(law, impedance, bands[None])[0]
+        lower, upper = np.quantile(drawn[law], [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
+        ends = zip(value.tolist(), lower.tolist(), upper.tolist(), strict=True)
+        parameters = {name: Estimate(*estimate) for name, estimate in zip(names, ends, strict=True)}
         carried = carrier if law == "offset" else None
-        found.append(
-            BandLaw(
-                method,
-                kind,
-                family,
-                law,
-                parameters,
-                level,
-                _sentence(law, parameters, typical, carried, size_name(parameter)),
-                typical[law],
-                float(best[law]),
-                carried,
-                parameter,
-            )
-        )
-    return tuple(found)
+        sentence = _sentence(law, parameters, typical, carried, size_name(parameter))
+        yield BandLaw(
+            model=law, parameters=parameters, level=level, sentence=sentence, left_out_error=typical[law],
+            best=share, carried_by=carried, parameter=parameter, **whose,
+        )  # fmt: skip
 
 
 def band_statements(
-    impedance: Array, replicates: Array, *, method: str, kind: str, family: str, parameter: str | None = None
-) -> tuple[BandStatement, ...]:
+    impedance: Array, replicates: Array, *, parameter: str | None = None, **whose: str
+) -> Iterator[BandStatement]:
     """Judge two statements on discrimination at low against high impedance."""
     size = size_name(parameter)
     order = np.argsort(impedance)
     absolute = replicates[:, order]
     relative = absolute / impedance[order]
-    lowest, highest = absolute[:, 0], absolute[:, -1]
     ends = f"The band is narrower at the lowest {size} than at the highest"
-    said = {
-        f"{ends} (absolute width).": lowest < highest,
-        f"{ends}, relative to the {size}.": relative[:, 0] < relative[:, -1],
-        f"The band widens from each environment to the next higher {size} (absolute width).": np.all(
-            np.diff(absolute, axis=1) > 0, axis=1
+    for text, true in (
+        (f"{ends} (absolute width).", absolute[:, 0] < absolute[:, -1]),
+        (f"{ends}, relative to the {size}.", relative[:, 0] < relative[:, -1]),
+        (
+            f"The band widens from each environment to the next higher {size} (absolute width).",
+            np.all(np.diff(absolute, axis=1) > 0, axis=1),
         ),
-    }
-    return tuple(
-        BandStatement(method, kind, family, text, float(np.mean(true)), parameter)
-        for text, true in said.items()
-    )
+    ):
+        yield BandStatement(statement=text, probability=float(np.mean(true)), parameter=parameter, **whose)
 
 
 def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> str | None:
@@ -216,14 +182,7 @@ def determines_laws(sizes: ArrayLike) -> bool:
 
 
 def fit_law(law: str, impedance: Array, bands: Array) -> Array:
-    """Fit a law by least squares on the logarithms."""
-    if not ((impedance > 0).all() and (bands > 0).all()):
-        raise UsageError("impedances and bands must be positive.")
-    if impedance.size < len(LAWS[law]) or (law != "weber" and np.ptp(impedance) == 0):
-        raise RefusalError(
-            f"{impedance.size} environment(s) cannot determine {' and '.join(LAWS[law])}.",
-            hint="Add reference environments of other impedance.",
-        )
+    """Fit a law to bands (S, J) over sizes (J,) that determine it, by least squares on the logarithms."""
     y = np.log(bands)
     if law == "weber":
         return np.exp((y - np.log(impedance)).mean(axis=1))[:, None]
@@ -242,14 +201,10 @@ def law_band(law: str, parameters: Array, impedance: Array) -> Array:
 
 
 def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Array]:
-    """Predict each environment's band from the others."""
-    errors, fits = [], []
-    for j in range(impedance.size):
-        kept = np.arange(impedance.size) != j
-        fitted = fit_law(law, impedance[kept], bands[:, kept])
-        errors.append(np.log(law_band(law, fitted, impedance[[j]])[:, 0] / bands[:, j]))
-        fits.append(fitted)
-    return np.stack(errors, axis=1), np.stack(fits)
+    """Predict each environment's band from the others: log errors (S, J), and the laws fitted (J, S, ...)."""
+    fits = [fit_law(law, np.delete(impedance, j), np.delete(bands, j, axis=1)) for j in range(impedance.size)]
+    predicted = [law_band(law, fitted, impedance[[j]])[:, 0] for j, fitted in enumerate(fits)]
+    return np.log(np.stack(predicted, axis=1) / bands), np.stack(fits)
 
 
 def _fit_offset(impedance: Array, y: Array) -> Array:

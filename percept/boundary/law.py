@@ -92,20 +92,6 @@ class Axis:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Cumulated:
-    """Probability of one of k and b up to a point per value of the other; a column for all draws, or more."""
-
-    table: Array  # (outer, inner, C)
-    margin: Array  # (outer, C) probability of the outer one up to a point
-
-    @classmethod
-    def of(cls, table: Array) -> Cumulated:
-        """Add the margin."""
-        outer = integrate.cumulative_trapezoid(table[:, -1], dx=1.0 / (len(table) - 1), axis=0, initial=0)
-        return cls(table, outer)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
 class PairLaw:
     """Law of stiffness and damping of one environment."""
 
@@ -118,38 +104,33 @@ class PairLaw:
     shares: Array  # (B,) of the draws in each batch; none where nothing was drawn
 
     @functools.cached_property
-    def cumulated(self) -> tuple[Cumulated, Cumulated]:
-        """Probability of k per b, and of b per k."""
+    def cumulated(self) -> tuple[Array, Array]:
+        """Probability of k up to a point (inner) per b (outer), and of b per k, (outer, inner) each."""
         fine = [np.linspace(0.0, 1.0, _CUT * (axis.size - 1) + 1) for axis in self.axes]
         unit = [part[::_CUT] for part in fine]
         over_k = CubicSpline(unit[0], self.density, axis=0).antiderivative()(fine[0])
         over_b = CubicSpline(unit[1], self.density, axis=1).antiderivative()(fine[1])
         of_k = CubicSpline(unit[1], over_k, axis=1)(fine[1]).T
-        of_b = CubicSpline(unit[0], over_b, axis=0)(fine[0])
-        return Cumulated.of(np.ascontiguousarray(of_k)[..., None]), Cumulated.of(of_b[..., None])
+        return np.ascontiguousarray(of_k), CubicSpline(unit[0], over_b, axis=0)(fine[0])
 
     @functools.cached_property
-    def by_batch(self) -> tuple[Cumulated, Cumulated]:
-        """The same of all draws and of each batch, on the density's grid: enough for differences."""
+    def by_batch(self) -> tuple[Array, Array]:
+        """The same of all draws and of each batch, (outer, inner, 1 + B), on the density's grid.
+
+        That is enough for differences.
+        """
         every = np.concatenate([self.density[None], self.batches])
-        return self._summed(every, 0), self._summed(every, 1)
-
-    def _summed(self, every: Array, inner: int) -> Cumulated:
-        dx = 1.0 / (self.axes[inner].size - 1)
-        held = integrate.cumulative_trapezoid(every, dx=dx, axis=1 + inner, initial=0)
-        return Cumulated.of(np.ascontiguousarray(held.transpose(2 - inner, 1 + inner, 0)))
-
-    @functools.cached_property
-    def points(self) -> tuple[Array, Array, Array]:
-        """Points that fill the plane evenly, k and b each (C,), and their probability."""
-        return self.even(_POINTS)
+        found = []
+        for inner in (0, 1):
+            dx = 1.0 / (self.axes[inner].size - 1)
+            held = integrate.cumulative_trapezoid(every, dx=dx, axis=1 + inner, initial=0)
+            found.append(np.ascontiguousarray(held.transpose(2 - inner, 1 + inner, 0)))
+        return found[0], found[1]
 
     def even(self, count: int) -> tuple[Array, Array, Array]:
-        """Return as many such points."""
-        u = [
-            axis.low + part * (axis.high - axis.low)
-            for axis, part in zip(self.axes, _even(count), strict=True)
-        ]
+        """Return points that fill the plane evenly, k and b each (count,), and their probability."""
+        parts = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
+        u = [axis.low + part * (axis.high - axis.low) for axis, part in zip(self.axes, parts, strict=True)]
         first, second = (axis.grid for axis in self.axes)
         density = RectBivariateSpline(first, second, self.density).ev(*u)
         k, b = (axis.native(part) for axis, part in zip(self.axes, u, strict=True))
@@ -161,7 +142,7 @@ class PairLaw:
             kind=kind, method="bayesian", family=self.family, level=level,
             centre=self.mean, shape=self.covariance, radius=1.0, n=n,
         )  # fmt: skip
-        k, b, held = self.points
+        k, b, held = self.even(_POINTS)
         distance = unit.distance(k, b)
         order = np.argsort(distance)
         inside = np.cumsum(held[order])
@@ -272,11 +253,6 @@ def confidence_law(stiffness: ArrayLike, damping: ArrayLike, *, kind: str, famil
     square = (x - own[0] - slope * off) ** 2 / left + off**2 / spread
     density = (1.0 + square / (n - 1.0)) ** (-0.5 * (n + 1.0))
     return _law(density, np.empty((0, *density.shape)), axes, mean, covariance, family, np.empty(0))
-
-
-def _even(count: int) -> Array:
-    """Return points of the unit square, (2, count)."""
-    return np.outer(_EVEN, np.arange(0.5, count)) % 1.0
 
 
 def steps(place: Array, count: int) -> tuple[NDArray[np.intp], Array]:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, sparse, special
+from scipy import integrate, optimize, sparse, special
 
-from percept.boundary.law import Cumulated, PairLaw, steps
+from percept.boundary.law import PairLaw, steps
 from percept.errors import UsageError
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import distance_axes
@@ -39,7 +38,7 @@ _TAIL, _WIDER = 0.005, 3.0
 _STEEPEST, _NARROWEST = 100.0, 1e-9
 # Points that say where to look.
 _SOME = 600
-_BLOCK_VALUES, _TINY = 1 << 20, np.finfo(np.float64).tiny
+_TINY = np.finfo(np.float64).tiny
 # A level is calibrated to this many SDs of a normal.
 _CLOSE, _FARTHEST = 0.003, 3.0
 _MOST_LOG = 600.0
@@ -118,7 +117,7 @@ class Magnitude:
 
         @functools.cache
         def excess(score: float) -> float:
-            leaving, _ = self._leaving(self._known(score)[0][None], self._law.cumulated[0])
+            leaving, _ = self._leaving(self._known(score)[0][None], self._law.cumulated[0][None])
             return float(np.log(np.maximum(leaving[0], _TINY) / (1.0 - level)))
 
         # A normal's tail falls about as fast as its score.
@@ -132,24 +131,24 @@ class Magnitude:
                 score = max(first + _CLOSE, float(optimize.brentq(excess, first, score, xtol=_CLOSE)))
             fall = (beyond - excess(score)) / (score - first)
         logs, slopes = self._known(score)
-        _, m = self._leaving(logs[None], self._law.cumulated[0])
+        _, m = self._leaving(logs[None], self._law.cumulated[0][None])
         # A batch moves limits and probabilities alike.
         out = np.moveaxis(self._changes(score), -1, 0) * np.array([[-1.0], [1.0]])
-        own, _ = self._leaving((logs + out * slopes)[..., m], self._law.by_batch[0], m)
+        of_batches = np.moveaxis(self._law.by_batch[0], -1, 0)[1:]
+        own, _ = self._leaving((logs + out * slopes)[..., m], of_batches, m)
         shifts = (own - own @ self._law.shares) / (fall * (1.0 - level))
         rate = 2.0 * float(_density(np.array(score)))
         return Calibration(_level(score), rate * float(self._spread(shifts)), shifts)
 
     def _leaving(
-        self, logs: Array, cumulated: Cumulated, m: NDArray[np.bool_] | slice = slice(None)
+        self, logs: Array, table: Array, m: NDArray[np.bool_] | slice = slice(None)
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the probability (C,) that curves leave log limits (C, 2, M), and where limits bind.
 
-        Of a table with as many columns, and at the frequencies `m` only. On a line of one value of b, limits
+        Of tables (C, outer, inner), and at the frequencies `m` only. On a line of one value of b, limits
         leave an interval of k without the union of as many others.
         """
         inner, outer = self._law.axes
-        table = np.moveaxis(cumulated.table, -1, 0)[-len(logs) :]
         (gain, gain_out), (offset, offset_out) = self._gains[:, m], self._offsets[:, m]
         b = outer.native(np.linspace(outer.low, outer.high, table.shape[1]))
         square = (np.multiply.outer(b, gain_out) + offset_out) ** 2
@@ -179,31 +178,20 @@ class Magnitude:
         square = ((values - mean[..., None]) * self._law.shares) ** 2
         return np.asarray(np.sqrt(square.sum(axis=-1) * batches / (batches - 1.0)))
 
-    def _logs(self, k: Array, b: Array) -> Iterator[tuple[slice, Array]]:
-        """Yield log abs(Z_h) at points, some frequencies at a time."""
-        step = max(1, _BLOCK_VALUES // k.size)
-        for start in range(0, self._gains.shape[1], step):
-            m = slice(start, start + step)
-            squares = (self._gains[0, m, None] * k + self._offsets[0, m, None]) ** 2
-            squares += (self._gains[1, m, None] * b + self._offsets[1, m, None]) ** 2
-            yield m, 0.5 * np.log(np.maximum(squares, _TINY, out=squares))
-
     @functools.cached_property
     def _outlook(self) -> tuple[Array, NDArray[np.intp]]:
         """About where log limits lie, and of which of k and b the interval is best taken there, (2, M)."""
         k, b, held = self._law.even(_SOME)
-        starts = []
-        for _, logs in self._logs(k, b):
-            order = np.argsort(logs, axis=1)
-            below = np.cumsum(held[order], axis=1)
-            starts.append(
-                [
-                    np.take_along_axis(logs, np.take_along_axis(order, at[:, None], 1), 1)[:, 0]
-                    for beyond in (below, 1.0 - below)
-                    for at in [np.abs(np.log(np.maximum(beyond, _LEAST) / _TAIL)).argmin(axis=1)]
-                ]
-            )
-        first = np.concatenate(starts, axis=1)
+        squares = (self._gains[0, :, None] * k + self._offsets[0, :, None]) ** 2
+        squares += (self._gains[1, :, None] * b + self._offsets[1, :, None]) ** 2
+        order = np.argsort(squares, axis=1)
+        logs = 0.5 * np.log(np.maximum(np.take_along_axis(squares, order, 1), _TINY))
+        below = np.cumsum(held[order], axis=1)
+        nearest = [
+            np.abs(np.log(np.maximum(beyond, _LEAST) / _TAIL)).argmin(axis=1)
+            for beyond in (below, 1.0 - below)
+        ]
+        first = np.take_along_axis(logs, np.stack(nearest, axis=1), 1).T
         at, radius = np.tile(np.arange(first.shape[1]), 2), np.exp(first.ravel())
         rough = [self._content(inner, at, radius)[2] for inner in (0, 1)]
         return first, np.argmin(rough, axis=0).reshape(first.shape)
@@ -295,8 +283,7 @@ class Magnitude:
 
         Also return how rough the slope's integrand is: what its last Legendre coefficients amount to.
         """
-        nodes, cumulated = self._nodes(inner, at, radius), self._law.cumulated[inner]
-        table = cumulated.table[..., 0]
+        nodes, table = self._nodes(inner, at, radius), self._law.cumulated[inner]
         row, over = steps(nodes.outer, len(table))
         held, slopes = np.zeros(at.size), np.zeros(row.shape)
         flat = table.ravel()
@@ -312,7 +299,8 @@ class Magnitude:
             held += sign * np.einsum("qj,qj->q", nodes.weight, before + part * rise)
             slopes += nodes.weight * moves * rise * (table.shape[1] - 1)
         # Far out the rest is what counts: of the margin all digits are known.
-        margin, beyond = table[:, -1], cumulated.margin[:, 0]
+        margin = table[:, -1]
+        beyond = integrate.cumulative_trapezoid(margin, dx=1.0 / (len(table) - 1), initial=0)
         whole = margin[row] + over * (margin[row + 1] - margin[row])
         row, over = steps(nodes.range, len(table))
         # Of lines between the table's points, as the nodes are.
@@ -328,7 +316,7 @@ class Magnitude:
 
     def _by_batch(self, inner: int, at: NDArray[np.intp], radius: Array) -> Array:
         """Return the content (Q, 1 + B) of all draws and of each batch, on the coarser tables."""
-        nodes, table = self._nodes(inner, at, radius), self._law.by_batch[inner].table
+        nodes, table = self._nodes(inner, at, radius), self._law.by_batch[inner]
         row, over = steps(nodes.outer, len(table))
         weights, columns = [], []
         for sign, end in zip((-1.0, 1.0), nodes.ends, strict=True):

@@ -16,9 +16,9 @@ from percept.boundary.band import (
     band_laws,
     band_statements,
     determines_laws,
-    environment_magnitude_range,
     size_name,
 )
+from percept.haptics import Device, magnitude_envelope
 from percept.inference.classical.intervals import interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Kind
@@ -62,8 +62,11 @@ class Banded(NamedTuple):
         for environment, cells in self.cells(limits).items():
             # Of a few subjects some studies have SDs whose limits no double holds.
             own = [(displayable(limits[cell][0]), displayable(limits[cell][1])) for cell in cells]
-            ends = own[0] if self.omega is None else environment_magnitude_range(self.omega, own[0], own[1])
-            found[environment] = ends
+            if self.omega is None:
+                found[environment] = own[0]
+            else:
+                # Sampled this fast abs(Z_h) of no device is abs(Z_e), to a double's digits.
+                found[environment] = magnitude_envelope(self.omega, Device(0.0, 0.0), *own, 1e-8 / self.omega)
         return found
 
 

@@ -19,7 +19,7 @@ K, B = np.exp(9.0 + 0.1 * Z[0]), np.exp(2.0 + 0.3 * (0.6 * Z[0] + 0.8 * Z[1]))
 
 def margin(law: PairLaw, p: int, values: np.ndarray) -> np.ndarray:
     """Probability of k or b up to values: all of the other one summed over."""
-    axis, table = law.axes[p], law.cumulated[p].table[..., 0]
+    axis, table = law.axes[p], law.cumulated[p]
     # Trapezia over the outer coordinate: exact for a density that ends at nothing.
     held = table.sum(axis=0) / table[:, -1].sum()
     return np.interp(values, axis.native(np.linspace(axis.low, axis.high, table.shape[1])), held)

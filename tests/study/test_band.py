@@ -202,3 +202,12 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     lower, upper = np.quantile(fitted, [0.005, 0.995], axis=0)
     assert np.all((lower <= true) & (true <= upper))
     assert np.all(upper - lower < 2.0 * true)
+
+
+def test_the_size_of_an_environment_ranges_over_its_limits_as_on_a_grid() -> None:
+    for k, b in (((900.0, 1100.0), (0.5, 2.0)), ((-50.0, 100.0), (-0.5, 2.0)), ((10.0, 20.0), (-3.0, -1.0))):
+        grid = np.hypot(*np.meshgrid(np.linspace(*b, 501), np.linspace(*k, 501) / 10.0))
+        limits = {("k", "E"): tuple(map(np.asarray, k)), ("b", "E"): tuple(map(np.asarray, b))}
+        lower, upper = Banded(None, {"E": 1.0}, 10.0).ends(limits)["E"]
+        assert float(upper) == pytest.approx(grid.max(), rel=1e-14)
+        assert float(lower) == pytest.approx(grid.min(), abs=0.05)
