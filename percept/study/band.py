@@ -66,7 +66,8 @@ class Banded(NamedTuple):
                 found[environment] = own[0]
             else:
                 # Sampled this fast abs(Z_h) of no device is abs(Z_e), to a double's digits.
-                found[environment] = magnitude_envelope(self.omega, Device(0.0, 0.0), *own, 1e-8 / self.omega)
+                k, b = own
+                found[environment] = magnitude_envelope(self.omega, Device(0.0, 0.0), k, b, 1e-8 / self.omega)
         return found
 
 

@@ -56,7 +56,7 @@ def test_margins_of_a_mixture_are_means_of_normals(batch: int) -> None:
 def test_rectangles_hold_what_bivariate_normals_hold() -> None:
     mean, covariance = mixture(20)
     law = mixture_law(mean, covariance, np.zeros(20, dtype=int), "normal")
-    k, b, held = law.points
+    k, b, held = law.even(4096)
     for corner in ([8.95, 1.8], [9.1, 2.4], [9.2, 1.9]):
         exact = np.mean(
             [stats.multivariate_normal(m, c).cdf(corner) for m, c in zip(mean, covariance, strict=True)]
@@ -77,7 +77,7 @@ def test_margins_are_the_classical_intervals(family: str, kind: str, interval: o
 
 def test_radius_has_the_law_of_a_bivariate_t() -> None:
     law = confidence_law(K, B, kind="mean", family="normal")
-    k, b, held = law.points
+    k, b, held = law.even(4096)
     points = np.stack([k - K.mean(), b - B.mean()])
     squared = np.einsum("in,ij,jn->n", points, np.linalg.inv(np.cov(K, B) / 10), points)
     for p in (0.5, 0.9, 0.99):
