@@ -104,13 +104,11 @@ _CHECKS = {
     "leaving it out, and the probability of lying as far off or farther.",
     "statistics": "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new "
     "studies drawn from the posterior.",
-    "correlation": "Correlation of {} between users: of the deviations within an environment, of the effect "
-    "shared by all, and of the population of each environment.",
     "prior": "What the priors alone say, before any data: quantiles of the average and the next user.",
 }
 _HEADS = {
     "elpd": "log density", "pareto_k": "Pareto index", "farther": "as far or farther", "p_value": "p",
-    "above": "probability of more", "value": "mean", "positive": "probability above 0",
+    "above": "probability of more",
 }  # fmt: skip
 #: What the messages above the tables say.
 _UNSHOWN = {"influential", "outlier", "unusual"}
@@ -121,13 +119,12 @@ def checks(document: Record) -> Section | None:
     record = document.get("checks")
     if not record:
         return None
-    pair = " and ".join(quantity.symbol for quantity in quantities_of(document).values())
     tables = []
     for steps, caption in _CHECKS.items():
         rows: Any = reduce(lambda inner, step: inner and inner.get(step), steps.split("/"), record)
         if rows:
             heads = {name: _HEADS.get(name, name) for name in rows[0] if name not in _UNSHOWN}
-            table = {"caption": caption.format(pair), "pointer": f"/checks/{steps}", "heads": heads}
+            table = {"caption": caption, "pointer": f"/checks/{steps}", "heads": heads}
             tables.append({**table, "rows": rows})
     bayesian = record.get("loo") is not None
     values = {"messages": _messages(record) if bayesian else [], "tables": tables, "bayesian": bayesian}

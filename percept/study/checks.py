@@ -14,7 +14,6 @@ from percept.html import NotebookRecord
 from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, predict_left_out
 from percept.inference.checks.predictive import (
     STATISTICS,
-    correlation_draws,
     draw_prior,
     replicate,
     statistics_of,
@@ -53,7 +52,6 @@ class ModelChecks(NotebookRecord):
     loo: SubjectChecks  # Each subject against the others
     statistics: pd.DataFrame  # Posterior predictive check of each cell's mean, SD and farthest subject
     prior: pd.DataFrame  # Quantiles of the average and the next user before any data
-    correlation: pd.DataFrame | None  # Of two parameters between users
     pull: tuple[str, ...]  # How far the prior of the common bias moves the average user, where it does
 
 
@@ -67,7 +65,6 @@ def model_checks(fit: Fit, *, level: float, seed: int) -> ModelChecks | Skipped:
         loo=subject_tables(fit, loo, predict_left_out(subjects, loo.points, loo.weights)),
         statistics=_statistics(subjects, fit.points, level=level, seed=seed),
         prior=_prior_quantiles(fit, subjects, seed=seed),
-        correlation=correlation_table(fit, subjects, level=level),
         pull=prior_pull(fit, subjects, level=level),
     )
 
@@ -166,19 +163,6 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Dat
             at = {"environment": environment, "parameter": p, "kind": kind}
             rows.append(at | quantiles | {"unit": fit.quantities[p].unit})
     return pd.DataFrame(rows)
-
-
-def correlation_table(fit: Fit, subjects: SubjectDensity, *, level: float) -> pd.DataFrame | None:
-    """Correlations of two parameters between users, with intervals."""
-    rows = []
-    for name, values in correlation_draws(subjects.density, fit.points).items():
-        labels = fit.environments if values.ndim == 2 else [""]
-        for label, draws in zip(labels, values.reshape(len(values), -1).T, strict=True):
-            lower, upper = np.quantile(draws, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
-            limits = {"lower": lower, "value": float(draws.mean()), "upper": upper}
-            positive = float((draws > 0.0).mean())
-            rows.append({"of": name, "environment": label, **limits, "positive": positive})
-    return pd.DataFrame(rows) if rows else None
 
 
 def prior_pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> tuple[str, ...]:

@@ -37,27 +37,17 @@ _POINTS, _FLOOR = 241, 1e-6
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PairComparison(NotebookRecord):
-    """Study B against study A.
+    """Study B against study A."""
 
-    Parameters
-    ----------
-    intervals : DataFrame
-        Both studies' limits per environment, parameter, kind, method, family and joint; and their widths'
-        ratio.
-    differences : DataFrame
-        Average users of B against A (ratio under the lognormal family, difference in its unit under the
-        normal), and the ratio of the spreads, with limits.
-    curves : DataFrame
-        Mean of abs(log(B/A)) of the limits of exact envelopes over log omega, log(B/A) where it is largest
-        in size, and that omega, rad/s.
-    notes : tuple of str
-        Why there are no differences, and what they take for granted.
-    """
-
+    #: Both studies' limits per environment, parameter, kind, method, family and joint, and the widths' ratio.
     intervals: pd.DataFrame
+    #: Average users of B against A (ratio under the lognormal family, difference in its unit under the
+    #: normal), and the ratio of the spreads, with limits.
     differences: pd.DataFrame
+    #: Mean of abs(log(B/A)) of the limits of exact envelopes over log omega, log(B/A) where it is largest in
+    #: size, and that omega, rad/s.
     curves: pd.DataFrame
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: Why there are no differences, and what they take for granted
 
 
 def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:

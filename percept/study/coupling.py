@@ -37,45 +37,25 @@ _STABILITY_POINTS = 400
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CouplingStudy(NotebookRecord):
-    """What the coupling does, with the device, over the scene's frequencies.
+    """What the coupling does, with the device, over the scene's frequencies."""
 
-    Parameters
-    ----------
-    stiffness, damping : float
-        Of the coupling, N/m and N·s/m.
-    verdict, reason : str
-        Llewellyn's criterion: "stable", "marginal", "unstable" or "undecided", and why.
-    margin : float
-        Smallest ratio of what the device has to what the coupling needs.
-    binding_omega : float
-        Where it binds, rad/s.
-    required_damping, required_omega : float or None
-        Damping a rigid device needs, N·s/m, and where that need is largest, rad/s; None for other devices.
-    omega, bound, admittance : ndarray, shape (M,)
-        Frequencies, rad/s; the criterion's bound and the real part of the coupling's admittance there.
-    realism : DataFrame
-        Per rectangle of (k, b) and shape, without and through the coupling: the verdict at every omega of the
-        range ("inside", "marginal" or "outside"), the largest departure (relative, negative inside) with its
-        omega, rad/s, and that of effective k and b, in widths; also effective k and b at `read_at`.
-    read_at : float
-        Where single values are read, rad/s.
-    probability : DataFrame or None
-        Probability over posterior draws of being realistic throughout; None without a Bayesian fit.
-    """
-
-    stiffness: float
-    damping: float
-    verdict: str
-    reason: str
-    margin: float
-    binding_omega: float
-    required_damping: float | None
-    required_omega: float | None
-    omega: Array
-    bound: Array
-    admittance: Array
+    stiffness: float  #: Of the coupling, N/m
+    damping: float  #: Of the coupling, N·s/m
+    verdict: str  #: Llewellyn's criterion: "stable", "marginal", "unstable" or "undecided"
+    reason: str  #: Why
+    margin: float  #: Smallest ratio of what the device has to what the coupling needs
+    binding_omega: float  #: Where it binds, rad/s
+    required_damping: float | None  #: Damping a rigid device needs, N·s/m; None for other devices
+    required_omega: float | None  #: Where that need is largest, rad/s
+    omega: Array  #: (M,) Frequencies of the criterion, rad/s
+    bound: Array  #: (M,) The criterion's bound there
+    admittance: Array  #: (M,) Real part of the coupling's admittance there
+    #: Per rectangle of (k, b) and shape, without and through the coupling: the verdict at every omega of the
+    #: range ("inside", "marginal" or "outside"), the largest departure (relative, negative inside) with its
+    #: omega, rad/s, and that of effective k and b, in widths; also effective k and b at `read_at`.
     realism: pd.DataFrame
-    read_at: float
+    read_at: float  #: Where single values are read, rad/s
+    #: Probability over posterior draws of being realistic throughout; None without a Bayesian fit.
     probability: pd.DataFrame | None = None
 
 
@@ -146,8 +126,8 @@ def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
     stable = {"stable": True, "marginal": False, "unstable": False}.get(verdict)
     rows = []
     for (environment, coupled), found in realisms.items():
-        both = stable if coupled else None
         magnitude, plane = found.magnitude_throughout, found.plane_throughout
+        known = coupled and stable is not None
         rows.append(
             {
                 "environment": environment,
@@ -157,8 +137,8 @@ def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
                 "magnitude_error": found.magnitude_error,
                 "plane_error": found.plane_error,
                 "draws": found.draws,
-                "stable_and_realistic": None if both is None else magnitude * both,
-                "stable_and_realistic_plane": None if both is None else plane * both,
+                "stable_and_realistic": magnitude * bool(stable) if known else None,
+                "stable_and_realistic_plane": plane * bool(stable) if known else None,
             }
         )
     return pd.DataFrame(rows)

@@ -121,13 +121,11 @@ def device_of(scene: Scene) -> AnyDevice | None:
     table = scene.device
     if table is None:
         return None
-    if table.response is None:
-        assert table.mass is not None
-        assert table.damping is not None
+    if table.mass is not None and table.damping is not None:
         modes = tuple(haptics.Mode(m.mass, m.stiffness, m.damping) for m in table.modes)
         return Device(mass=table.mass, damping=table.damping, modes=modes)
     # An absolute path stays what it is.
-    file = str(scene.folder / table.response)
+    file = str(scene.folder / str(table.response))
     measured = read_response(file)
     first, last = (float(measured.omega[end]) for end in (0, -1))
     for key, value in (("lower", scene.frequency.lower), ("upper", scene.frequency.upper)):
@@ -146,22 +144,19 @@ def read_response(path: str) -> TabulatedDevice:
     """Read a CSV of a measured device: omega (rad/s) and Z_d, real and imaginary (N·s/m)."""
     try:
         table = pd.read_csv(path)
-    except (OSError, ValueError) as error:
-        raise UsageError(f"cannot be read: {error}.", file=path) from error
-    if missing := [name for name in _RESPONSE if name not in table.columns]:
-        raise UsageError(
-            f"the column is missing; there are {', '.join(table.columns)}.", file=path, column=missing[0]
-        )
-    impedance = np.empty(len(table), dtype=complex)
-    try:
+        if missing := [name for name in _RESPONSE if name not in table.columns]:
+            there = ", ".join(table.columns)
+            raise UsageError(f"the column is missing; there are {there}.", column=missing[0])
+        omega, real, imaginary = (table[name].to_numpy(float) for name in _RESPONSE)
+        impedance = np.empty(len(table), dtype=complex)
         # Part by part: 1j times an infinite number is not a number.
-        impedance.real, impedance.imag = table["real"].to_numpy(float), table["imaginary"].to_numpy(float)
-        return TabulatedDevice(omega=table["omega"].to_numpy(float), impedance=impedance)
+        impedance.real, impedance.imag = real, imaginary
+        return TabulatedDevice(omega=omega, impedance=impedance)
     except UsageError as error:
         error.file = path
         raise
-    except ValueError as error:
-        raise UsageError(f"holds what is not a number: {error}.", file=path) from error
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot be read: {error}.", file=path) from error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -193,41 +188,36 @@ def device_sensitivity(
     setup: Setup, regions: Sequence[Region], asked: InferenceTable, within: tuple[float, float]
 ) -> DeviceSensitivity | None:
     """Judge stability and realism again for 49 devices about the scene's; None without a region."""
-    own, period, hold = setup.device, setup.period, setup.hold
+    own, coupling, period, hold = setup.device, setup.coupling, setup.period, setup.hold
     assert isinstance(own, Device)
     limits = {kind: found for kind in asked.kinds if (found := _limits(setup, regions, kind, asked.family))}
     if not limits:
         return None
     masses, dampings = _about(float(own.mass)), _about(float(own.damping))
-    verdict: list[tuple[str | None, ...]] = [(None,) * len(masses)] * len(dampings)
-    needed = None
-    if setup.coupling is not None:
-        needed = float(haptics.required_damping(setup.coupling, period, hold=hold).damping)
-        verdict = [
-            tuple(
-                str(haptics.absolute_stability(moved, setup.coupling, period, hold=hold).verdict)
-                for mass in masses
-                for moved in [dataclasses.replace(own, mass=mass, damping=damping)]
-            )
-            for damping in dampings
-        ]
     # All 49 at once: mass along the rows, damping down them.
     damping, mass = (axis.ravel() for axis in np.meshgrid(dampings, masses, indexing="ij"))
+    shape = len(dampings), len(masses)
+    verdict, needed = np.full(shape, None).tolist(), None
+    if coupling is not None:
+        needed = float(haptics.required_damping(coupling, period, hold=hold).damping)
+        moved = [dataclasses.replace(own, mass=m, damping=b) for m, b in zip(mass, damping, strict=True)]
+        stable = [str(haptics.absolute_stability(one, coupling, period, hold=hold).verdict) for one in moved]
+        verdict = np.reshape(stable, shape).tolist()
     together = dataclasses.replace(setup, device=dataclasses.replace(own, mass=mass, damping=damping))
 
     def stays_inside(region: Region) -> NDArray[np.bool_]:
         assert region.limits is not None
         k, b = ((np.full(mass.size, low), np.full(mass.size, high)) for low, high in region.limits)
-        display = together.display(region.environment, coupled=setup.coupling is not None)
+        display = together.display(region.environment, coupled=coupling is not None)
         found = departures(display, Boxes(k, b), *within, throughout=True)
-        return (found.largest <= ON_LIMIT).reshape(len(dampings), len(masses))
+        return (found.largest <= ON_LIMIT).reshape(shape)
 
     some = next(iter(limits.values()))
     return DeviceSensitivity(
         mass=masses,
         damping=dampings,
         own=(dampings.index(float(own.damping)), masses.index(float(own.mass))),
-        verdict=tuple(verdict),
+        verdict=tuple(map(tuple, verdict)),
         inside={
             str(kind): tuple(map(tuple, np.sum([stays_inside(one) for one in found], axis=0).tolist()))
             for kind, found in limits.items()
@@ -246,9 +236,8 @@ def _about(own: float) -> tuple[float, ...]:
 def _limits(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> list[Region]:
     """Classical rectangles of a kind, one per environment: in the scene's family where it has one."""
     found: dict[str, Region] = {}
-    for preferred in (family, "lognormal", "normal"):
-        for region in regions:
-            labels = region.method, region.kind, region.joint, region.family
-            if labels == ("classical", kind, "marginal", preferred):
-                found.setdefault(region.environment, region)
+    # The one set last stays.
+    for preferred in ("normal", "lognormal", family):
+        wanted = ("classical", kind, "marginal", preferred)
+        found |= {r.environment: r for r in regions if (r.method, r.kind, r.joint, r.family) == wanted}
     return [found[environment] for environment in setup.references if environment in found]

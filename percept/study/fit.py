@@ -52,20 +52,10 @@ class Prepared:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Fit(Prepared):
-    """A sampled posterior of C cells, a cell being a parameter in an environment, and its limits.
+    """A sampled posterior of C cells, a cell being a parameter in an environment, and its limits."""
 
-    Parameters
-    ----------
-    model, scale, counts, repeats, trials, approximate, quantities, skipped
-        The model that was sampled; `scale` leads from its responses to the units of its quantities.
-    run : Run
-        Draws, diagnostics and the verdict of the gate.
-    limits : dict
-        Lower and upper limits, each of shape (C,), by kind, in their units.
-    """
-
-    run: Run
-    limits: dict[str, tuple[Array, Array]]
+    run: Run  #: Draws, diagnostics and the verdict of the gate
+    limits: dict[str, tuple[Array, Array]]  #: Lower and upper limits (C,) by kind, in their units
 
     @property
     def passed(self) -> bool:

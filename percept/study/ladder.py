@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,11 +13,10 @@ import pandas as pd
 from percept.errors import RefusalError
 from percept.html import NotebookRecord
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, some_walkers
-from percept.inference.sampling.gate import Progress
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
-from percept.study.fit import Fit, RunStore, estimands_of, fit_of, prepare, sampled
+from percept.study.fit import Fit, estimands_of, fit_of, prepare, sampled
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05
@@ -25,13 +24,13 @@ _TOLERANCE = 0.05
 _ERRORS = 2.0
 _LEAST = {"log_width": 0.02, "centre": 0.05}
 _USERS = {"mean": "the average user", "user": "the next user", "share": "most users"}
-_NOUNS = {"prior": "the priors", "pooling": "pooling with other environments", "scale": "the log scale"}
 _CLAUSES = {
     "prior": "the priors say how users usually adjust",
     "pooling": "the model also learns from the other environments",
     "scale": "the log scale makes the typical user the geometric mean",
     "sampling": "draws are random",
 }
+_OF_USERS = {"scale": "users scatter by ratios on the log scale"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,7 +60,6 @@ class _Interval(NamedTuple):
 _CELL = ["environment", "parameter", "kind"]
 _COLUMNS = [*_CELL, "cause", "log_width", "log_width_error", "centre", "centre_error"]
 _Cell = tuple[str, str, str]  # Environment, parameter and kind
-_Step = tuple[str, dict[_Cell, _Interval]]
 
 
 def climb(
@@ -70,11 +68,9 @@ def climb(
     parameters: tuple[str, ...],
     intervals: pd.DataFrame,
     fit: Fit,
-    *,
-    progress: Callable[[Progress], None] | None = None,
-    store: RunStore | None = None,
+    **how: Any,
 ) -> Ladder:
-    """Fit the models between the classical method and a study's own fit, and measure every step."""
+    """Fit what lies between the classical method and a study's own fit; `how` is its progress and store."""
     asked = scene.inference
     normal = scene.with_inference(family="normal", tolerance=max(_TOLERANCE, asked.tolerance))
     pooled = scene.model.pooling == "partial"
@@ -85,25 +81,23 @@ def climb(
     }
     *before, last = [cause for cause, needed in climbed.items() if needed] or ["sampling"]
     notes: list[str] = []
-    steps: list[_Step] = []
+    steps: dict[str, dict[_Cell, _Interval]] = {}
     for cause in before:
-        found: dict[_Cell, _Interval] = {}
-        by_itself = sessions.table.groupby("environment", sort=False)
-        for table in [rows for _, rows in by_itself] if cause == "prior" else [sessions.table]:
+        steps[cause] = {}
+        by_itself = [rows for _, rows in sessions.table.groupby("environment", sort=False)]
+        for table in by_itself if cause == "prior" else [sessions.table]:
             part = dataclasses.replace(sessions, table=table)
             try:
                 model = prepare(part, normal, parameters)
-                run = sampled(model.model, normal.inference, progress=progress, store=store)
-                one = fit_of(model, normal.inference, run)
+                one = fit_of(model, normal.inference, sampled(model.model, normal.inference, **how))
                 why = " ".join(one.run.gate.reasons)
             except RefusalError as error:
                 why = error.message
             if why:
                 notes.append(f"{', '.join(part.environments)}: the step of the {cause} is missing: {why}")
             else:
-                found |= _measured(one, normal.inference)
-        steps.append((cause, found))
-    steps.append((last, _measured(fit, asked)))
+                steps[cause] |= _measured(one, normal.inference)
+    steps[last] = _measured(fit, asked)
     classical = intervals.query("method == 'classical' and family == 'normal' and joint == 'marginal'")
     start = {
         (e, p, kind): _Interval(upper - lower, 0.5 * (lower + upper))
@@ -134,15 +128,17 @@ def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
     return found
 
 
-def _effects(start: dict[_Cell, _Interval], steps: Sequence[_Step]) -> Iterator[tuple[object, ...]]:
+def _effects(
+    start: dict[_Cell, _Interval], steps: dict[str, dict[_Cell, _Interval]]
+) -> Iterator[tuple[object, ...]]:
     """Yield what each step does to each interval that all steps have, the whole first."""
     for cell, classical in start.items():
-        if any(cell not in found for _, found in steps):
+        if any(cell not in found for found in steps.values()):
             continue
-        chain = [classical, *(found[cell] for _, found in steps)]
+        chain = [classical, *(found[cell] for found in steps.values())]
         half = 0.5 * classical.width
         pairs = [(classical, chain[-1]), *itertools.pairwise(chain)]
-        for cause, (one, other) in zip(["all", *(cause for cause, _ in steps)], pairs, strict=True):
+        for cause, (one, other) in zip(["all", *steps], pairs, strict=True):
             width = float(np.log(other.width / one.width))
             errors = [float(np.hypot(one[which], other[which])) for which in (2, 3)]
             yield *cell, cause, width, errors[0], (other.centre - one.centre) / half, errors[1] / half
@@ -151,21 +147,25 @@ def _effects(start: dict[_Cell, _Interval], steps: Sequence[_Step]) -> Iterator[
 def sentence(rows: pd.DataFrame, quantities: Quantities, *, repeats: bool = False) -> str:
     """Say how two intervals differ and why, from the effects on one environment, parameter and kind."""
     whole = rows.iloc[0]
-    users, label = _USERS[whole["kind"]], quantities[whole["parameter"]].label
+    kind, label = whole["kind"], quantities[whole["parameter"]].label
     width, centre = (_noted(rows, name, least) for name, least in _LEAST.items())
     start = f"{whole['environment']}, {label}: "
     if not width and "all" not in centre:
         within = max(_ERRORS * whole["log_width_error"], _LEAST["log_width"])
-        same = f"both intervals of {users} have the same width and centre"
+        same = f"both intervals of {_USERS[kind]} have the same width and centre"
         return f"{start}{same}, to within {100.0 * within:.0f} %."
-    reasons = _reasons(width, lambda v: f"×{_ratio(v)}", whole["kind"], repeats)
+    clauses = _CLAUSES | ({} if kind == "mean" else _OF_USERS)
+    if repeats and kind != "mean":
+        clauses["prior"] = f"it leaves trial noise out, and {clauses['prior']}"
     size = f"{_ratio(width['all'])} times as wide" if "all" in width else "as wide"
-    text = f"{start}the Bayesian interval of {users} is {size} as the classical one{reasons}."
+    why = _reasons(width, lambda value: f"×{_ratio(value)}", clauses)
+    text = f"{start}the Bayesian interval of {_USERS[kind]} is {size} as the classical one{why}."
     if "all" in centre:
         side = "higher" if centre["all"] > 0 else "lower"
-        reasons = _reasons(centre, lambda v: f"{100.0 * v:+.0f} %", whole["kind"], repeats)
-        shift = f"{100.0 * abs(centre['all']):.0f} % of the classical half-width {side}"
-        text += f" Its centre lies {shift}{reasons}."
+        why = _reasons(centre, lambda value: f"{100.0 * value:+.0f} %", clauses)
+        text += (
+            f" Its centre lies {100.0 * abs(centre['all']):.0f} % of the classical half-width {side}{why}."
+        )
     return text
 
 
@@ -180,21 +180,9 @@ def _ratio(log: float) -> str:
     return f"{np.exp(log):.2f}" if log < np.log(10.0) else f"{np.exp(log):.0f}"
 
 
-def _listed(texts: list[str]) -> str:
-    return " and ".join(text for text in (", ".join(texts[:-1]), *texts[-1:]) if text)
-
-
-def _reasons(effects: dict[str, float], said: Callable[[float], str], kind: str, repeats: bool) -> str:
-    """Name the causes of a difference, the largest first; effects that cancel are named together."""
-    causes = [cause for cause in effects if cause != "all"]
-    nouns = [f"{_NOUNS.get(cause, cause)} ({said(effects[cause])})" for cause in causes]
-    whole = effects.get("all", 0.0)
-    if not causes or whole * effects[causes[0]] < 0.5 * effects[causes[0]] ** 2:
-        return f"; {_listed(nouns)} act against each other" if len(nouns) > 1 else ""
-    clause = _CLAUSES[causes[0]]
-    if kind != "mean":
-        clause = {"scale": "users scatter by ratios on the log scale"}.get(causes[0], clause)
-        if repeats and causes[0] == "prior":
-            clause = "it leaves trial noise out, and the priors say how users usually adjust"
-    mostly, rest = ("mostly ", f"; smaller effects: {_listed(nouns[1:])}") if len(nouns) > 1 else ("", "")
-    return f", {mostly}because {clause} ({said(effects[causes[0]])}){rest}"
+def _reasons(effects: dict[str, float], said: Callable[[float], str], clauses: dict[str, str]) -> str:
+    """Name the causes, the largest first; of a difference, or of effects that cancel."""
+    causes = [f"{clauses[cause]} ({said(value)})" for cause, value in effects.items() if cause != "all"]
+    if not causes:
+        return ""
+    return f"{', because' if 'all' in effects else ':'} {'; '.join(causes)}"

@@ -35,35 +35,16 @@ _NO_PLACE = "and has no place on the scale that environments are compared on"
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction(NotebookRecord):
-    """What the hierarchical model expects of an untested environment.
+    """What the hierarchical model expects of an untested environment."""
 
-    Parameters
-    ----------
-    environment : str
-        Its name.
-    decades : dict
-        log10 of each reference over the geometric mean of those tested, by parameter.
-    beyond : dict
-        Decades by which each reference lies above the tested range, negative below it, 0 inside.
-    nearest : str
-        The tested environment whose references are nearest.
-    distance : float
-        How far that is, decades.
-    intervals : DataFrame
-        As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
-    boundaries : tuple of Boundary
-        Of abs(Z_h); empty without a device.
-    quantities : mapping of str to Quantity
-        What the parameters are.
-    """
-
-    environment: str
-    decades: dict[str, float]
-    beyond: dict[str, float]
-    nearest: str
-    distance: float
+    environment: str  #: Its name
+    decades: dict[str, float]  #: log10 of each reference over the geometric mean of those tested
+    beyond: dict[str, float]  #: Decades by which each reference lies above the tested range; negative below
+    nearest: str  #: The tested environment whose references are nearest
+    distance: float  #: How far that is, decades
+    #: As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
     intervals: pd.DataFrame
-    boundaries: tuple[Boundary, ...]
+    boundaries: tuple[Boundary, ...]  #: Of abs(Z_h); empty without a device
     quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE, repr=False)
 
     @property

@@ -161,7 +161,7 @@ def test_messages_and_tables_stand_on_the_page(checked):
     page = render_page(checked, {}, date="2026-01-01")
     assert "S01 lies far from what the others predict" in page
     for pointer in (
-        "loo/subjects/0/pareto_k", "statistics/0/above", "correlation/0/positive", "prior/0/q99.5",
+        "loo/subjects/0/pareto_k", "statistics/0/above", "prior/0/q99.5",
     ):  # fmt: skip
         assert f'data-at="/checks/{pointer}"' in page, pointer
 

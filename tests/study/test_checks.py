@@ -10,7 +10,7 @@ import percept
 from percept import Scene, Study, read_sessions
 from percept.inference.checks.left_out import Loo, Predicted
 from percept.study.basics import Skipped
-from percept.study.checks import correlation_table, subject_tables
+from percept.study.checks import subject_tables
 from tests import DATASETS
 from tests.study.checked import study_of, table_of
 
@@ -98,15 +98,6 @@ def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
     within = np.abs(np.log(users / named["population_mean"])) < stats.norm.ppf(0.75) * spread
     # Cells of one draw share the subject's effects.
     assert np.mean(within) == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / (within.size / 6)))
-
-
-def test_correlation_that_was_simulated_is_found():
-    study = study_of(table_of(("k", "b"), subjects=40, seed=8, rho_u=0.8, rho_w=0.8), tolerance=0.2)
-    table = correlation_table(study.fit, study.fit.subjects, level=0.99)
-    found = table.set_index(["of", "environment"])
-    for at in [("within", ""), ("population", "VE1"), ("population", "VE3")]:
-        assert found.loc[at, "lower"] < 0.8 < found.loc[at, "upper"]
-        assert found.loc[at, "positive"] > 0.99
 
 
 def test_prior_quantiles_are_in_native_units(clean):

@@ -34,7 +34,7 @@ def test_what_is_not_finite_is_refused_with_the_file(tmp_path, bad):
 
 def test_text_in_a_number_is_refused_with_the_file(tmp_path):
     path = write(tmp_path, "0.1,5,1", "1,five,2")
-    with pytest.raises(UsageError, match=r"not a number.*five") as caught:
+    with pytest.raises(UsageError, match=r"cannot be read: .*five") as caught:
         read_response(path)
     assert caught.value.file == path
 

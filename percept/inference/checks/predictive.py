@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import draws_first
 from percept.inference.hierarchy.scales import Layout
@@ -16,7 +15,6 @@ from percept.inference.hierarchy.scales import Layout
 Array = NDArray[np.float64]
 Named = dict[str, tuple[tuple[str, ...], Array]]
 STATISTICS = ("mean", "sd", "farthest")
-_CHUNK = 512
 
 
 def prior_layout(density: CollapsedDensity) -> Layout:
@@ -78,26 +76,3 @@ def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator)
             drawn[:, pattern.members[:, None], :, pattern.environments] = values.transpose(1, 2, 3, 0)
         studies.append(statistics_of(drawn))
     return np.concatenate(studies)
-
-
-def correlation_draws(density: CollapsedDensity, points: Array) -> dict[str, Array]:
-    """Draws of the correlations of stiffness and damping between users."""
-    if density.layout.parameters == 1:
-        return {}
-    parts = [_correlations(density, points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def _correlations(density: CollapsedDensity, points: Array) -> dict[str, Array]:
-    scales = density.layout.scales(np.ascontiguousarray(points.T))
-    correlations = {"within": scales.named["rho_w"]}
-    if scales.shared is not None:
-        correlations["shared"] = scales.named["rho_u"]
-    return correlations | {"population": _correlation(density.population(scales)).T}
-
-
-def _correlation(block: Block) -> Array:
-    """Slope times the ratio of SDs, from the regression a pair is kept as."""
-    assert block.slope is not None
-    first, second = block.diagonal()
-    return block.slope * np.sqrt(first / second)

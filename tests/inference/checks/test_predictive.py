@@ -5,14 +5,12 @@ import pytest
 from scipy import stats
 
 from percept.inference.checks.predictive import (
-    correlation_draws,
     draw_prior,
     replicate,
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.scales import Options
 from tests.inference.checks.test_subjects import prepared
 from tests.inference.hierarchy import designs
 from tests.inference.hierarchy.test_prior import OTHER
@@ -141,31 +139,3 @@ def test_an_outlier_that_was_planted_is_the_farthest_subject():
     above = (drawn > observed).mean(axis=0)
     assert (above[:, 2] < 0.005).all()
     assert (above[:, [0, 1, 3]] > 0.005).all()
-
-
-def test_one_parameter_has_no_correlation():
-    rng = np.random.default_rng(44)
-    single = CollapsedDensity(designs.study("k only", rng).statistics)
-    assert correlation_draws(single, np.zeros((2, single.dimension))) == {}
-
-
-def test_correlations_are_those_of_the_dense_population():
-    rng = np.random.default_rng(45)
-    density = CollapsedDensity(designs.study("balanced", rng).statistics)
-    points = rng.normal(size=(6, density.dimension))
-    scales = density.layout.scales(points.T)
-    found = correlation_draws(density, points)
-    named = scales.named
-    environments = len(density.statistics.environments)
-    for j in range(environments):
-        cross = named["rho_u"] * named["sigma_u"].prod(axis=0)
-        cross = cross + named["rho_w"] * named["sigma"][:, j].prod(axis=0)
-        k, b = named["sigma_u"] ** 2 + named["sigma"][:, j] ** 2
-        expected = cross / np.sqrt(k * b)
-        np.testing.assert_allclose(found["population"][:, j], expected, rtol=1e-10)
-    np.testing.assert_array_equal(found["within"], scales.named["rho_w"])
-    np.testing.assert_array_equal(found["shared"], scales.named["rho_u"])
-    without = CollapsedDensity(density.statistics, options=Options(subject_effect=False))
-    own = correlation_draws(without, rng.normal(size=(6, without.dimension)))
-    np.testing.assert_allclose(own["population"], np.repeat(own["within"][:, None], environments, axis=1))
-    assert "shared" not in own
