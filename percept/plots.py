@@ -108,11 +108,10 @@ def plot_coupling(study: Study, *, ax: Axes | None) -> Axes:
     if found is None:
         raise _nothing("coupling to plot")
     label = "this coupling"
-    inside = found.omega[0] <= found.binding_omega <= found.omega[-1]
     with rc_context(_STYLE):
         ax = _axes(ax)
-        marks = {label: found.binding_omega} if inside else None
-        draw_stability(ax, found.omega, found.bound, {label: found.admittance}, binding=marks)
+        binding = {label: found.binding_omega}
+        draw_stability(ax, found.omega, found.bound, {label: found.admittance}, binding=binding)
         ax.set_title(f"{found.verdict}, margin {found.margin:.3g}")
         return ax
 

@@ -18,7 +18,7 @@ from percept.haptics.stability import coupling_bound
 from percept.report.figures.canvas import (
     COLOURS,
     Drawing,
-    legend_below,
+    legend,
     log_scale,
     panels,
 )
@@ -117,7 +117,7 @@ def _curves(
         limits = Limits(label, "classical", omega, at_low, at_high, direct)
         draw_magnitude(ax, omega, [limits], direct, None if coupling is None else coupled, log=log)
         ax.set_title(f"{wall.name}: {wall.k:g} N/m, {wall.b:g} N·s/m", loc="left")
-        legend_below(ax, columns=1)
+        legend(ax, ncols=1)
 
     return Drawing(name, title, description, _PAIR, draw)
 
@@ -150,7 +150,7 @@ def _maps(published: Published) -> Drawing:
         axes[0].fill_between(
             [], [], [], color=COLOURS["coupled"], alpha=0.35, linewidth=0, label="true over the window"
         )
-        legend_below(axes[0], columns=2)
+        legend(axes[0], ncols=2)
 
     return Drawing(
         "device-maps",
@@ -204,7 +204,7 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
             ax.set_title(name, loc="left")
         for ax in axes[::3]:
             ax.set_ylabel("coupling damping (N·s/m)")
-        legend_below(axes[0], columns=3)
+        legend(axes[0], ncols=3)
 
     return Drawing(
         "design",

@@ -30,7 +30,7 @@ from percept.bench.peers.reference import Reference, stored_reference, stored_re
 from percept.errors import RefusalError
 from percept.files import filled_folder
 from percept.provenance import Made, made_by
-from percept.report.figures.canvas import COLOURS, Drawing, legend_below, log_scale, panels
+from percept.report.figures.canvas import COLOURS, Drawing, legend, log_scale, panels
 from percept.report.figures.output import draw_all
 from percept.report.page import render_standalone
 from percept.report.plain import dumps, plain
@@ -286,7 +286,7 @@ def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Dra
         ax.set_xlabel("error of the limits (% of half-width)")
         ax.set_ylabel("time (s)")
         ax.margins(y=0.08)
-        legend_below(ax, columns=2)
+        legend(ax, ncols=2)
 
     return Drawing(
         f"time-{study['name']}",

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib import rcParams
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import text_to_path
 from numpy.typing import ArrayLike
 
 from percept.report.numbers import SUPERSCRIPT
@@ -127,22 +124,14 @@ def _power_of_ten(x: float, _: object) -> str:
     return f"10{str(round(np.log10(x))).translate(SUPERSCRIPT)}"
 
 
-def legend_below(ax: Axes, *, columns: int = 2) -> None:
-    """Put the legend of some axes at the lower edge of their figure, each label once."""
-    _legend(ax, loc="lower left", ncols=columns)
-
-
-def legend_beside(ax: Axes) -> None:
-    """Put the legend of some axes at the right edge of their figure, each label once."""
-    _legend(ax, loc="center right")
-
-
-def _legend(ax: Axes, **place: Any) -> None:
+def legend(ax: Axes, **settings: Any) -> None:
+    """Put the legend of some axes at an edge of their figure, below by default, each label once."""
     handles, labels = ax.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
     figure = ax.get_figure(root=True)
     if figure is not None and named:
-        figure.legend(named.values(), named.keys(), borderaxespad=0.2, **place)
+        below = {"loc": "lower left", "ncols": 2, "borderaxespad": 0.2}
+        figure.legend(named.values(), named.keys(), **below | settings)
 
 
 def outer_labels(axes: Sequence[Axes], columns: int) -> None:
@@ -156,28 +145,22 @@ def outer_labels(axes: Sequence[Axes], columns: int) -> None:
             ax.set_xlabel("")
 
 
-def row_labels(names: Sequence[str], *, most: float) -> tuple[list[str], float]:
-    """Fit the names of rows into a margin, mm, and return the width of the widest.
+#: Width of a letter of a label, mm, on the wide side.
+LETTER = 1.45
+
+
+def row_labels(names: Sequence[str], *, most: float) -> list[str]:
+    """Fit the names of rows or panels into a width, mm.
 
     A name that is too long loses its middle, since names in a series differ at their ends. Names that look
     the same then are numbered.
     """
-    labels = [_shortened(name, most) for name in names]
+    labels = [_shortened(name, int(most / LETTER)) for name in names]
     if len(set(labels)) < len(labels):
-        labels = [_shortened(f"{row}. {name}", most) for row, name in enumerate(names, start=1)]
-    return labels, max(map(_width, labels))
+        labels = [_shortened(f"{row}. {name}", int(most / LETTER)) for row, name in enumerate(names, start=1)]
+    return labels
 
 
-def _shortened(name: str, most: float) -> str:
-    label, kept = name, len(name)
-    while _width(label) > most and kept > 2:
-        kept -= 1
-        label = f"{name[: kept - kept // 2]}…{name[len(name) - kept // 2 :]}"
-    return label
-
-
-def _width(label: str) -> float:
-    """Return the width of a label, mm."""
-    font = FontProperties(size=rcParams["ytick.labelsize"])
-    points: float = text_to_path.get_text_width_height_descent(label, font, ismath=False)[0]
-    return points / 72.0 / MM
+def _shortened(name: str, letters: int) -> str:
+    half = letters // 2
+    return name if len(name) <= letters else f"{name[: letters - 1 - half]}…{name[len(name) - half :]}"

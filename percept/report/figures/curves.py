@@ -18,7 +18,7 @@ from percept.report.figures.canvas import (
     Drawing,
     brief,
     common_range,
-    legend_below,
+    legend,
     log_scale,
     mark,
     outer_labels,
@@ -169,24 +169,17 @@ def draw_stability(
     binding: Mapping[str, float] | None = None,
 ) -> None:
     """Draw the bound of Eq. 10, the couplings that have to stay above it, and where each binds (Fig. 4)."""
-    omega, bound = np.asarray(omega, dtype=float), np.asarray(bound, dtype=float)
-    curves = {label: np.asarray(curve, dtype=float) for label, curve in couplings.items()}
-    binding = binding or {}
-    (line,) = ax.plot(
-        omega, _drawable(bound), color=COLOURS["ink"], linewidth=1.4, label="lower bound (Eq. 10)"
-    )
-    line.set_gid("bound")
+    omega, bound = np.asarray(omega, dtype=float), _drawable(bound)
+    ax.plot(omega, bound, color=COLOURS["ink"], linewidth=1.4, label="lower bound (Eq. 10)", gid="bound")
     styles = zip(cycle(_DASHES), cycle(_COLOURS), strict=False)
-    for (label, curve), (dashes, name) in zip(curves.items(), styles, strict=False):
-        colour = COLOURS[name]
-        (line,) = ax.plot(omega, _drawable(curve), color=colour, linestyle=dashes, linewidth=1.4, label=label)
-        line.set_gid(f"coupling:{label}")
-        if label in binding:
-            at = float(binding[label])
-            reached, needed = (_at(at, omega, _drawable(values)) for values in (curve, bound))
-            (dot,) = ax.plot([at], [reached], marker="o", markersize=6, color=colour, linestyle="none")
-            dot.set_gid(f"binding:{label}")
-            ax.axvline(at, color=colour, linewidth=0.7, linestyle=":")
+    for (label, values), (dashes, name) in zip(couplings.items(), styles, strict=False):
+        curve, style = _drawable(values), {"color": COLOURS[name], "linestyle": dashes, "linewidth": 1.4}
+        (line,) = ax.plot(omega, curve, label=label, gid=f"coupling:{label}", **style)
+        at = (binding or {}).get(label)
+        if at is not None and omega[0] <= at <= omega[-1]:
+            reached, needed = (_at(at, omega, values) for values in (curve, bound))
+            ax.plot([at], [reached], "o", markersize=6, color=COLOURS[name], gid=f"binding:{label}")
+            ax.axvline(at, color=COLOURS[name], linewidth=0.7, linestyle=":")
             # In the legend, because the marks of like couplings lie on top of each other.
             line.set_label(f"{label}: {reached / needed:.3g} × bound at {at:.4g} rad/s")
     log_scale(ax)
@@ -197,8 +190,9 @@ def draw_stability(
     ax.legend(frameon=False, loc="upper left")
 
 
-def _drawable(curve: FloatArray) -> FloatArray:
-    """Return the curve with gaps where it is zero or infinite, which have no place on a log axis."""
+def _drawable(values: ArrayLike) -> FloatArray:
+    """Return a curve with gaps where it is zero or infinite, which have no place on a log axis."""
+    curve = np.asarray(values, dtype=float)
     return np.where((curve > 0) & np.isfinite(curve), curve, np.nan)
 
 
@@ -218,23 +212,22 @@ _STRIP_TITLE = 14.0  # width, mm
 def boundary_drawings(document: Record) -> list[Drawing]:
     """Return the boundaries over ω, limits over the reference, and close views that the scene asks for."""
     families = families_of(document)
-    rows = {
-        name: [row for row in matching(document["boundaries"], environment=name) if each_by_itself(row)]
-        for name in distinct(document["boundaries"], "environment")
-    }
+    rows = _by_environment(document["boundaries"])
     if not rows:
         return []
-    kind = next(kind for kind in _SHOWN_FIRST if any(matching(some, kind=kind) for some in rows.values()))
-    near = {
-        name: found
-        for name in document["zoom"]
-        if (found := matching(document["close"], environment=name, kind=kind))
-    }
+    kinds = {row["kind"] for some in rows.values() for row in some}
+    kind = next(kind for kind in _SHOWN_FIRST if kind in kinds)
+    near = _by_environment(matching(document["close"], kind=kind))
     return [
         _curves_drawing("boundaries", rows, kind, families, log=True),
         _ratio_drawing(rows, families),
         *([_curves_drawing("boundaries_close", near, kind, families, log=False)] if near else []),
     ]
+
+
+def _by_environment(records: Sequence[Record]) -> dict[str, list[Record]]:
+    kept = [record for record in records if each_by_itself(record)]
+    return {name: matching(kept, environment=name) for name in distinct(kept, "environment")}
 
 
 def _curves_drawing(
@@ -248,7 +241,7 @@ def _curves_drawing(
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(rows), columns=columns, bottom=17, gap=gap, line=8 if log else 14)
-        titles, _ = row_labels(list(rows), most=(WIDE - 17.0) / columns - gap)
+        titles = row_labels(list(rows), most=(WIDE - 17.0) / columns - gap)
         for ax, title, (environment, some) in zip(axes, titles, rows.items(), strict=True):
             draw_magnitude(ax, array(some[0]["omega"]), limits[environment], *reference_of(some[0]), log=log)
             ax.set_title(title, loc="left")
@@ -260,7 +253,7 @@ def _curves_drawing(
             outer_labels(axes, columns)
         for index, ax in enumerate(axes):
             ax.set_ylabel("" if index % columns else "|Zₕ| (N·s/m)")
-        legend_below(axes[0], columns=4)
+        legend(axes[0], ncols=4)
 
     return Drawing(
         name,
@@ -285,7 +278,7 @@ def _ratio_drawing(rows: Mapping[str, list[Record]], families: Sequence[str]) ->
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(rows) * len(kinds), columns=len(kinds), left=20, bottom=17, gap=6, line=2.5)
-        names, _ = row_labels(list(rows), most=_STRIP_TITLE)
+        names = row_labels(list(rows), most=_STRIP_TITLE)
         for position, ax in enumerate(axes):
             line, column = divmod(position, len(kinds))
             name, kind = list(rows)[line], kinds[column]
@@ -297,7 +290,7 @@ def _ratio_drawing(rows: Mapping[str, list[Record]], families: Sequence[str]) ->
             if line == 0:
                 ax.set_title(f"{kind}: {KIND_NAMES[kind]}", loc="left")
         outer_labels(axes, len(kinds))
-        legend_below(axes[0], columns=4)
+        legend(axes[0], ncols=4)
 
     coupled = any(row.get("coupled") is not None for some in rows.values() for row in some)
     return Drawing(
@@ -338,14 +331,13 @@ def stability_drawings(coupling: Record | None) -> list[Drawing]:
     if not coupling or not coupling.get("bound"):
         return []
     label = "this coupling"
-    omega, binding = array(coupling["omega"]), coupling["binding_omega"]
-    inside = binding is not None and omega[0] <= float(binding) <= omega[-1]
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, top=3)
-        admittance = {label: array(coupling["admittance"])}
-        marks = {label: float(binding)} if inside else None
-        draw_stability(ax, omega, array(coupling["bound"]), admittance, binding=marks)
+        omega, bound, admittance = (array(coupling[name]) for name in ("omega", "bound", "admittance"))
+        # JSON has infinity as text.
+        binding = {label: float(coupling["binding_omega"])}
+        draw_stability(ax, omega, bound, {label: admittance}, binding=binding)
 
     return [
         Drawing(

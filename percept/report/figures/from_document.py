@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from percept.report.figures.canvas import (
+    LETTER,
     WIDE,
     Drawing,
-    legend_below,
-    legend_beside,
+    legend,
     outer_labels,
     panels,
     row_labels,
@@ -93,14 +92,15 @@ def _interval_drawing(
     columns = columns if columns < 5 else 3
 
     def draw(figure: Figure) -> None:
-        labels, width = row_labels(environments, most=_MOST_MARGIN)
+        labels = row_labels(environments, most=_MOST_MARGIN)
+        width = LETTER * max(map(len, labels))
         bottom = 12.0 + 4.2 * (2 if subjects else 1)
         (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), bottom=bottom)
         log = families[0] == "lognormal"
         draw_intervals(ax, environments, bars, values, log=log, labels=labels, subject=subject)
         ax.set_title(quantities_of(document)[parameter].head, loc="left")
         ax.set_xlabel("adjusted / reference")
-        legend_below(ax, columns=columns)
+        legend(ax, ncols=columns)
 
     row = 0.7 + 1.7 * len(kinds) * len(methods) + 2.1 * subjects
     return Drawing(
@@ -178,7 +178,7 @@ def design_drawings(document: Record) -> list[Drawing]:
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(regions), columns=columns, bottom=17, gap=3, line=8)
-        titles, _ = row_labels([region["name"] or "all together" for region in regions], most=24.0)
+        titles = row_labels([region["name"] or "all together" for region in regions], most=24.0)
         maps = [[np.array(some, dtype=float).reshape(-1, 2) for some in r["intervals"]] for r in regions]
         marks: dict[str, Any] = {
             "stable": (array(edge["stiffness"]), array(edge["damping"])) if edge else None,
@@ -191,26 +191,21 @@ def design_drawings(document: Record) -> list[Drawing]:
             ax.set_xlabel("stiffness (kN/m)")
             ax.set_ylabel("damping (N·s/m)")
         outer_labels(axes, columns)
-        legend_below(max(axes, key=_entries), columns=3)
+        legend(max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0])), ncols=3)
 
-    marked = ["the line is the edge of what is stable"] * bool(edge)
-    marked += ["the cross is the coupling in use"] * bool(used)
-    said = ", ".join(marked)
+    marked = " The line is the edge of what is stable." * bool(edge)
+    marked += " The cross is the coupling in use." * bool(used)
     return [
         Drawing(
             "design",
             "Couplings that qualify, by stiffness and damping of the coupling",
             "Shaded: stable with this device, and inside the next user’s boundary "
             f"({METHOD_NAMES[best['method']]}, {design['family']}), by |Z_h| and by effective stiffness and "
-            "damping, at every ω, to 0.1 %." + (f" {said[0].upper()}{said[1:]}." if said else ""),
+            f"damping, at every ω, to 0.1 %.{marked}",
             (WIDE, 15.0 + 42.0 * -(-len(regions) // columns)),
             draw,
         )
     ]
-
-
-def _entries(ax: Axes) -> int:
-    return len(ax.get_legend_handles_labels()[0])
 
 
 def _band_drawings(document: Record) -> list[Drawing]:
@@ -244,23 +239,22 @@ def band_series(
 def _band_drawing(document: Record, parameter: str | None) -> Drawing:
     """Return the figure of bands and laws."""
     kind, grid, series, words = band_series(document, parameter)
-    name, title = "band", f"Band against impedance, {KIND_NAMES[kind]}"
+    name, title = "band", "Band against impedance"
     said = f"|Z_e| against the environment’s own impedance at {document['band']['omega'] or 0.0:g} rad/s"
     if parameter is not None:
         quantity = quantities_of(document)[parameter]
-        name, title = (
-            f"band_{parameter}",
-            f"Band of {quantity.words} against its reference, {KIND_NAMES[kind]}",
-        )
+        name, title = f"band_{parameter}", f"Band of {quantity.words} against its reference"
         said = f"{quantity.label} against its reference"
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=16, top=3, right=48)
         draw_band(ax, grid, series, **words)
-        legend_beside(ax)
+        legend(ax, loc="center right", ncols=1)
 
     with_laws = ", with the fitted laws" if any(widths.laws for widths in series) else ""
-    return Drawing(name, title, f"Width of the band of {said}{with_laws}.", (150.0, 58.0), draw)
+    return Drawing(
+        name, f"{title}, {KIND_NAMES[kind]}", f"Width of the band of {said}{with_laws}.", (150.0, 58.0), draw
+    )
 
 
 def _size(row: Record) -> str:

@@ -68,37 +68,19 @@ def draw_intervals(
         ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=KIND_NAMES[kind])
     for bar in bars:
         y = row[bar.environment] + _offset(kinds.index(bar.kind), bar.method, len(kinds), present)
-        drawn: list[Artist] = []
-        drawn += ax.plot(
-            [max(bar.lower, left), min(bar.upper, right)],
-            [y, y],
-            color=COLOURS[bar.method],
-            linewidth=_THICKNESS[bar.kind],
-        )
+        span, colour = [max(bar.lower, left), min(bar.upper, right)], COLOURS[bar.method]
+        drawn: list[Artist] = [*ax.plot(span, [y, y], color=colour, linewidth=_THICKNESS[bar.kind])]
         for value, edge, side in ((bar.lower, left, "left"), (bar.upper, right, "right")):
             if value != min(max(value, left), right):
-                drawn += _point_beyond(ax, edge, y, value, side, COLOURS[bar.method])
+                drawn += _point_beyond(ax, edge, y, value, side, colour)
         if bar.kind == "mean" and left <= bar.estimate <= right:
-            drawn += ax.plot(
-                [bar.estimate],
-                [y],
-                marker=_MARKERS[bar.method],
-                markersize=3.4,
-                markerfacecolor=COLOURS["paper"],
-                markeredgecolor=COLOURS[bar.method],
-                linestyle="none",
-            )
+            form = {"markersize": 3.4, "markerfacecolor": COLOURS["paper"], "markeredgecolor": colour}
+            drawn += ax.plot([bar.estimate], [y], _MARKERS[bar.method], **form)
         mark(ax, drawn, bar.method, bar.kind)
     for environment, subjects in zip(environments, values, strict=False):
-        ax.plot(
-            subjects,
-            np.full(len(subjects), row[environment] - 0.42),
-            marker="|",
-            markersize=5,
-            color=COLOURS["quiet"],
-            linestyle="none",
-            label=f"one {subject}" if len(subjects) else None,
-        )
+        label = f"one {subject}" if len(subjects) else None
+        height = np.full(len(subjects), row[environment] - 0.42)
+        ax.plot(subjects, height, "|", markersize=5, color=COLOURS["quiet"], label=label)
     ax.axvline(1.0, color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
     if log:
         log_scale(ax, "x", plain=True)
@@ -117,15 +99,11 @@ def draw_intervals(
 
 def _ends(bars: Sequence[Bar], *, log: bool) -> tuple[float, float]:
     """Return the ends of the axis: one environment far out does not flatten the rest."""
-    sides = np.array(
-        [
-            (
-                min(bar.lower for bar in bars if bar.environment == name),
-                max(bar.upper for bar in bars if bar.environment == name),
-            )
-            for name in dict.fromkeys(bar.environment for bar in bars)
-        ]
-    )
+    groups = [
+        [bar for bar in bars if bar.environment == name]
+        for name in dict.fromkeys(bar.environment for bar in bars)
+    ]
+    sides = np.array([(min(b.lower for b in group), max(b.upper for b in group)) for group in groups])
     if not log:
         low, high = common_range(sides[:, 0], sides[:, 1], about=1.0)
         return low - 0.02 * (high - low), high + 0.02 * (high - low)
@@ -177,21 +155,14 @@ def draw_band(ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str
     """Draw band against size on logarithmic axes, with the fitted laws."""
     for widths in series:
         colour, method = COLOURS[widths.method], METHOD_NAMES[widths.method]
-        ax.plot(
-            widths.size,
-            widths.band,
-            marker=_MARKERS[widths.method],
-            markersize=4,
-            linestyle="none",
-            color=colour,
-            label=widths.label,
-        )
+        form = {"markersize": 4, "color": colour, "label": widths.label}
+        ax.plot(widths.size, widths.band, _MARKERS[widths.method], **form)
         for (name, curve), dashes in zip(widths.laws.items(), _LAW_DASHES, strict=False):
             label = f"{method}: {name}"
             ax.plot(size, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
     log_scale(ax)
     first = series[0]
-    names, _ = row_labels(first.environments, most=_NAME_WIDTH)
+    names = row_labels(first.environments, most=_NAME_WIDTH)
     middle = float(np.sqrt(size[0] * size[-1]))
     for name, x, y in zip(names, first.size, first.band, strict=True):
         # Bands grow with the size: what lies below a point on the left, and above it on the right, is free.
@@ -223,13 +194,8 @@ def draw_design(
     """Draw the couplings that are stable and stay inside a boundary, by stiffness and damping."""
     if stable is not None:
         stiffness, edge_damping = (np.append(side, side[0]) for side in stable)
-        ax.plot(
-            stiffness / 1e3,
-            edge_damping,
-            color=COLOURS["quiet"],
-            linewidth=0.8,
-            label="edge of the stable region",
-        )
+        label = "edge of the stable region"
+        ax.plot(stiffness / 1e3, edge_damping, color=COLOURS["quiet"], linewidth=0.8, label=label)
     boxes = _boxes(damping, intervals)
     if len(boxes):
         corners = boxes[:, [[0, 2], [1, 2], [1, 3], [0, 3], [0, 2]]]
@@ -249,21 +215,11 @@ def draw_design(
     if coupling is not None:
         x, y = coupling[0] / 1e3, coupling[1]
         at = (min(x, right), min(y, top))
-        ax.plot(
-            [at[0]],
-            [at[1]],
-            marker="X",
-            markersize=5,
-            linestyle="none",
-            color=COLOURS["warn"],
-            clip_on=False,
-            label="coupling in use",
-        )
+        form = {"markersize": 5, "color": COLOURS["warn"], "label": "coupling in use", "clip_on": False}
+        ax.plot([at[0]], [at[1]], "X", **form)
         if at != (x, y):
-            said = f"at {x:.4g} kN/m,\n{y:.4g} N·s/m"
-            ax.annotate(
-                said, at, xytext=(-6, -4), textcoords="offset points", ha="right", va="top", fontsize=6
-            )
+            place = {"xytext": (-6, -4), "textcoords": "offset points", "ha": "right", "va": "top"}
+            ax.annotate(f"at {x:.4g} kN/m,\n{y:.4g} N·s/m", at, fontsize=6, **place)
     ax.set_xlim(0, right)
     ax.set_ylim(0, top)
     ax.set_xlabel("coupling stiffness (kN/m)")

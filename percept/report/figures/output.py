@@ -17,7 +17,8 @@ from percept.report.figures.canvas import COLOURS, MM, Drawing
 
 _DPI = 300  # of a PNG
 
-_STYLE: Any = {
+#: matplotlib's settings for every figure.
+STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 7.5,
@@ -59,7 +60,6 @@ _STYLE: Any = {
     "path.simplify": True,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
-    "svg.hashsalt": "percept",
 }
 # Dates and versions would make equal figures differ.
 _NO_METADATA: dict[str, dict[str, Any]] = {
@@ -67,9 +67,9 @@ _NO_METADATA: dict[str, dict[str, Any]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
 }
-_SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 # rem per mm: at the most a figure's lettering is as large as the page's small print, at the least readable.
 _LEAST, _MOST = 0.2, 0.3
+_HEAD = re.compile(r"<svg[^>]*>")
 # matplotlib's rule for every element would hold for the whole page; the outer element hands it down instead.
 _OWN_STYLE = re.compile(r"<defs>\s*<style.*?</style>\s*</defs>", re.DOTALL)
 _HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
@@ -80,7 +80,7 @@ _MARK = re.compile(r"mark-(?P<method>\w+)-(?P<kind>\w*)-\d+")
 _ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
 _BREAK_INSIDE = re.compile(r"\s*\n\s*(?=[^<\s])")
 _INDENT = re.compile(r"\s*\n\s*")
-_REFERENCE = re.compile(r'(url\(|href=")#([^)"]+)')
+_REFERENCE = re.compile(r'(?:url\(|href=")#([^)"]+)')
 
 
 def draw_all(
@@ -99,17 +99,18 @@ def draw_all(
 
 def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], str]:
     """Draw a figure once; return its files by format, and an ``<svg>`` in the page's colours."""
-    with rc_context(_STYLE):
+    # The salt makes the ids of clips and markers the figure's own: many figures share the page.
+    with rc_context(STYLE | {"svg.hashsalt": f"percept {drawing.name}"}):
         figure = Figure(figsize=(drawing.size[0] * MM, drawing.size[1] * MM))
         drawing.draw(figure)
-        elements = _elements(_saved(figure, "svg", dpi=72).decode("utf-8"))
+        text = _saved(figure, "svg", dpi=72).decode("utf-8")
         files = {
-            form: _svg_file(drawing, elements)
+            form: _svg_file(drawing, text)
             if form == "svg"
             else _saved(figure, form, dpi=_DPI, facecolor="white")
             for form in formats
         }
-    return files, _inline(drawing, elements)
+    return files, _inline(drawing, text)
 
 
 def _saved(figure: Figure, form: str, **settings: Any) -> bytes:
@@ -118,52 +119,41 @@ def _saved(figure: Figure, form: str, **settings: Any) -> bytes:
     return buffer.getvalue()
 
 
-def _elements(text: str) -> str:
-    """Return what stands inside the ``<svg>`` that matplotlib writes, a line for each element."""
-    inside = text[text.index("<svg") :].partition(">")[2].rpartition("</svg>")[0]
-    joined = _BREAK_INSIDE.sub(" ", _OWN_STYLE.sub("", inside, count=1))
-    return _INDENT.sub("\n", joined).strip()
-
-
-def _svg_file(drawing: Drawing, elements: str) -> bytes:
+def _svg_file(drawing: Drawing, text: str) -> bytes:
     """Return an SVG file with text as text, on white ground."""
-    width, height = (side * MM * 72.0 for side in drawing.size)
-    text = (
-        '<?xml version="1.0" encoding="utf-8"?>\n'
-        f'<svg {_SPACES} width="{width:.9g}pt" height="{height:.9g}pt" '
-        f'viewBox="0 0 {width:.9g} {height:.9g}" {_HANDED_DOWN}>\n'
-        f"<title>{escape(drawing.title)}</title>\n<desc>{escape(drawing.description)}</desc>\n"
-        f'<rect width="100%" height="100%" style="fill: #ffffff"/>\n{elements}\n</svg>\n'
-    )
-    return text.encode("utf-8")
+    words = f"<title>{escape(drawing.title)}</title>\n<desc>{escape(drawing.description)}</desc>\n"
+    ground = '<rect width="100%" height="100%" style="fill: #ffffff"/>\n'
+    head = _HEAD.search(text)
+    assert head is not None
+    return f"{text[: head.end()]}\n{words}{ground}{text[head.end() :]}".encode()
 
 
-def _inline(drawing: Drawing, elements: str) -> str:
-    """Return an ``<svg>`` for the page, with a title, ids of its own and the page's colours."""
-    prefix = f"svg-{drawing.name}-"
-    used = {match[2] for match in _REFERENCE.finditer(elements)}
+def _inline(drawing: Drawing, text: str) -> str:
+    """Return an ``<svg>`` for the page, with a title, the page's colours, and a line for each element."""
+    inside = _OWN_STYLE.sub("", _HEAD.split(text)[1], count=1)
+    inside = _INDENT.sub("\n", _BREAK_INSIDE.sub(" ", inside)).strip()
+    used = {match[1] for match in _REFERENCE.finditer(inside)}
 
     def own(found: re.Match[str]) -> str:
         tag = found[0]
-        if "#" in tag:
-            tag = _REFERENCE.sub(rf"\1#{prefix}\2", tag)
-            for name, colour in COLOURS.items():
-                tag = tag.replace(colour, f"var(--{name})")
+        for name, colour in COLOURS.items():
+            tag = tag.replace(colour, f"var(--{name})")
         # Ids that nothing refers to may hold a label, and a page's ids hold no spaces.
         return _ID.sub(lambda one: attribute(one[1][1:-1]), tag)
 
     def attribute(name: str) -> str:
         if mark := _MARK.fullmatch(name):
             return "".join(f' data-{key}="{value}"' for key, value in mark.groupdict().items() if value)
-        return f' id="{prefix}{name}"' if name in used else ""
+        return f' id="{name}"' if name in used else ""
 
     width, height = (side * MM * 72.0 for side in drawing.size)
-    side = drawing.size[0]
+    side, label = drawing.size[0], f"svg-{drawing.name}"
     return (
-        f'<svg {_SPACES} viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
+        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+        f'viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
         f'style="min-width:{side * _LEAST:.4g}rem;max-width:{side * _MOST:.4g}rem" '
-        f'role="img" aria-labelledby="{prefix}title {prefix}desc">'
-        f'<title id="{prefix}title">{escape(drawing.title)}</title>'
-        f'<desc id="{prefix}desc">{escape(drawing.description)}</desc>\n'
-        f"{_TAG.sub(own, elements)}\n</svg>"
+        f'role="img" aria-labelledby="{label}-title {label}-desc">'
+        f'<title id="{label}-title">{escape(drawing.title)}</title>'
+        f'<desc id="{label}-desc">{escape(drawing.description)}</desc>\n'
+        f"{_TAG.sub(own, inside)}\n"
     )
