@@ -24,6 +24,7 @@ SCHEMA = "percept-report/1"
 
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
 _CLOSE_POINTS = 61
+_REPORT_ALONE = "only percept report has them"
 _EDGE_POINTS = 65  # of the stable region
 
 
@@ -53,7 +54,7 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     shown = distinct(boundaries, "environment")
     asked = study.scene.report.zoom
     windows = {name: window for name, window in study.zoom.items() if name in shown and name in asked}
-    document = {
+    document: dict[str, Any] = {
         "schema": SCHEMA,
         "provenance": provenance(study),
         "data": data_of(study),
@@ -71,8 +72,10 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         "ladder": plain(study.ladder) if why else None,
         "diagnostics": plain(study.diagnostics),
         "checks": _checks(study),
-        "skipped": _skipped(study, curves=curves),
+        "skipped": [{"what": what, "why": why} for what, why in study.skipped],
     }
+    if not curves and len(study.intervals):
+        document["skipped"].append({"what": "boundaries, coupling and band law", "why": _REPORT_ALONE})
     return document | {"summary": findings(document)}
 
 
@@ -180,21 +183,3 @@ def _checks(study: Study) -> dict[str, Any] | None:
     # A row per subject, environment and parameter would be most of the document.
     checks["loo"]["cells"] = [row for row in checks["loo"]["cells"] if row["outlier"]]
     return checks
-
-
-def _skipped(study: Study, *, curves: bool) -> list[dict[str, str]]:
-    """Say what is left out, and without curves also what the report alone has."""
-    skipped = [{"what": what, "why": why} for what, why in study.skipped]
-    if curves or not len(study.intervals):
-        return skipped
-    coupled = study.setup is not None and study.scene.coupling is not None
-    report_alone = {
-        "boundaries of Z_h": study.setup is not None,
-        "coupling: Z_h_vc and stability": coupled,
-        "admissible couplings": coupled,
-        "sensitivity to the device's mass and damping": study.setup is not None,
-        "band law": len(study.environments) > 1,
-    }
-    listed = {row["what"] for row in skipped}
-    names = [name for name, there in report_alone.items() if there and name not in listed]
-    return [*({"what": name, "why": "only percept report has this"} for name in names), *skipped]

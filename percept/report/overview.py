@@ -78,28 +78,27 @@ def _row(alike: Sequence[Record], best: Mapping[str, Sequence[str]]) -> dict[str
     shown = mean or user
     if shown is None:
         return None
-    row: dict[str, Any] = {
-        name: shown[name] for name in ("environment", "parameter", "unit", "reference", "method", "family")
-    }
-    row |= {"estimate": shown["estimate"], "bias": _over(shown, "estimate")}
-    row |= {f"bias_{side}": _over(mean, side) for side in ("lower", "upper")}
-    row |= {f"user_{side}": None if user is None else user[side] for side in ("lower", "upper")}
-    row |= {f"user_{side}_ratio": _ratio(user, side) for side in ("lower", "upper")}
-    return row
+    reference = shown["reference"]
 
+    def ratio(interval: Record | None, name: str) -> float | None:
+        value = None if interval is None or not reference else interval[name]
+        over = math.inf if value is None else float(value) / reference
+        return over if math.isfinite(over) else None
 
-def _ratio(interval: Record | None, name: str) -> float | None:
-    if interval is None or not interval["reference"] or interval[name] is None:
-        return None
-    ratio = float(interval[name]) / float(interval["reference"])
-    return ratio if math.isfinite(ratio) else None
+    def bias(interval: Record | None, name: str) -> float | None:
+        if interval is not None and reference == 0 and isinstance(interval[name], (int, float)):
+            return float(interval[name])
+        over = ratio(interval, name)
+        return None if over is None else over - 1.0
 
-
-def _over(interval: Record | None, name: str) -> float | None:
-    if interval is not None and interval["reference"] == 0 and isinstance(interval[name], (int, float)):
-        return float(interval[name])
-    ratio = _ratio(interval, name)
-    return None if ratio is None else ratio - 1.0
+    sides = ("lower", "upper")
+    return (
+        {name: shown[name] for name in ("environment", "parameter", "unit", "reference", "method", "family")}
+        | {"estimate": shown["estimate"], "bias": bias(shown, "estimate")}
+        | {f"bias_{side}": bias(mean, side) for side in sides}
+        | {f"user_{side}": None if user is None else user[side] for side in sides}
+        | {f"user_{side}_ratio": ratio(user, side) for side in sides}
+    )
 
 
 def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
@@ -123,20 +122,16 @@ def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[s
             }
             for rendered, side in (("directly", "uncoupled"), ("coupled", "coupled"))
         }
-        | {"breaks": _breaks(coupling["verdict"], record)}
+        | {
+            "breaks": [
+                *["stability"] * (coupling["verdict"] != "stable"),
+                *["magnitude"] * (record["verdict_coupled"] == "outside"),
+                *["plane"] * (record["plane_departure_coupled"] > 0.0),
+            ]
+        }
         for record in chosen
         if record is not None
     ]
-
-
-def _breaks(stability: str, record: Record) -> list[str]:
-    """Name the criteria that the scene's coupling breaks for an environment; none of an admissible one."""
-    broken = {
-        "stability": stability != "stable",
-        "magnitude": record["verdict_coupled"] == "outside",
-        "plane": record["plane_departure_coupled"] > 0.0,
-    }
-    return [name for name, is_broken in broken.items() if is_broken]
 
 
 def _biases(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
@@ -218,10 +213,8 @@ def _stability(document: Record) -> list[str]:
     margin = float(coupling["margin"])
     has = f"{100 * margin:.2g} % of" if margin < 1 else f"{margin:.3g} times"
     poles = " The device is measured, so its poles cannot be checked."
-    return [
-        f"The coupling is {coupling['verdict']}: the device has {has} the damping the coupling needs."
-        + poles * ("poles cannot" in (coupling.get("reason") or ""))
-    ]
+    said = f"The coupling is {coupling['verdict']}: the device has {has} the damping the coupling needs."
+    return [said + poles * ("poles cannot" in (coupling.get("reason") or ""))]
 
 
 def _next_users(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:

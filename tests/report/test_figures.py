@@ -286,11 +286,11 @@ def test_ratios_are_over_the_reference_and_an_arrow_marks_what_leaves_the_axis()
 
 def test_an_axis_holds_what_most_need_and_one_far_out_does_not_flatten_the_rest():
     # Half need 1 on either side: three times that is shown, where anybody needs it.
-    assert common_range([-1.0, -1.0, -9.0], [1.0, 1.0, 1.5], about=0.0) == (-3.0, 1.5)
-    assert common_range([1.0, -np.inf, 1.0], [4.0, 4.0, np.inf], about=2.0) == (-1.0, 8.0)
+    assert common_range([0.0, 0.0, -8.0], [2.0, 2.0, 2.5], log=False) == (-2.0, 2.5)
+    assert common_range([0.0, -np.inf, 0.0], [3.0, 3.0, np.inf], log=False) == (-2.0, 7.0)
     # Where half of the ends are infinite, the largest that is not decides; where all are, a unit.
-    assert common_range([-np.inf, -1.0], [1.0, 1.0], about=0.0) == (-1.0, 1.0)
-    assert common_range([-np.inf, -np.inf], [0.0, 0.5], about=0.0) == (-1.0, 0.5)
+    assert common_range([0.0, 0.5], [2.0, 2.0], log=True) == pytest.approx((0.5, 2.0))
+    assert common_range([0.0, 0.0], [1.0, 1.5], log=True) == pytest.approx((np.exp(-1.0), 1.5))
     pair = Limits("c", "classical", OMEGA, np.full(3, 0.5), np.full(3, 2.0), np.ones(3))
     far = Limits("c", "classical", OMEGA, np.zeros(3), np.full(3, 1e9), np.ones(3))
     assert ratio_range([[pair], [pair], [far]]) == pytest.approx((0.125, 8.0))

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike, NDArray
 
 from percept.report.figures.canvas import (
@@ -69,17 +70,12 @@ def draw_magnitude(
     log: bool = True,
 ) -> None:
     """Draw boundaries, the reference and the coupled impedance, in the manner of Fig. 7."""
-    _draw_limits(ax, limits)
-    ax.plot(omega, reference, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
-    if coupled is not None:
-        _draw_coupled(ax, omega, coupled)
+    _draw(ax, omega, limits, reference, coupled)
     if log:
         log_scale(ax, "x", plain=True)
         log_scale(ax, "y")
     else:
         ax.locator_params(nbins=5)
-    ax.set_xlim(omega[0], omega[-1])
-    ax.set_xlabel("angular frequency ω (rad/s)")
     ax.set_ylabel("|Zₕ| (N·s/m)")
 
 
@@ -93,34 +89,22 @@ def draw_ratio(
     limits: tuple[float, float],
 ) -> None:
     """Draw boundaries divided by the reference's abs(Z_h); an arrow marks what leaves the axis."""
-    ratios = _ratios(pairs)
-    _draw_limits(ax, ratios)
-    ax.axhline(1.0, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
-    if coupled is not None:
-        _draw_coupled(ax, omega, coupled / reference)
-    log_scale(ax, "x", plain=True)
+    ratios, (low, high) = _ratios(pairs), limits
+    _draw(ax, omega, ratios, np.ones_like(omega), None if coupled is None else coupled / reference)
     ax.set_yscale("log", nonpositive="clip")
+    log_scale(ax, "x", plain=True)
     ax.minorticks_off()
-    low, high = limits
-    ax.set_ylim(low / 1.06, high * 1.06)
-    steps = [tick for tick in _TICKS if low / 1.05 <= tick <= high * 1.05]
     # Narrow strips have room for powers of ten alone where the axis is long.
-    steps = steps if len(steps) < 6 else [tick for tick in steps if np.log10(tick) % 1 == 0]
-    ax.set_yticks(steps, [f"{tick:g}" for tick in steps])
-    ax.set_xlim(omega[0], omega[-1])
-    ax.set_xlabel("ω (rad/s)")
-    for arrow, y, value in (
-        ("▲", 0.97, max((float(np.max(pair.upper)) for pair in ratios), default=1.0)),
-        ("▼", 0.03, min((float(np.min(pair.lower)) for pair in ratios), default=1.0)),
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 30 * low else (1,)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.set_ylim(low / 1.06, high * 1.06)
+    for arrow, y, side, value in (
+        ("▲", 0.97, "top", max((float(np.max(pair.upper)) for pair in ratios), default=1.0)),
+        ("▼", 0.03, "bottom", min((float(np.min(pair.lower)) for pair in ratios), default=1.0)),
     ):
         if not low <= value <= high:
-            ax.text(
-                0.98, y, f"{arrow} {brief(value)}", transform=ax.transAxes, ha="right",
-                va="top" if y > 0.5 else "bottom", fontsize=6.5, color=COLOURS["ink"],
-            )  # fmt: skip
-
-
-_TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+            place = {"transform": ax.transAxes, "ha": "right", "va": side}
+            ax.text(0.98, y, f"{arrow} {brief(value)}", fontsize=6.5, color=COLOURS["ink"], **place)
 
 
 def ratio_range(groups: Sequence[Sequence[Limits]]) -> tuple[float, float]:
@@ -128,9 +112,7 @@ def ratio_range(groups: Sequence[Sequence[Limits]]) -> tuple[float, float]:
     ratios = [_ratios(group) for group in groups]
     lows = [min(float(np.min(pair.lower)) for pair in group) for group in ratios]
     highs = [max(float(np.max(pair.upper)) for pair in group) for group in ratios]
-    with np.errstate(divide="ignore"):
-        low, high = common_range(np.log(np.maximum(lows, 0.0)), np.log(highs), about=0.0)
-    return float(np.exp(low)), float(np.exp(high))
+    return common_range(lows, highs, log=True)
 
 
 def _ratios(limits: Sequence[Limits]) -> list[Limits]:
@@ -139,25 +121,32 @@ def _ratios(limits: Sequence[Limits]) -> list[Limits]:
     ]
 
 
-def _draw_limits(ax: Axes, limits: Sequence[Limits]) -> None:
+def _draw(
+    ax: Axes,
+    omega: FloatArray,
+    limits: Sequence[Limits],
+    reference: FloatArray,
+    coupled: FloatArray | None,
+) -> None:
     for pair in limits:
-        omega, colour = pair.omega, COLOURS[pair.method]
-        drawn: list[Artist] = []
+        colour, drawn = COLOURS[pair.method], list[Artist]()
         if pair.method == "classical":
-            drawn += ax.plot(omega, pair.lower, color=colour, label=pair.label)
-            drawn += ax.plot(omega, pair.upper, color=colour)
+            drawn += ax.plot(pair.omega, pair.lower, color=colour, label=pair.label)
+            drawn += ax.plot(pair.omega, pair.upper, color=colour)
         else:
             # The corner curves cross; the band between them is what is meant.
             low, high = np.minimum(pair.lower, pair.upper), np.maximum(pair.lower, pair.upper)
-            shade = ax.fill_between(omega, low, high, color=colour, alpha=0.25, linewidth=0, label=pair.label)
-            drawn += [shade, *ax.plot(omega, low, color=colour, linewidth=0.6)]
-            drawn += ax.plot(omega, high, color=colour, linewidth=0.6)
+            shade = {"color": colour, "alpha": 0.25, "linewidth": 0, "label": pair.label}
+            drawn.append(ax.fill_between(pair.omega, low, high, **shade))
+            drawn += ax.plot(pair.omega, low, color=colour, linewidth=0.6)
+            drawn += ax.plot(pair.omega, high, color=colour, linewidth=0.6)
         mark(ax, drawn, pair.method)
-
-
-def _draw_coupled(ax: Axes, omega: FloatArray, curve: FloatArray) -> None:
-    label = "reference through the coupling"
-    ax.plot(omega, curve, color=COLOURS["coupled"], linestyle=_COUPLED, label=label)
+    ax.plot(omega, reference, color=COLOURS["ink"], linestyle=_REFERENCE, label="reference, |Zₕ|")
+    if coupled is not None:
+        label = "reference through the coupling"
+        ax.plot(omega, coupled, color=COLOURS["coupled"], linestyle=_COUPLED, label=label)
+    ax.set_xlim(omega[0], omega[-1])
+    ax.set_xlabel("ω (rad/s)")
 
 
 def draw_stability(
@@ -184,7 +173,7 @@ def draw_stability(
             line.set_label(f"{label}: {reached / needed:.3g} × bound at {at:.4g} rad/s")
     log_scale(ax)
     ax.set_xlim(omega[0], omega[-1])
-    ax.set_xlabel("angular frequency ω (rad/s)")
+    ax.set_xlabel("ω (rad/s)")
     ax.set_ylabel("admittance, real part (m/(N·s))")
     ax.margins(y=0.12)
     ax.legend(frameon=False, loc="upper left")
@@ -245,7 +234,6 @@ def _curves_drawing(
         for ax, title, (environment, some) in zip(axes, titles, rows.items(), strict=True):
             draw_magnitude(ax, array(some[0]["omega"]), limits[environment], *reference_of(some[0]), log=log)
             ax.set_title(title, loc="left")
-            ax.set_xlabel("ω (rad/s)")
         if log:
             ends = np.array([ax.get_ylim() for ax in axes])
             for ax in axes:

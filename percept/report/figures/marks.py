@@ -104,12 +104,9 @@ def _ends(bars: Sequence[Bar], *, log: bool) -> tuple[float, float]:
         for name in dict.fromkeys(bar.environment for bar in bars)
     ]
     sides = np.array([(min(b.lower for b in group), max(b.upper for b in group)) for group in groups])
-    if not log:
-        low, high = common_range(sides[:, 0], sides[:, 1], about=1.0)
-        return low - 0.02 * (high - low), high + 0.02 * (high - low)
-    with np.errstate(divide="ignore"):
-        low, high = common_range(*np.log(np.maximum(sides, 0.0)).T, about=0.0)
-    return float(np.exp(low)), float(np.exp(high))
+    low, high = common_range(*sides.T, log=log)
+    margin = 0.0 if log else 0.02 * (high - low)
+    return low - margin, high + margin
 
 
 def beyond_range(bars: Sequence[Bar], *, log: bool = True) -> bool:
