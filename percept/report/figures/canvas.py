@@ -133,7 +133,7 @@ def legend(ax: Axes, **settings: Any) -> None:
     named = dict(zip(labels, handles, strict=True))
     figure = ax.get_figure(root=True)
     if figure is not None and named:
-        below = {"loc": "lower left", "ncols": 2, "borderaxespad": 0.2}
+        below: dict[str, Any] = {"loc": "lower left", "ncols": 2, "borderaxespad": 0.2}
         figure.legend(named.values(), named.keys(), **below | settings)
 
 

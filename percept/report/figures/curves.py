@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -103,7 +104,7 @@ def draw_ratio(
         ("▼", 0.03, "bottom", min((float(np.min(pair.lower)) for pair in ratios), default=1.0)),
     ):
         if not low <= value <= high:
-            place = {"transform": ax.transAxes, "ha": "right", "va": side}
+            place: dict[str, Any] = {"transform": ax.transAxes, "ha": "right", "va": side}
             ax.text(0.98, y, f"{arrow} {brief(value)}", fontsize=6.5, color=COLOURS["ink"], **place)
 
 
@@ -136,7 +137,7 @@ def _draw(
         else:
             # The corner curves cross; the band between them is what is meant.
             low, high = np.minimum(pair.lower, pair.upper), np.maximum(pair.lower, pair.upper)
-            shade = {"color": colour, "alpha": 0.25, "linewidth": 0, "label": pair.label}
+            shade: dict[str, Any] = {"color": colour, "alpha": 0.25, "linewidth": 0, "label": pair.label}
             drawn.append(ax.fill_between(pair.omega, low, high, **shade))
             drawn += ax.plot(pair.omega, low, color=colour, linewidth=0.6)
             drawn += ax.plot(pair.omega, high, color=colour, linewidth=0.6)
@@ -162,13 +163,14 @@ def draw_stability(
     ax.plot(omega, bound, color=COLOURS["ink"], linewidth=1.4, label="lower bound (Eq. 10)", gid="bound")
     styles = zip(cycle(_DASHES), cycle(_COLOURS), strict=False)
     for (label, values), (dashes, name) in zip(couplings.items(), styles, strict=False):
-        curve, style = _drawable(values), {"color": COLOURS[name], "linestyle": dashes, "linewidth": 1.4}
+        curve, colour = _drawable(values), COLOURS[name]
+        style: dict[str, Any] = {"color": colour, "linestyle": dashes, "linewidth": 1.4}
         (line,) = ax.plot(omega, curve, label=label, gid=f"coupling:{label}", **style)
         at = (binding or {}).get(label)
         if at is not None and omega[0] <= at <= omega[-1]:
             reached, needed = (_at(at, omega, values) for values in (curve, bound))
-            ax.plot([at], [reached], "o", markersize=6, color=COLOURS[name], gid=f"binding:{label}")
-            ax.axvline(at, color=COLOURS[name], linewidth=0.7, linestyle=":")
+            ax.plot([at], [reached], "o", markersize=6, color=colour, gid=f"binding:{label}")
+            ax.axvline(at, color=colour, linewidth=0.7, linestyle=":")
             # In the legend, because the marks of like couplings lie on top of each other.
             line.set_label(f"{label}: {reached / needed:.3g} × bound at {at:.4g} rad/s")
     log_scale(ax)

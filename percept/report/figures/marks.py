@@ -25,6 +25,7 @@ from percept.report.figures.canvas import (
 from percept.report.select import KIND_NAMES, KINDS, METHOD_NAMES, METHODS
 
 FloatArray = NDArray[np.float64]
+_Style = dict[str, Any]
 #: Keeps names and values readable over lines.
 _GROUND = {"facecolor": COLOURS["paper"], "edgecolor": "none", "pad": 0.4}
 _MARKERS = {"classical": "o", "bayesian": "D"}
@@ -68,13 +69,17 @@ def draw_intervals(
         ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=KIND_NAMES[kind])
     for bar in bars:
         y = row[bar.environment] + _offset(kinds.index(bar.kind), bar.method, len(kinds), present)
-        span, colour = [max(bar.lower, left), min(bar.upper, right)], COLOURS[bar.method]
-        drawn: list[Artist] = [*ax.plot(span, [y, y], color=colour, linewidth=_THICKNESS[bar.kind])]
+        ends, colour = [max(bar.lower, left), min(bar.upper, right)], COLOURS[bar.method]
+        drawn: list[Artist] = [*ax.plot(ends, [y, y], color=colour, linewidth=_THICKNESS[bar.kind])]
         for value, edge, side in ((bar.lower, left, "left"), (bar.upper, right, "right")):
             if value != min(max(value, left), right):
                 drawn += _point_beyond(ax, edge, y, value, side, colour)
         if bar.kind == "mean" and left <= bar.estimate <= right:
-            form = {"markersize": 3.4, "markerfacecolor": COLOURS["paper"], "markeredgecolor": colour}
+            form: _Style = {
+                "markersize": 3.4,
+                "markerfacecolor": COLOURS["paper"],
+                "markeredgecolor": colour,
+            }
             drawn += ax.plot([bar.estimate], [y], _MARKERS[bar.method], **form)
         mark(ax, drawn, bar.method, bar.kind)
     for environment, subjects in zip(environments, values, strict=False):
@@ -152,7 +157,7 @@ def draw_band(ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str
     """Draw band against size on logarithmic axes, with the fitted laws."""
     for widths in series:
         colour, method = COLOURS[widths.method], METHOD_NAMES[widths.method]
-        form = {"markersize": 4, "color": colour, "label": widths.label}
+        form: _Style = {"markersize": 4, "color": colour, "label": widths.label}
         ax.plot(widths.size, widths.band, _MARKERS[widths.method], **form)
         for (name, curve), dashes in zip(widths.laws.items(), _LAW_DASHES, strict=False):
             label = f"{method}: {name}"
@@ -212,10 +217,20 @@ def draw_design(
     if coupling is not None:
         x, y = coupling[0] / 1e3, coupling[1]
         at = (min(x, right), min(y, top))
-        form = {"markersize": 5, "color": COLOURS["warn"], "label": "coupling in use", "clip_on": False}
-        ax.plot([at[0]], [at[1]], "X", **form)
+        form: _Style = {
+            "markersize": 5,
+            "color": COLOURS["warn"],
+            "label": "coupling in use",
+            "clip_on": False,
+        }
+        ax.plot([at[0]], [at[1]], "X", markersize=5, **form)
         if at != (x, y):
-            place = {"xytext": (-6, -4), "textcoords": "offset points", "ha": "right", "va": "top"}
+            place: _Style = {
+                "xytext": (-6, -4),
+                "textcoords": "offset points",
+                "ha": "right",
+                "va": "top",
+            }
             ax.annotate(f"at {x:.4g} kN/m,\n{y:.4g} N·s/m", at, fontsize=6, **place)
     ax.set_xlim(0, right)
     ax.set_ylim(0, top)
