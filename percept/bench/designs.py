@@ -10,7 +10,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,9 +18,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
-from percept.bench.measure import as_installed
+from percept.bench.measure import in_a_process, print_result
 from percept.calibration.studies import Checkpoint
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.statistics import Statistics
@@ -168,31 +167,24 @@ def _kept(
     kept = checkpoint.read(seed + 1)
     if seed not in kept and run:
         log(f"{name}, seed {seed}: {task}")
-        kept[seed] = _in_a_process(task, name, seed)
+        kept[seed] = _measured(task, name, seed)
         checkpoint.append(seed, kept[seed])
     return kept.get(seed, {})
 
 
-def _in_a_process(task: str, name: str, seed: int) -> dict[str, Any]:
-    allowed = DESIGNS[name].allowed
-    patience = max(_PATIENCE * allowed, _LEAST_PATIENCE) if task == "fit" else _PEER_PATIENCE
-    command = [sys.executable, "-m", __name__, json.dumps([task, name, seed])]
+def _measured(task: str, name: str, seed: int) -> dict[str, Any]:
+    """Fit one study, or let nutpie sample it, in a process of its own; only the time where that fails."""
+    patience = max(_PATIENCE * DESIGNS[name].allowed, _LEAST_PATIENCE) if task == "fit" else _PEER_PATIENCE
     begun = time.perf_counter()
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, env=as_installed(), timeout=patience
-        )
-        why = (done.stderr.strip().splitlines() or ["no message"])[-1]
-    except subprocess.TimeoutExpired:
-        done, why = None, f"not finished after {patience:g} s"
-    if done is None or done.returncode:
-        unknown = dict.fromkeys(("processor_s", "tau", "rhat", "worst_error", "peak_mb"), math.nan)
-        cost = {"coordinates": 0, "steps": 0, "passed": False, "reasons": why, **unknown}
+        return in_a_process(__name__, [task, name, seed], timeout=patience)
+    except RefusalError as error:
         wall = time.perf_counter() - begun
-        return {"cost": {"wall_s": wall, **cost}} if task == "fit" else {"cost": {"peer_s": wall}}
-    # Some libraries print to standard output, before the result.
-    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return result
+        if task == "peer":
+            return {"cost": {"peer_s": wall}}
+        unknown = dict.fromkeys(("processor_s", "tau", "rhat", "worst_error", "peak_mb"), math.nan)
+        lost = {"coordinates": 0, "steps": 0, "passed": False, "reasons": error.message}
+        return {"cost": {"wall_s": wall, **lost, **unknown}}
 
 
 def _compared(fit: Mapping[str, Any], peer: Mapping[str, Any]) -> dict[str, Any]:
@@ -209,42 +201,29 @@ def _compared(fit: Mapping[str, Any], peer: Mapping[str, Any]) -> dict[str, Any]
 
 def summary(rows: Sequence[DesignCost]) -> list[str]:
     """Say over all designs what the table shows of each."""
-    late = [
-        f"{row.design} (seed {row.seed}: {row.processor_s / row.allowed_s:.1f} times)"
-        for row in rows
-        if not row.in_time
-    ]
-    withheld = [f"{row.design} (seed {row.seed})" for row in rows if not row.passed]
-    large = [row.design for row in rows if not row.peak_mb < 1000.0]
-    lines = [
-        f"{sum(row.passed for row in rows)} of {len(rows)} fits pass the gate"
-        + (f"; not {', '.join(withheld)}." if withheld else "."),
-        f"{sum(row.in_time for row in rows)} of {len(rows)} fits end within their time"
-        + (f"; not {', '.join(late)}." if late else "."),
-        f"Largest peak memory: {max(row.peak_mb for row in rows):.0f} MB"
-        + (f"; above 1 GB or not known: {', '.join(dict.fromkeys(large))}." if large else "."),
-    ]
-    with_peer = [row for row in rows if row.z_square is not None]
-    if with_peer:
-        count = sum(row.compared or 0 for row in with_peer)
-        square = sum((row.z_square or 0.0) * (row.compared or 0) for row in with_peer) / count
-        beyond = sum(row.z_beyond_3 or 0 for row in with_peer) / count
+    lines = []
+    for what, kept in (
+        ("pass the gate", [row.passed for row in rows]),
+        ("end within their time", [row.in_time for row in rows]),
+        ("stay below 1 GB of memory", [row.peak_mb < 1000.0 for row in rows]),
+    ):
+        others = [f"{row.design} (seed {row.seed})" for row, one in zip(rows, kept, strict=True) if not one]
+        rest = f"; not {', '.join(others)}" if others else ""
+        lines.append(f"{sum(kept)} of {len(rows)} fits {what}{rest}.")
+    compared = [row for row in rows if row.z_square is not None]
+    if compared:
+        counts = np.array([row.compared for row in compared], dtype=float)
+        square, beyond = np.array([(row.z_square, row.z_beyond_3) for row in compared], dtype=float).T
         lines.append(
-            f"Against nutpie, {count} limits of kinds mean and user: differences over combined errors have a "
-            f"root mean square of {square**0.5:.2f}; {beyond:.2%} exceed 3; the largest is "
-            f"{max(row.z_largest or 0.0 for row in with_peer):.2f}. The limits follow from nutpie's draws of "
+            f"Against nutpie, {counts.sum():.0f} limits of kinds mean and user: differences over combined "
+            f"errors have a root mean square of {math.sqrt(np.average(square, weights=counts)):.2f}; "
+            f"{beyond.sum() / counts.sum():.2%} exceed 3; the largest is "
+            f"{max(row.z_largest or 0.0 for row in compared):.2f}. The limits follow from nutpie's draws of "
             "the scales by the conditional normal laws of the locations."
         )
-        poor = [row.design for row in with_peer if (row.peer_error or 0.0) > 1.0]
-        if poor:
-            lines.append(f"Nutpie's own error exceeds percept's in {', '.join(poor)}.")
-    without = [row.design for row in rows if row.peer_s is not None and row.z_square is None]
-    if without:
-        lines.append(f"Nothing to compare, since nutpie or percept gave no limits: {', '.join(without)}.")
-    compared = {row.design for row in rows if row.peer_s is not None}
-    alone = [name for name in dict.fromkeys(row.design for row in rows) if name not in compared]
-    if alone:
-        lines.append(f"Nutpie has not run on {', '.join(alone)}.")
+    done = {row.design for row in compared}
+    if alone := [name for name in dict.fromkeys(row.design for row in rows) if name not in done]:
+        lines.append(f"Nutpie has not run, or gave no limits to compare, on {', '.join(alone)}.")
     return lines
 
 
@@ -321,7 +300,7 @@ def main(task: str) -> None:
         result = nutpie_limits(statistics, seed, seconds=_SAMPLING)
     else:
         result = _fit(statistics, seed)
-    sys.stdout.write("\n" + json.dumps(result) + "\n")
+    print_result(result)
 
 
 if __name__ == "__main__":

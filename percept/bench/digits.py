@@ -1,9 +1,9 @@
-"""Digits that means, SDs, tolerance factors and the density keep."""
+"""Digits that means, SDs and the density keep."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
@@ -12,12 +12,10 @@ from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from percept.bench import twins as twin
 from percept.bench.twins import Levels
 from percept.inference import Moments
-from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.classical.trials import subject_means
 from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.density import CollapsedDensity
@@ -36,8 +34,7 @@ class Digits:
     quantity: Annotated[str, "What percept computes."]
     along: Annotated[
         str,
-        "What varies: data sets; subjects; 1 − share and 1 − confidence; variances in squared units of the "
-        "response; 1 − correlation; an offset of all responses; floor(log10(ωT)), which is 1 at Nyquist.",
+        "What varies: data sets; subjects; variances in squared units of the response; 1 − correlation; an offset of all responses; floor(log10(ωT)), which is 1 at Nyquist.",
     ]
     at: Annotated[str | float, "Its value."]
     cases: Annotated[int, "Comparisons."]
@@ -136,67 +133,6 @@ def _exact_sd(groups: list[Array]) -> float:
     variance = total / (sum(group.size for group in groups) - len(groups))
     with mpmath.workdps(60):
         return float(mpmath.sqrt(mpmath.mpf(variance.numerator) / variance.denominator))
-
-
-# Tolerance factors
-
-_TOLERANCE_DIGITS = 30
-#: What varies, its value, and (subjects, 1 − share, 1 − confidence).
-FACTORS: tuple[tuple[str, float, tuple[int, float, float]], ...] = (
-    *(("subjects", n, (n, 0.01, 0.05)) for n in (2, 3, 10, 100, 1000)),
-    *(("1 − share", beta, (10, beta, 0.05)) for beta in (0.5, 1e-4, 1e-9)),
-    *(("1 − confidence", alpha, (10, 0.01, alpha)) for alpha in (0.5, 1e-4, 1e-9)),
-)
-
-
-def tolerance_digits(
-    factors: Sequence[tuple[str, float, tuple[int, float, float]]] = FACTORS,
-) -> list[Digits]:
-    """Compare two-sided tolerance factors with their integral in 30 digits."""
-    rows = []
-    for along, at, (n, beta, alpha) in factors:
-        factor = float(factor_of_tails(n, beta, alpha))
-        exact = exact_factor(n, beta, alpha, near=factor)
-        rows.append(digits_row("tolerance factor", along, at, [float(abs(factor - exact) / exact)]))
-    return rows
-
-
-def exact_factor(n: int, beta: float, alpha: float, *, near: float) -> Number:
-    """One secant step from a factor that is nearly right: the step squares the factor's own error."""
-    import mpmath
-
-    with mpmath.workdps(_TOLERANCE_DIGITS):
-        first = mpmath.mpf(near)
-        second = first * (1 + mpmath.mpf("1e-9"))
-        short, shorter = (_miss_probability(n, beta, c) - mpmath.mpf(alpha) for c in (first, second))
-        return first - short * (second - first) / (shorter - short)
-
-
-def _miss_probability(n: int, beta: float, c: Number) -> Number:
-    """Probability that mean ± c SD holds less than the share, the mean integrated out."""
-    import mpmath
-
-    half = mpmath.mpf(n - 1) / 2
-
-    def given(x: Number) -> Number:
-        """Density of the mean's distance times the probability of too small an SD."""
-        r = _radius(x, mpmath.mpf(beta))
-        below = mpmath.gammainc(half, 0, half * r * r / (c * c), regularized=True)
-        return 2 * mpmath.sqrt(n / (2 * mpmath.pi)) * mpmath.exp(-n * x * x / 2) * below
-
-    ends = [mpmath.mpf(k) / mpmath.sqrt(n) for k in (0, 1, 2, 4, 8, 12)]
-    return mpmath.quad(given, ends)
-
-
-def _radius(x: Number, beta: Number) -> Number:
-    """Solve Q(r + x) + Q(r − x) = beta, Q the upper tail, on its logarithm."""
-    import mpmath
-
-    def surplus(r: Number) -> Number:
-        return mpmath.log((mpmath.ncdf(-r - x) + mpmath.ncdf(x - r)) / beta)
-
-    start = float(x) + stats.norm.isf(float(beta) / 2)
-    return mpmath.findroot(surplus, (start, start * 1.01))
 
 
 # The hierarchical model's density

@@ -16,10 +16,7 @@ from percept.boundary.law import mixture_law
 from percept.boundary.limits import Limits, Magnitude
 from percept.haptics import Device
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.statistics import Statistics, from_trials
-from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import sample
 
 Task: TypeAlias = Callable[[], object]
 
@@ -33,12 +30,6 @@ SIZES: Mapping[str, tuple[int, ...]] = {
     ENVIRONMENTS: (1, 2, 5, 10, 20, 50, 100, 200),
     OMEGA: (10, 100, 1_000, 10_000),
     DRAWS: (100, 1_000, 10_000, 100_000, 1_000_000),
-}
-#: Sizes at which a whole fit is timed too.
-FITTED: Mapping[str, tuple[int, ...]] = {
-    ROWS: (50, 5_000_000),
-    SUBJECTS: (10, 10_000),
-    ENVIRONMENTS: (1, 5),
 }
 #: Growth of a density call that is promised not to be passed.
 _PROMISED = {ROWS: 1.10, SUBJECTS: 1.10}
@@ -57,7 +48,7 @@ class Growth:
     task: Annotated[
         str,
         "density call: 256 values of the log density. propagation: quantiles of abs(Z_h) over 1000 draws "
-        "at 10 frequencies, unless those vary. fit: sampling to a tolerance of 5 %.",
+        "at 10 frequencies, unless those vary.",
     ]
     along: Annotated[str, "What varies."]
     size: Annotated[int, "Its value."]
@@ -71,21 +62,16 @@ class Growth:
 def growth(
     *,
     rounds: int = 15,
-    fit_rounds: int = 1,
     sizes: Mapping[str, Sequence[int]] = SIZES,
-    fitted: Mapping[str, Sequence[int]] = FITTED,
     log: Callable[[str], None] = lambda line: None,
 ) -> list[Growth]:
-    """Time density calls, propagation and fits along every axis."""
+    """Time density calls and propagation along every axis."""
     rows = []
     for along, values in sizes.items():
         log(f"growth with {along}")
         studied = along not in (OMEGA, DRAWS)
         name, task = ("density call", _density_call) if studied else ("propagation", _propagation)
         rows += _rows(name, along, {size: task(along, size) for size in values}, rounds)
-    for along, values in fitted.items():
-        log(f"fits with {along}")
-        rows += _rows("fit", along, {size: _fit(along, size) for size in values}, fit_rounds)
     return rows
 
 
@@ -126,11 +112,6 @@ def _density_call(along: str, size: int) -> Task:
     density = CollapsedDensity(growth_study(along, size))
     points = 0.5 * np.random.default_rng(1).standard_normal((_POINTS, density.dimension))
     return lambda: density(points)
-
-
-def _fit(along: str, size: int) -> Task:
-    model = CollapsedDensity(growth_study(along, size))
-    return lambda: sample(model, IntervalEstimands(model), Settings(tolerance=0.05))
 
 
 def _propagation(along: str, size: int) -> Task:

@@ -1,41 +1,59 @@
-"""What every part shares: timing, the machine it ran on, and a measurement as a document and a page."""
+"""What every part shares: processes of their own, the machine, and a measurement as document and page."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import platform
-import time
-from collections.abc import Callable, Mapping, Sequence
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, get_type_hints
 
+import numpy as np
+
+from percept.errors import RefusalError
 from percept.files import filled_folder
 from percept.provenance import Made, made_by
 from percept.report.plain import dumps, plain
 
 SCHEMA = "percept-measurement-2"
 
-T = TypeVar("T")
 
+def python_output(*words: str, timeout: float | None = None, **changes: str) -> str:
+    """Run Python in a process of its own, its environment changed; its standard output.
 
-def timed(work: Callable[[], T], repeats: int) -> tuple[T, list[float]]:
-    """Do work several times; its last result and the processor seconds of each."""
-    seconds = []
-    for _ in range(repeats):
-        started = time.process_time()
-        result = work()
-        seconds.append(time.process_time() - started)
-    return result, seconds
-
-
-def as_installed(**changes: str) -> dict[str, str]:
-    """Environment of a process whose start is timed; it keeps percept's modules compiled.
-
-    Installed packages are compiled as they are installed. A checkout would be compiled again at every start
-    where `PYTHONDONTWRITEBYTECODE` is set.
+    It keeps percept's modules compiled. Installed packages are compiled as they are installed. A checkout
+    would be compiled again at every start where `PYTHONDONTWRITEBYTECODE` is set.
     """
-    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | changes
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    command = [sys.executable, *words]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, env=kept | changes, timeout=timeout
+        )
+    except subprocess.TimeoutExpired:
+        raise RefusalError(f"not finished after {timeout:g} s.") from None
+    if done.returncode:
+        *_, last = ["no message", *done.stderr.strip().splitlines()]
+        raise RefusalError(f"{' '.join(words[:3])} failed: {last}")
+    return done.stdout
+
+
+def in_a_process(module: str, task: Any, *, timeout: float | None = None) -> dict[str, Any]:
+    """Give a task to a module run as a program, in a process of its own, and return what it prints."""
+    output = python_output("-m", module, json.dumps(task), timeout=timeout)
+    # Some libraries print to standard output, around the result.
+    *_, line = (line for line in output.splitlines() if line.startswith("{"))
+    result: dict[str, Any] = json.loads(line)
+    return result
+
+
+def print_result(result: Mapping[str, Any]) -> None:
+    """Print what `in_a_process` returns, on a line of its own."""
+    sys.stdout.write(f"\n{json.dumps(result, default=np.ndarray.tolist)}\n")
 
 
 def machine(loads: tuple[float, float], seconds: float) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -13,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
 
-from percept.bench.measure import as_installed
+from percept.bench.measure import in_a_process, print_result
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -41,8 +40,6 @@ class Saving:
 
     without: Annotated[str, "What is left out."]
     seconds: Annotated[float, "Processor time of the whole process, imports included: median of the rounds."]
-    seconds_low: Annotated[float, "The shortest."]
-    seconds_high: Annotated[float, "The longest."]
     share: Annotated[float, "seconds divided by the first scene's, which leaves nothing out."]
     imports: Annotated[tuple[str, ...], "Packages imported, of those some scene does without."]
     stages: Annotated[tuple[str, ...], "What the study worked out."]
@@ -56,24 +53,18 @@ def skipping_cost(*, repeats: int = 3) -> tuple[Saving, ...]:
 
 def savings(rounds: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[Saving, ...]:
     """Reduce rounds of every scene's work; the first scene leaves nothing out."""
-    seconds = {scene: [works[scene]["seconds"] for works in rounds] for scene in rounds[0]}
-    whole = median(next(iter(seconds.values())))
-    return tuple(
-        Saving(
-            scene, median(taken), min(taken), max(taken), median(taken) / whole,
-            tuple(rounds[0][scene]["imports"]), tuple(rounds[0][scene]["stages"]),
-            rounds[0][scene]["coordinates"],
-        )
-        for scene, taken in seconds.items()
-    )  # fmt: skip
+    seconds = {scene: median(works[scene]["seconds"] for works in rounds) for scene in rounds[0]}
+    whole = next(iter(seconds.values()))
+    found = []
+    for scene, work in rounds[0].items():
+        took, imports, stages = seconds[scene], tuple(work["imports"]), tuple(work["stages"])
+        found.append(Saving(scene, took, took / whole, imports, stages, work["coordinates"]))
+    return tuple(found)
 
 
 def work_of(scene: str, *, tolerance: float = 0.05, method: str = "both") -> dict[str, Any]:
     """Run one scene in a fresh process."""
-    command = [sys.executable, "-m", __name__, json.dumps([scene, tolerance, method])]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=as_installed())
-    work: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return work
+    return in_a_process(__name__, [scene, tolerance, method])
 
 
 def _main(task: str) -> None:
@@ -84,13 +75,14 @@ def _main(task: str) -> None:
     study = study_without(scene, tolerance=tolerance, method=method)
     with tempfile.TemporaryDirectory() as folder:
         (write_fit if scene == "page and figures" else write_report)(study, Path(folder) / "out")
-    work = {
-        "seconds": time.process_time(),
-        "imports": [name for name in PACKAGES if name in sys.modules],
-        "stages": stages_of(study),
-        "coordinates": (study.diagnostics or {"dimension": 0})["dimension"],
-    }
-    sys.stdout.write(json.dumps(work) + "\n")
+    print_result(
+        {
+            "seconds": time.process_time(),
+            "imports": [name for name in PACKAGES if name in sys.modules],
+            "stages": stages_of(study),
+            "coordinates": (study.diagnostics or {"dimension": 0})["dimension"],
+        }
+    )
 
 
 def stages_of(study: Study) -> list[str]:

@@ -73,8 +73,7 @@ def _bench(module: str, name: str) -> Any:
 def _digits(arguments: argparse.Namespace) -> list[Any]:
     import mpmath  # noqa: F401 - missing, it is named before anything is worked out
 
-    parts = ("moment_digits", "tolerance_digits", "density_digits")
-    rows = [row for name in parts for row in _bench("digits", name)()]
+    rows = [*_bench("digits", "moment_digits")(), *_bench("digits", "density_digits")()]
     return rows + _bench("digits_haptics", "haptics_digits")(arguments.cases)
 
 

@@ -1,11 +1,9 @@
 """Digits kept: NIST's certified sets, exact arithmetic, and proof that an error would be seen."""
 
 import dataclasses
-import json
 import math
 import re
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,8 +18,6 @@ from tests.inference.hierarchy import exact
 
 NIST = files("scipy.stats").joinpath("tests", "data", "nist_anova")
 shipped = pytest.mark.skipif(not NIST.is_dir(), reason="this SciPy was installed without its test data")
-#: Factors by another order of integration.
-TABLE = Path(__file__).parents[1] / "inference" / "classical" / "tolerance_factors.json"
 LEVELS = twin.Levels(between=0.2, shared=1e-4, trial=30.0, tau=0.5, rest=1e-7)
 X = np.array([[-1.0, 1.0], [-0.5, 0.5]])
 
@@ -76,22 +72,6 @@ def test_the_observed_one_way_sets(name):
     # printed to 15 digits; the decimal data are rounded to doubles, one part in 2**53 of their size
     rounding = np.abs(response).max() * 2.0**-53 / certified
     assert abs(within / certified - 1.0) <= 1e-14 + rounding
-
-
-def test_the_exact_factor_meets_the_published_and_the_other_integral_from_a_wrong_start():
-    rows = {tuple(row[:4]): float(row[4]) for row in json.loads(TABLE.read_text(encoding="utf-8"))}
-    wanted = rows["two", 10, 0.99, 0.95]
-    assert f"{wanted:.6f}" == "4.436909"
-    found = float(bench.exact_factor(10, 0.01, 0.05, near=4.4369087))
-    # One secant step squares the start's error of 7e-9.
-    assert found == pytest.approx(wanted, rel=1e-14)
-    assert bench.digits_of(abs(4.4369087 - found) / found) == pytest.approx(8.19, abs=0.02)
-
-
-def test_factors_keep_their_digits_in_the_tails():
-    (row,) = bench.tolerance_digits([("1 − confidence", 1e-9, (3, 0.01, 1e-9))])
-    assert row.digits > 12.0
-    assert row.over_promise is None
 
 
 @pytest.fixture(scope="module")

@@ -37,14 +37,14 @@ def test_rows_keep_the_scatter_they_were_drawn_with():
 
 def test_every_size_is_timed_against_the_smallest():
     sizes = {"environments": (1, 3), "frequencies": (10, 40), "draws": (100, 400)}
-    found = growth(rounds=3, fit_rounds=1, sizes=sizes, fitted={"environments": (1,)})
+    found = growth(rounds=3, sizes=sizes)
     assert [(row.task, row.along, row.size) for row in found] == [
         ("density call", "environments", 1), ("density call", "environments", 3),
         ("propagation", "frequencies", 10), ("propagation", "frequencies", 40),
-        ("propagation", "draws", 100), ("propagation", "draws", 400), ("fit", "environments", 1),
+        ("propagation", "draws", 100), ("propagation", "draws", 400),
     ]  # fmt: skip
     for row in found:
         assert 0.0 < row.ratio_low <= row.ratio <= row.ratio_high
         assert row.seconds > 0.0
     assert all(row.ratio == 1.0 for row in found[::2])
-    assert growth(rounds=1, sizes={"trial rows": (50,)}, fitted={})[0].promised == 1.1
+    assert growth(rounds=1, sizes={"trial rows": (50,)})[0].promised == 1.1

@@ -25,7 +25,7 @@ def test_every_column_is_explained(record: type) -> None:
 
 
 def test_the_page_rounds_and_the_document_does_not() -> None:
-    saving = Saving("device|hand", 1 / 3, 0.25, 0.5, 1.0, ("emcee", "jinja2"), (), 22)
+    saving = Saving("device|hand", 1 / 3, 1.0, ("emcee", "jinja2"), (), 22)
     document = measurement("skipping", [saving], command="typed", loads=(0.5, 1.5), seconds=12.4)
     assert document["rows"][0]["seconds"] == 1 / 3
     page = measurement_markdown(document)
@@ -33,7 +33,7 @@ def test_the_page_rounds_and_the_document_does_not() -> None:
     assert " by `typed` from commit " in page
     assert " 12 s on " in page
     assert "load 0.5 before and 1.5 after." in page
-    assert "| device\\|hand | 0.3333 | 0.25 | 0.5 | 1 | emcee, jinja2 |  | 22 |" in page
+    assert "| device\\|hand | 0.3333 | 1 | emcee, jinja2 |  | 22 |" in page
     assert "- seconds: Processor time of the whole process, imports" in page
     assert "simulated" not in measurement_markdown(document | {"part": "digits"})
 

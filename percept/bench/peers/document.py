@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from percept.bench.measure import machine
@@ -20,7 +19,6 @@ from percept.bench.peers.processes import (
     LONGEST,
     Comparison,
     Measured,
-    Startup,
     Whole,
     comparisons,
     measure,
@@ -77,20 +75,15 @@ def run_benchmark(
         log("whole commands")
         files = str(dataset("hbfd_sessions.csv")), str(dataset("hbfd.toml"))
         whole = whole_commands(*files, repeats=0 if quick else repeats, commands=commands)
-    startups: list[Startup] = []
     measured: list[Measured] = []
     for study, reference in references.items():
-        begin, rows = measure(present, study, reference, starts=starts, seconds=seconds, quick=quick, log=log)
-        startups, measured = startups + begin, measured + rows
+        measured += measure(present, study, reference, starts=starts, seconds=seconds, quick=quick, log=log)
+    packages = sorted({name for one in present for name in one.packages} - {"percept"})
     document = build_document(
-        startups, measured, whole, references, left_out=left_out, made=made_by(command, _packages(present)),
+        measured, whole, references, left_out=left_out, made=made_by(command, packages),
         at=machine((before, os.getloadavg()[0]), time.perf_counter() - begun),
     )  # fmt: skip
     return write_benchmark(document, out)
-
-
-def _packages(engines: Sequence[Any]) -> list[str]:
-    return sorted({name for one in engines for name in one.packages} - {"percept"})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,46 +97,38 @@ class Reached:
     cold: float  # s
     processor: float  # s
     extrapolated: bool  # Whether no run was as accurate: the most accurate one, at time over error squared
-    warm_ratio: float = math.nan  # Over percept's times to the same error
-    cold_ratio: float = math.nan  # Over percept's times to the same error
-    processor_ratio: float = math.nan  # Over percept's times to the same error
+    warm_ratio: float  # Over percept's times to the same error, as the next two; NaN without them
+    cold_ratio: float
+    processor_ratio: float
 
 
 def reached(measured: Sequence[Measured], levels: Sequence[float] = LEVELS) -> list[Reached]:
     """Work out times to given errors, and their ratios to percept's."""
-    rows = []
+    found = {}
     for study, name in dict.fromkeys((one.study, one.engine) for one in measured):
         group = [one for one in measured if (one.study, one.engine) == (study, name)]
-        rows += [_reached(group, level) for level in levels]
-    ours = {(row.study, row.level): row for row in rows if row.engine == _OURS}
-    return [
-        dataclasses.replace(
-            row,
-            warm_ratio=row.warm / own.warm,
-            cold_ratio=row.cold / own.cold,
-            processor_ratio=row.processor / own.processor,
-        )
-        if (own := ours.get((row.study, row.level)))
-        else row
-        for row in rows
-    ]
+        found |= {(study, name, level): _time_to(level, group) for level in levels}
+    rows = []
+    for (study, name, level), (times, extrapolated) in found.items():
+        ours, _ = found.get((study, _OURS, level), ((math.nan,) * 3, False))
+        ratios = (taken / own for taken, own in zip(times, ours, strict=True))
+        rows.append(Reached(study, name, level, *times, extrapolated, *ratios))
+    return rows
 
 
-def _reached(group: Sequence[Measured], level: float) -> Reached:
+def _time_to(level: float, group: Sequence[Measured]) -> tuple[tuple[float, float, float], bool]:
+    """Return warm, cold and processor time to an error, and whether no run was as accurate."""
     enough = [one for one in group if one.error <= level]
     if enough:
         best, more = min(enough, key=lambda one: one.warm), 1.0
     else:
         best = min(group, key=lambda one: one.error)
         more = (best.error / level) ** _RATIO
-    warm, start = best.warm * more, best.cold - best.warm
-    return Reached(
-        best.study, best.engine, level, warm, start + warm, best.processor * more, extrapolated=not enough
-    )
+    start = best.cold - best.warm
+    return (best.warm * more, start + best.warm * more, best.processor * more), not enough
 
 
 def build_document(
-    startups: Sequence[Startup],
     measured: Sequence[Measured],
     whole: Sequence[Whole],
     references: Mapping[str, Reference],
@@ -176,7 +161,6 @@ def build_document(
             {"name": one.name, "title": one.title, "unit": one.unit} for one in ENGINES if one.name in names
         ],
         "left_out": [{"name": name, "missing": missing} for name, missing in (left_out or {}).items()],
-        "startups": startups,
         "measured": measured,
         "reached": times,
         "whole": whole,
@@ -202,18 +186,15 @@ def _aims(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[s
     steps = min(one.notes["autocorrelation_time"] for one in ours)
     draws = best.effective_per_second / usual.effective_per_second
     processor = best.effective_per_processor_second / usual.effective_per_processor_second
+    of_draws = f"effective draws per second over nutpie’s, 4 × {usual.size:.0f} draws"
+    of_time = "nutpie’s sampling time to an error of 1 %, over percept’s"
+    of_steps = "autocorrelation time of the slowest quantity, in steps"
     names = ("what", "value", "processor", "aim", "more_is_better")
     rows = (
-        (
-            f"effective draws per second over nutpie’s, 4 × {usual.size:.0f} draws",
-            draws, processor, 1000.0, True,
-        ),
-        (
-            "nutpie’s sampling time to an error of 1 %, over percept’s",
-            at.warm_ratio, at.processor_ratio, 5000.0, True,
-        ),
-        ("autocorrelation time of the slowest quantity, in steps", steps, None, 15.0, False),
-    )  # fmt: skip
+        (of_draws, draws, processor, 1000.0, True),
+        (of_time, at.warm_ratio, at.processor_ratio, 5000.0, True),
+        (of_steps, steps, None, 15.0, False),
+    )
     return [dict(zip(names, row, strict=True)) for row in rows]
 
 
@@ -245,15 +226,6 @@ _COLOURS = {
     "percept": "bayesian", "emcee": "ink", "nutpie": "classical", "nutpie-noncentred": "warn",
     "pymc": "coupled",
 }  # fmt: skip
-_SECTIONS = (
-    ("result", "Result"),
-    ("error", "Run time against error"),
-    ("ratios", "Time to a given error"),
-    ("measured", "Everything measured"),
-    ("whole", "Whole commands"),
-    ("reference", "What errors are measured against"),
-    ("machine", "Machine and versions"),
-)
 
 
 def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
@@ -272,7 +244,6 @@ def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
             levels=list(dict.fromkeys(row["level"] for row in document["reached"])),
             series=list(dict.fromkeys((row["study"], row["engine"]) for row in document["reached"])),
             at={(row["study"], row["engine"], row["level"]): row for row in document["reached"]},
-            sections=_SECTIONS,
         )
         (folder / PAGE).write_text(page, encoding="utf-8")
     return Path(out_dir) / PAGE
@@ -281,7 +252,13 @@ def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
 def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Drawing:
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18.0, bottom=30.0)
-        _curves(ax, document, study["name"])
+        for one in document["engines"]:
+            of = study["name"], one["name"]
+            own = [row for row in document["measured"] if (row["study"], row["engine"]) == of]
+            own.sort(key=lambda row: row["size"])
+            errors, times = [100.0 * row["error"] for row in own], [row["warm"] for row in own]
+            colour = COLOURS[_COLOURS[one["name"]]]
+            ax.plot(errors, times, color=colour, marker="o", markersize=3.5, label=one["title"])
         log_scale(ax)
         ax.set_xlabel("error of the limits (% of half-width)")
         ax.set_ylabel("time (s)")
@@ -296,18 +273,3 @@ def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Dra
         (170.0, 118.0),
         draw,
     )
-
-
-def _curves(ax: Axes, document: Mapping[str, Any], study: str) -> None:
-    titles = {one["name"]: one["title"] for one in document["engines"]}
-    for name, title in titles.items():
-        own = [row for row in document["measured"] if (row["study"], row["engine"]) == (study, name)]
-        own.sort(key=lambda row: row["size"])
-        ax.plot(
-            [100.0 * row["error"] for row in own],
-            [row["warm"] for row in own],
-            color=COLOURS[_COLOURS[name]],
-            marker="o",
-            markersize=3.5,
-            label=title,
-        )

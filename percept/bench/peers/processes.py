@@ -1,7 +1,7 @@
 """Engines and whole commands timed in processes of their own.
 
-``python -m percept.bench.peers.processes TASK.json`` is the process of one engine: a first run from the start
-of the process, then runs of every budget. It prints JSON.
+``python -m percept.bench.peers.processes TASK`` is the process of one engine: a first run from the start of
+the process, then runs of every budget. It prints JSON.
 """
 
 from __future__ import annotations
@@ -9,36 +9,25 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import statistics
-import subprocess
 import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from percept.bench.measure import in_a_process, print_result, python_output
 from percept.bench.peers.engines import Engine, engine, study_statistics
-from percept.errors import RefusalError
 
 if TYPE_CHECKING:
     # What it needs would count as the start of every engine's process.
     from percept.bench.peers.reference import Reference
 
 _SPACING = 1000  # seeds between processes
-
-
-@dataclasses.dataclass(frozen=True)
-class Startup:
-    """What the first run of a process takes beyond a later one: imports, building and compiling."""
-
-    study: str
-    engine: str
-    seconds: tuple[float, ...]  # Wall time of every process
-    processor: float  # Median processor time of the same, s
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,88 +59,54 @@ def measure(
     seconds: float = 150.0,
     quick: bool = False,
     log: Callable[[str], None] = lambda line: None,
-) -> tuple[list[Startup], list[Measured]]:
+) -> list[Measured]:
     """Measure engines on one study, one after the other."""
-    startups: list[Startup] = []
     measured: list[Measured] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for one in engines:
-            budgets = ((one.quick, 1),) if quick else one.budgets
-            children = []
-            for start in range(1 if quick else starts):
-                log(f"{study}, {one.title}: process {start + 1}")
-                task = {
-                    "engine": one.name, "study": study, "seconds": seconds,
-                    "budgets": budgets if start == 0 else ((budgets[0][0], 0),), "seed": 1 + _SPACING * start,
-                }  # fmt: skip
-                children.append(_child(task, Path(folder, "task.json")))
-            startups.append(_startup(study, one.name, children))
-            measured += _reduced(startups[-1], children[0]["runs"], reference)
-    return startups, measured
+    for one in engines:
+        budgets = ((one.quick, 1),) if quick else one.budgets
+        children = []
+        for start in range(1 if quick else starts):
+            log(f"{study}, {one.title}: process {start + 1}")
+            task = {
+                "engine": one.name, "study": study, "seconds": seconds, "seed": 1 + _SPACING * start,
+                # Processes after the first tell how long a start takes.
+                "budgets": budgets if start == 0 else ((budgets[0][0], 0),), "started": time.time(),
+            }  # fmt: skip
+            children.append(in_a_process(__name__, task))
+        measured += _reduced(study, one.name, children, reference)
+    return measured
 
 
-def _child(task: dict[str, Any], file: Path) -> dict[str, Any]:
-    file.write_text(json.dumps(task | {"started": time.time()}), encoding="utf-8")
-    output = _output(["-m", "percept.bench.peers.processes", str(file)], f"the process of {task['engine']}")
-    # Some libraries print to standard output, around the result.
-    result: dict[str, Any] = json.JSONDecoder().raw_decode(output, output.index('{"first"'))[0]
-    return result
-
-
-def _output(arguments: Sequence[str], name: str, **changes: str) -> str:
-    """Run Python in a process of its own; its standard output."""
-    from percept.bench.measure import as_installed
-
-    done = subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, check=False, env=as_installed(**changes)
-    )
-    if done.returncode:
-        last = done.stderr.strip().splitlines()[-1:] or ["no message"]
-        raise RefusalError(f"{name} failed: {last[0]}")
-    return done.stdout
-
-
-def _startup(study: str, name: str, children: list[dict[str, Any]]) -> Startup:
+def _reduced(study: str, name: str, children: list[dict[str, Any]], reference: Reference) -> list[Measured]:
     runs = children[0]["runs"]
-    again = [run for run in runs if run["size"] == runs[0]["size"]]
-    warm, processor = (statistics.median(run[key] for run in again) for key in ("seconds", "processor"))
-    return Startup(
-        study,
-        name,
-        tuple(max(child["first"] - warm, 0.0) for child in children),
-        max(statistics.median(child["first_processor"] for child in children) - processor, 0.0),
-    )
-
-
-def _reduced(startup: Startup, runs: list[dict[str, Any]], reference: Reference) -> list[Measured]:
+    # What the first run of a process takes beyond a later one: imports, building and compiling.
+    again = median(run["seconds"] for run in runs if run["size"] == runs[0]["size"])
+    start = median(max(child["first"] - again, 0.0) for child in children)
     rows = []
     for size in dict.fromkeys(run["size"] for run in runs):
         group = [run for run in runs if run["size"] == size]
-        seconds, processor, effective = (
-            [run[key] for run in group] for key in ("seconds", "processor", "effective")
-        )
-        values = np.array([run["value"] for run in group])
+        seconds, values = [run["seconds"] for run in group], np.array([run["value"] for run in group])
         claimed = np.hypot([run["error"] for run in group], reference.error)
         errors = [reference.relative_error(value) for value in values]
-        warm, worked, draws = (statistics.median(each) for each in (seconds, processor, effective))
+        warm, worked, draws = (
+            median(run[key] for run in group) for key in ("seconds", "processor", "effective")
+        )
         rows.append(
             Measured(
-                study=startup.study,
-                engine=startup.engine,
+                study=study,
+                engine=name,
                 size=size,
                 repeats=len(group),
                 warm=warm,
-                cold=statistics.median(startup.seconds) + warm,
+                cold=start + warm,
                 warm_range=(min(seconds), max(seconds)),
                 processor=worked,
-                error=statistics.median(errors),
+                error=median(errors),
                 error_range=(min(errors), max(errors)),
                 effective_per_second=draws / warm,
                 effective_per_processor_second=draws / worked,
                 agreement=float(np.sqrt(np.mean(((values - reference.value) / claimed) ** 2))),
-                notes={
-                    key: statistics.median(run["notes"][key] for run in group) for key in group[0]["notes"]
-                },
+                notes={key: median(run["notes"][key] for run in group) for key in group[0]["notes"]},
             )
         )
     return rows
@@ -224,7 +179,7 @@ def whole_commands(
         filled = _filled(words, "SESSIONS", "SCENE", "DIR", "SEED")
         typed = " ".join(f'"{word}"' if " " in word else word for word in filled)
         typed = f"python {typed}".replace("python -m percept", "percept")
-        rows.append(Whole(name, typed, wall, statistics.median(wall), statistics.median(processor)))
+        rows.append(Whole(name, typed, wall, median(wall), median(processor)))
     return rows
 
 
@@ -235,7 +190,7 @@ def comparisons(rows: Sequence[Whole]) -> list[Comparison]:
     for command, against, promised in _PROMISES:
         if command in by_name and against in by_name:
             one, other = by_name[command], by_name[against]
-            ratio = statistics.median(a / b for a, b in zip(one.seconds, other.seconds, strict=True))
+            ratio = median(a / b for a, b in zip(one.seconds, other.seconds, strict=True))
             processor = one.processor / other.processor
             kept = max(ratio, processor) <= promised
             found.append(Comparison(command, against, ratio, processor, promised, kept))
@@ -250,24 +205,23 @@ def _filled(words: Sequence[str], sessions: str, scene: str, out: str, seed: str
 def _timed(words: Sequence[str]) -> tuple[float, float]:
     """Wall and processor seconds of one process; percept finds no posterior kept from an earlier one."""
     before, started = processor_seconds(), time.perf_counter()
-    _output(words, " ".join(words[:3]), PERCEPT_CACHE="off")
+    python_output(*words, PERCEPT_CACHE="off")
     return time.perf_counter() - started, processor_seconds() - before
 
 
-def main(task_file: str) -> None:
+def main(given: str) -> None:
     """Run an engine as its task says and print what it gave."""
-    task = json.loads(Path(task_file).read_text(encoding="utf-8"))
+    task = json.loads(given)
     warnings.simplefilter("ignore")  # samplers warn about runs as short as some of these are meant to be
-    began, before = time.time(), processor_seconds()
+    began = time.time()
     statistics = study_statistics(task["study"])
     # Reading is the same for all engines, and no part of any of them.
-    read, read_processor = time.time() - began, processor_seconds() - before
+    read = time.time() - began
     sampler = engine(task["engine"]).prepare(statistics)
     seed = task["seed"]
     runs: list[dict[str, Any]] = []
     sampler(task["budgets"][0][0], seed)
     first = time.time() - task["started"] - read
-    first_processor = processor_seconds() - read_processor
     for size, repeats in task["budgets"]:
         for _ in range(repeats):
             if runs and time.time() - task["started"] > task["seconds"]:
@@ -277,8 +231,7 @@ def main(task_file: str) -> None:
             fitted = sampler(size, seed)
             spent = processor_seconds() - before
             runs.append({"size": size, "processor": spent} | dataclasses.asdict(fitted))
-    result = {"first": first, "first_processor": first_processor, "runs": runs}
-    json.dump(result, sys.stdout, default=np.ndarray.tolist)
+    print_result({"first": first, "runs": runs})
 
 
 def processor_seconds() -> float:

@@ -9,7 +9,7 @@ import pytest
 
 from percept.bench.measure import machine
 from percept.bench.peers.document import PAGE, build_document, reached, write_benchmark
-from percept.bench.peers.processes import COMMANDS, Measured, Startup, Whole, comparisons
+from percept.bench.peers.processes import COMMANDS, Measured, Whole, comparisons
 from percept.bench.peers.reference import Reference
 from percept.provenance import made_by
 
@@ -56,12 +56,8 @@ def reference(count=10):
 
 
 def document(measured, seconds=(10.0, 4.0, 15.0, 14.0, 5.0, 5.0, 2.0)):
-    startups = [
-        Startup("published", name, (9.0, 10.0, 11.0), 12.0)
-        for name in dict.fromkeys(r.engine for r in measured)
-    ]
     return build_document(
-        startups, measured, whole(seconds), {"published": reference()},
+        measured, whole(seconds), {"published": reference()},
         made=made_by("percept bench peers --out DIR"), at=machine((0.1, 2.0), 60.0),
     )  # fmt: skip
 
