@@ -29,12 +29,13 @@ Number: TypeAlias = Any
 
 @dataclass(frozen=True)
 class Digits:
-    """The worst case of one quantity at one point, against exact arithmetic or 30 digits and more."""
+    """The worst case of one quantity at one point, against exact arithmetic or 120 digits."""
 
     quantity: Annotated[str, "What percept computes."]
     along: Annotated[
         str,
-        "What varies: data sets; subjects; variances in squared units of the response; 1 − correlation; an offset of all responses; floor(log10(ωT)), which is 1 at Nyquist.",
+        "What varies: data sets; subjects; variances in squared units of the response; 1 − correlation; an "
+        "offset of all responses; floor(log10(ωT)), which is 1 at Nyquist.",
     ]
     at: Annotated[str | float, "Its value."]
     cases: Annotated[int, "Comparisons."]
@@ -43,10 +44,7 @@ class Digits:
         "Decimal digits percept keeps in the worst case, at most 16: of the value, for log p of "
         "1 + abs(log p), for haptics beyond what the formula's condition costs.",
     ]
-    over_promise: Annotated[
-        float | None,
-        "Worst error over the promised one: the promise is kept up to 1. Empty without a promise.",
-    ]
+    over_promise: Annotated[float, "Worst error over the promised one: the promise is kept up to 1."]
 
 
 def digits_of(error: float) -> float:
@@ -54,13 +52,10 @@ def digits_of(error: float) -> float:
     return 0.0 if math.isnan(error) else min(16.0, max(0.0, -math.log10(max(error, 1e-300))))
 
 
-def digits_row(
-    quantity: str, along: str, at: str | float, errors: list[float], promise: float | None = None
-) -> Digits:
+def digits_row(quantity: str, along: str, at: str | float, errors: list[float], promise: float) -> Digits:
     """One row of the table, from the relative errors of its cases."""
     worst = max(errors)
-    kept = None if promise is None else worst / promise
-    return Digits(quantity, along, at, len(errors), digits_of(worst), kept)
+    return Digits(quantity, along, at, len(errors), digits_of(worst), worst / promise)
 
 
 # Means and SDs

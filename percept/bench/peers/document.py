@@ -41,6 +41,7 @@ _OURS, _PLAIN = "percept", "nutpie"
 #: Draws per chain that samplers of this kind take where nothing else is asked for.
 _USUAL_DRAWS = 1000
 _RATIO = 2.0  # time goes with the error to this power, once a sampler has converged
+_Times = tuple[float, float, float]  # Warm, cold and processor time, s
 _EXTRA = "pip install 'percept[peers]'"
 
 
@@ -104,20 +105,20 @@ class Reached:
 
 def reached(measured: Sequence[Measured], levels: Sequence[float] = LEVELS) -> list[Reached]:
     """Work out times to given errors, and their ratios to percept's."""
-    found = {}
+    found: dict[tuple[str, str, float], tuple[_Times, bool]] = {}
     for study, name in dict.fromkeys((one.study, one.engine) for one in measured):
         group = [one for one in measured if (one.study, one.engine) == (study, name)]
         found |= {(study, name, level): _time_to(level, group) for level in levels}
     rows = []
     for (study, name, level), (times, extrapolated) in found.items():
         ours, _ = found.get((study, _OURS, level), ((math.nan,) * 3, False))
-        ratios = (taken / own for taken, own in zip(times, ours, strict=True))
-        rows.append(Reached(study, name, level, *times, extrapolated, *ratios))
+        warm, cold, processor = (taken / own for taken, own in zip(times, ours, strict=True))
+        rows.append(Reached(study, name, level, *times, extrapolated, warm, cold, processor))
     return rows
 
 
-def _time_to(level: float, group: Sequence[Measured]) -> tuple[tuple[float, float, float], bool]:
-    """Return warm, cold and processor time to an error, and whether no run was as accurate."""
+def _time_to(level: float, group: Sequence[Measured]) -> tuple[_Times, bool]:
+    """Return the times to an error, and whether no run was as accurate."""
     enough = [one for one in group if one.error <= level]
     if enough:
         best, more = min(enough, key=lambda one: one.warm), 1.0
