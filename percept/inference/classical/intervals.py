@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 from percept.html import NotebookRecord
 from percept.inference.classical.moments import (
     Moments,
     check_option,
     finite_values,
+    fitted,
     mean_and_sd,
     plain,
     tail_of,
@@ -54,7 +55,6 @@ def t_interval(
     family: Family = "normal",
     joint: Joint = "marginal",
     side: Side = "both",
-    axis: int = -1,
     unit: str = "",
 ) -> Interval:
     """Work out the interval of the average user, kind ``"mean"`` (Eq. 15): mean ± t·SD/√n.
@@ -65,8 +65,7 @@ def t_interval(
     Parameters
     ----------
     x : array_like or Moments
-        One value per subject, shape (..., n) with `axis` = −1, any unit; or mean, SD and n, or published
-        limits, as `Moments`.
+        One value per subject, shape (..., n), any unit; or mean, SD and n, or published limits, as `Moments`.
     level : float
         Confidence level; 0 to 1, exclusive.
     family : {"normal", "lognormal"}
@@ -77,8 +76,6 @@ def t_interval(
         ``"bonferroni"``: level 1 − (1 − level)/2, so that the intervals of k and b hold together.
     side : {"both", "lower", "upper"}
         Both limits, equal-tailed, or one.
-    axis : int
-        Which axis of the values runs over subjects.
     unit : str
         Unit of the values, for the sentence.
 
@@ -94,7 +91,7 @@ def t_interval(
     RefusalError
         Fewer than 2 subjects, no scatter, zero or negative values under ``"lognormal"``.
     """
-    return interval_of("mean", x, level=level, family=family, joint=joint, side=side, axis=axis, unit=unit)
+    return interval_of("mean", x, level=level, family=family, joint=joint, side=side, unit=unit)
 
 
 def prediction_interval(
@@ -104,14 +101,13 @@ def prediction_interval(
     family: Family = "normal",
     joint: Joint = "marginal",
     side: Side = "both",
-    axis: int = -1,
     unit: str = "",
 ) -> Interval:
     """Work out the interval of the next user, kind ``"user"``: mean ± t·SD·√(1 + 1/n).
 
     Parameters
     ----------
-    x, level, family, joint, side, axis, unit
+    x, level, family, joint, side, unit
         As `t_interval`.
 
     Returns
@@ -124,7 +120,7 @@ def prediction_interval(
     UsageError, RefusalError
         As `t_interval`.
     """
-    return interval_of("user", x, level=level, family=family, joint=joint, side=side, axis=axis, unit=unit)
+    return interval_of("user", x, level=level, family=family, joint=joint, side=side, unit=unit)
 
 
 def tolerance_interval(
@@ -136,14 +132,13 @@ def tolerance_interval(
     family: Family = "normal",
     joint: Joint = "marginal",
     side: Side = "both",
-    axis: int = -1,
     unit: str = "",
 ) -> Interval:
     """Work out the interval of at least `share` of all users, kind ``"share"``.
 
     Parameters
     ----------
-    x, level, family, side, axis, unit
+    x, level, family, side, unit
         As `t_interval`.
     share : float, optional
         Share of all users; `level` where not given.
@@ -164,7 +159,7 @@ def tolerance_interval(
     """
     return interval_of(
         "share", x, level=level, share=share, confidence=confidence,
-        family=family, joint=joint, side=side, axis=axis, unit=unit,
+        family=family, joint=joint, side=side, unit=unit,
     )  # fmt: skip
 
 
@@ -178,15 +173,13 @@ def interval_of(
     family: Family = "normal",
     joint: Joint = "marginal",
     side: Side = "both",
-    axis: int = -1,
     unit: str = "",
 ) -> Interval:
     """Interval of any kind; options as in `t_interval` and `tolerance_interval`."""
-    check_option("kind", kind, ("mean", "user", "share"))
     check_option("joint", joint, ("marginal", "bonferroni"))
     check_option("side", side, ("both", "lower", "upper"))
     tail = tail_of(level, joint=joint) / (2.0 if side == "both" else 1.0)
-    moments, approximate = family_moments(x, family, axis=axis)
+    moments, approximate = family_moments(x, family)
     n = np.asarray(moments.n)
     t = -np.asarray(special.stdtrit(n - 1.0, tail), dtype=float)
     expected_share = None
@@ -231,13 +224,13 @@ def interval_of(
     )
 
 
-def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) -> tuple[Moments, bool]:
+def family_moments(x: ArrayLike | Moments, family: Family) -> tuple[Moments, bool]:
     """Return moments that scatter, on the scale of a family, and whether they are moment-matched."""
     check_option("family", family, ("normal", "lognormal"))
     if isinstance(x, Moments):
         moments, approximate = x.on_scale(family), family == "lognormal" and x.scale == "linear"
     else:
-        moments, approximate = Moments.from_values(x, log=family == "lognormal", axis=axis), False
+        moments, approximate = Moments.from_values(x, log=family == "lognormal"), False
     still = np.asarray(moments.sd) == 0.0
     if still.any():
         where = "" if still.ndim == 0 else f" (first at index {np.argwhere(still)[0].tolist()})"
@@ -249,22 +242,17 @@ def family_moments(x: ArrayLike | Moments, family: Family, *, axis: int = -1) ->
 
 
 def bias(
-    x: ArrayLike | Moments,
-    reference: ArrayLike,
-    *,
-    level: float = 0.99,
-    family: Family = "normal",
-    axis: int = -1,
+    x: ArrayLike | Moments, reference: ArrayLike, *, level: float = 0.99, family: Family = "normal"
 ) -> Ratio:
     """Compare the average user with the reference, as a ratio.
 
     Parameters
     ----------
     x : array_like or Moments
-        One value per subject, shape (..., n) with `axis` = −1, or moments of shape (...).
+        One value per subject, shape (..., n), or moments of shape (...).
     reference : array_like
         What was shown, in the unit of `x`; positive; a shape that broadcasts with (...).
-    level, family, axis
+    level, family
         As `t_interval`.
 
     Returns
@@ -277,19 +265,17 @@ def bias(
     UsageError, RefusalError
         As `t_interval`; a reference that is not positive has no ratio.
     """
-    mean = t_interval(x, level=level, family=family, axis=axis)
+    mean = t_interval(x, level=level, family=family)
     ends = np.stack([np.asarray(end) for end in (mean.estimate, mean.lower, mean.upper)])
     return _ratio("bias", ends, reference, level, family, mean.n)
 
 
-def weber_fraction(
-    x: ArrayLike | Moments, reference: ArrayLike, *, level: float = 0.99, axis: int = -1
-) -> Ratio:
+def weber_fraction(x: ArrayLike | Moments, reference: ArrayLike, *, level: float = 0.99) -> Ratio:
     """Work out SD over the reference, between users; its interval is exact, by χ².
 
     Parameters
     ----------
-    x, reference, level, axis
+    x, reference, level
         As `bias`.
 
     Returns
@@ -302,7 +288,7 @@ def weber_fraction(
     UsageError, RefusalError
         As `bias`.
     """
-    moments, _ = family_moments(x, "normal", axis=axis)
+    moments, _ = family_moments(x, "normal")
     tail, half = tail_of(level) / 2.0, (np.asarray(moments.n) - 1.0) / 2.0
     low, high = (half / quantile(half, tail) for quantile in (special.gammainccinv, special.gammaincinv))
     ends = np.asarray(moments.sd) * np.sqrt(np.stack([np.ones_like(low), low, high]))
@@ -334,11 +320,7 @@ def _ratio(
             value=float(shown.min()),
             hint="Leave this parameter of this environment out.",
         )
-    try:
-        np.broadcast_to(shown, ends.shape[1:])
-    except ValueError:
-        shapes = f"references of shape {shown.shape} for samples of shape {ends.shape[1:]}"
-        raise UsageError(f"There are {shapes}.") from None
+    fitted("References and samples", shown, ends[0])
     estimate, lower, upper = (plain(end / shown) for end in ends)
     return Ratio(
         quantity=quantity, estimate=estimate, lower=lower, upper=upper, level=level, family=family, n=n

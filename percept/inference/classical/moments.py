@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
@@ -14,7 +15,6 @@ from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.record import FloatOrArray
 
-_HUGE = 960  # binary exponent above which a sum of values may overflow
 _MOST_SUBJECTS = 2.0**53  # whole numbers above this are not told apart by doubles
 
 
@@ -64,19 +64,15 @@ class Moments(NotebookRecord):
         object.__setattr__(self, "n", int(n) if n.ndim == 0 else n.astype(np.int64))
 
     @classmethod
-    def from_values(
-        cls, values: ArrayLike, *, log: bool = False, axis: int = -1, repeats: bool | None = None
-    ) -> Self:
+    def from_values(cls, values: ArrayLike, *, log: bool = False, repeats: bool | None = None) -> Self:
         """Work out mean and SD of one value per subject.
 
         Parameters
         ----------
         values : array_like
-            Shape (..., n) with `axis` = −1: one value per subject, any unit.
+            Shape (..., n): one value per subject, any unit.
         log : bool
             Average the natural logarithms instead.
-        axis : int
-            Which axis runs over subjects.
         repeats : bool, optional
             Whether each value is the mean of repeated trials.
 
@@ -89,11 +85,11 @@ class Moments(NotebookRecord):
         Raises
         ------
         UsageError
-            Values that are not finite numbers, an axis they do not have.
+            Values that are not finite numbers.
         RefusalError
             Fewer than 2 subjects; zero or negative values where `log`.
         """
-        samples = sample(values, axis=axis, positive=log)
+        samples = sample(values, positive=log)
         first = samples[..., :1]
         mean, sd = mean_and_sd(_log_ratios(samples, first) if log else samples)
         if log:
@@ -180,25 +176,17 @@ class Moments(NotebookRecord):
 
 
 def mean_and_sd(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and SD along the last axis, within 4 ulp of the correctly rounded ones."""
-    n = samples.shape[-1]
-    # Scaling by powers of two rounds nothing, and neither sums nor squares then leave the range of doubles.
-    lift = np.maximum(np.frexp(np.abs(samples).max(axis=-1, keepdims=True))[1] - _HUGE, 0)
-    values = np.ldexp(samples, -lift)
-    mean = _rounded_sum(values) / n
-    off = values - mean
-    back = off - values
-    lost = (values - (off - back)) - (mean + back)  # by the subtraction, exactly (Knuth)
-    # The sum and its division were rounded; under an offset that is as much as the SD.
-    shift = _rounded_sum(off)
-    mean = mean + (shift + _rounded_sum(lost)) / n
-    exponent = np.frexp(np.abs(off).max(axis=-1, keepdims=True))[1]
-    squares = _rounded_sum(np.ldexp(off, -exponent) ** 2) - np.ldexp(shift, -exponent) ** 2 / n
-    with np.errstate(over="ignore"):
-        sd = np.ldexp(np.sqrt(np.maximum(squares, 0.0) / max(n - 1, 1)), exponent + lift)
-    # A mean that rounding put beside values that are all alike is no scatter.
-    alike = samples.max(axis=-1) == samples.min(axis=-1)
-    return np.ldexp(mean, lift)[..., 0], np.where(alike, 0.0, sd[..., 0])
+    """Mean and SD along the last axis, each rounded once: `statistics` sums fractions. One value has SD 0."""
+    rows = samples.reshape(-1, samples.shape[-1]).tolist()
+    moments = np.array([(statistics.mean(row), _sd(row)) for row in rows]).reshape(*samples.shape[:-1], 2)
+    return moments[..., 0], moments[..., 1]
+
+
+def _sd(row: list[float]) -> float:
+    try:
+        return statistics.stdev(row) if len(row) > 1 else 0.0
+    except OverflowError:  # beyond the largest double
+        return math.inf
 
 
 def plain(values: NDArray[np.float64]) -> FloatOrArray:
@@ -249,23 +237,18 @@ def finite_values(values: ArrayLike, *, name: str = "values", positive: bool = F
     return doubles
 
 
-def sample(
-    values: ArrayLike, *, axis: int = -1, positive: bool = False, least: int = 2
-) -> NDArray[np.float64]:
-    """Return samples with their subjects, `least` or more, along the last axis."""
+def sample(values: ArrayLike, *, positive: bool = False, least: int = 2) -> NDArray[np.float64]:
+    """Return samples whose subjects, `least` or more, run along the last axis."""
     doubles = finite_values(values, positive=positive)
     if doubles.ndim == 0:
         raise UsageError("A sample is needed, not a single number.", value=float(doubles))
-    if not -doubles.ndim <= axis < doubles.ndim:
-        raise UsageError(f"The values have {doubles.ndim} axes; there is no axis {axis}.")
-    moved = np.moveaxis(doubles, axis, -1)
-    if moved.shape[-1] < least:
-        count = moved.shape[-1]
+    count = doubles.shape[-1]
+    if count < least:
         raise RefusalError(
             f"At least {least} subjects are needed; there {'is' if count == 1 else 'are'} {count}.",
-            hint="Check that the axis of subjects is the one meant, or add subjects.",
+            hint="Check that the last axis is that of the subjects, or add subjects.",
         )
-    return moved
+    return doubles
 
 
 def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
@@ -316,13 +299,6 @@ def tail_of(level: float, name: str = "level", *, joint: str = "marginal") -> fl
     if tail.ndim:
         raise UsageError(f"{name} must be one number here.", value=level)
     return float(tail) / 2.0 if joint == "bonferroni" else float(tail)
-
-
-def _rounded_sum(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum the last axis, which stays with length one, rounding each sum once."""
-    rows = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
-    sums = np.array([math.fsum(row.data) for row in rows])
-    return sums.reshape((*values.shape[:-1], 1))
 
 
 def _log_ratios(values: NDArray[np.float64], first: NDArray[np.float64]) -> NDArray[np.float64]:

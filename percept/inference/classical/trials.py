@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,15 +54,17 @@ def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Family = "n
     # What is not equal to itself: NaN, which would otherwise count as one subject.
     if any(label is None or label != label for label in who.tolist()):
         raise UsageError("every trial needs a subject; some have none.", hint="Leave those trials out.")
-    _, first, member, trials = np.unique(who, return_index=True, return_inverse=True, return_counts=True)
-    groups = np.split(y[np.argsort(member, kind="stable")], np.cumsum(trials)[:-1])
-    means = np.array([float(mean_and_sd(group)[0]) for group in groups])
-    scatter = [float(mean_and_sd(group)[1]) ** 2 * (group.size - 1) for group in groups if group.size > 1]
-    means = means[np.argsort(first)]
+    # In the order of first appearance.
+    trials: dict[Any, list[float]] = {}
+    for label, value in zip(who.tolist(), y.tolist(), strict=True):
+        trials.setdefault(label, []).append(value)
+    means, sds = np.array([mean_and_sd(np.array(own)) for own in trials.values()]).T
+    squares = [sd * sd * (len(own) - 1) for sd, own in zip(sds, trials.values(), strict=True)]
+    repeats = y.size - len(trials)
     return SubjectMeans(
         values=np.exp(means) if log else means,
         family=family,
-        trial_sd=math.sqrt(math.fsum(scatter) / (y.size - len(groups))) if scatter else None,
+        trial_sd=math.sqrt(math.fsum(squares) / repeats) if repeats else None,
     )
 
 

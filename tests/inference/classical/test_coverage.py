@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import special
 
-from percept.inference import prediction_interval, t_interval, tolerance_interval
+from percept.inference import Moments, prediction_interval, t_interval, tolerance_interval
 
-STUDIES = 10_000
+STUDIES = 4_000
 LEVEL, CONFIDENCE = 0.99, 0.95
 DESIGNS = list(product(("normal", "lognormal"), (3, 5, 10, 30), (0.05, 0.2, 0.5)))
 
@@ -20,7 +20,7 @@ def test_each_kind_covers_what_it_says_and_the_misreading_does_not(design, famil
     centre, sigma = (0.0, np.sqrt(np.log1p(cv**2))) if log else (1.0, cv)
     drawn = random.normal(centre, sigma, (STUDIES, n + 1))
     values = np.exp(drawn) if log else drawn
-    users, newcomer = values[:, :n], values[:, n]
+    users, newcomer = Moments.from_values(values[:, :n], log=log), values[:, n]
     mean = t_interval(users, level=LEVEL, family=family)
     user = prediction_interval(users, level=LEVEL, family=family)
     share = tolerance_interval(users, level=LEVEL, confidence=CONFIDENCE, family=family)
