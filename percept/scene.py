@@ -23,8 +23,8 @@ from pydantic import (
 from percept.errors import UsageError, did_you_mean
 from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
-from percept.sessions.options import DataTables, SessionsTable, Table, said
-from percept.sessions.quantities import is_impedance
+from percept.sessions.options import DataTables, said
+from percept.sessions.quantities import Table, is_impedance
 
 __all__ = [
     "ChecksTable",
@@ -258,7 +258,6 @@ class Scene(DataTables):
     checks: ChecksTable | None = None
     study: StudyTable = StudyTable()
     report: ReportTable = ReportTable()
-    sessions: SessionsTable = SessionsTable()
     _folder: Path = PrivateAttr(default=Path())
 
     def __init__(self, /, *paths: Any, **tables: Any) -> None:
@@ -267,7 +266,7 @@ class Scene(DataTables):
         try:
             super().__init__(**tables)
         except ValidationError as error:
-            raise said(type(self), error) from error
+            raise said(error) from error
 
     @model_validator(mode="after")
     def _of_the_quantities(self) -> Self:

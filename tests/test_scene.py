@@ -12,7 +12,7 @@ from percept.sessions import ReadOptions
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[devic]\n", "devic: there is no such key; there are quantities, columns, environments, device"),
+        ("[devic]\n", "devic: there is no such key; there are quantities, columns, environments, sessions,"),
         ("[inference]\nlevle = 0.9\n", "inference.levle = 0.9: there is no such key; there are level, share"),
         ("[inference]\nlevle = 0.9\n", "most_steps. Did you mean level?"),
         ("[devic]\n", "Did you mean device?"),

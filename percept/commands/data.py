@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from importlib import resources
 from pathlib import Path
 
@@ -16,8 +17,9 @@ def _validate(arguments: argparse.Namespace) -> int:
 
     scene, options = read_scene(arguments)
     found = validate(*arguments.sessions, options=options)
-    print(found.to_json() if arguments.json else format_validation(found, say=in_words_of(scene)))
-    return found.exit_code
+    text = json.dumps(found, ensure_ascii=False, indent=2, default=str) if arguments.json else ""
+    print(text or format_validation(found, say=in_words_of(scene)))
+    return int(found["exit_code"])
 
 
 def _new(arguments: argparse.Namespace) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import pandas as pd
 
 from percept.report.select import Record, matching, quantities_of
-from percept.sessions.read import neutralised
 
 _INTERVAL = (
     "environment", "kind", "method", "family", "joint", "level", "share", "confidence", "lower", "upper",
@@ -17,6 +16,8 @@ _INTERVAL = (
 _DATA = ("environment", "n", "reference", "mean", "sd")
 _BAND = ("environment", "method", "kind", "family")
 _CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
+#: Beginnings of what a spreadsheet runs.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 #: Columns in the unit of their table; heads name it.
 _IN_UNIT = (
     "lower", "upper", "estimate", "reference", "mean", "sd", "coupled", "impedance", "band",
@@ -72,4 +73,5 @@ def _cell(value: Any) -> Any:
         return str(value).lower()
     if isinstance(value, list):
         value = "; ".join(map(str, value))
-    return neutralised(value) if isinstance(value, str) and value not in ("inf", "-inf") else value
+    text = isinstance(value, str) and value not in ("inf", "-inf")
+    return f"'{value}" if text and value.startswith(_FORMULA) else value

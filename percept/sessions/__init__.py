@@ -7,7 +7,7 @@ from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
 from percept.sessions.quantities import Quantity
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source
-from percept.sessions.validate import Validation, format_validation, propose_columns, validate
+from percept.sessions.validate import format_validation, propose_columns, validate
 
 __all__ = [
     "ColumnRule",
@@ -20,7 +20,6 @@ __all__ = [
     "Reduced",
     "Sessions",
     "Source",
-    "Validation",
     "format_validation",
     "propose_columns",
     "read_sessions",

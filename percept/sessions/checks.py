@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.errors import UsageError, counted
+from percept.errors import counted
 from percept.sessions.quantities import Quantities, Quantity
-from percept.sessions.records import IDS, MASS, Exclusion, Notice, Place, Problems, shown
+from percept.sessions.records import IDS, MASS, Notice, Place, Problems, shown
 
 #: What tells a trial from others.
 TRIAL = [*IDS, "trial"]
@@ -27,7 +27,7 @@ _FEWEST = 3
 _FEW = 0.05
 #: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
 _ENOUGH = 4
-#: Findings of a kind that are named one by one.
+#: Gross errors that are named one by one.
 _NAMED = 5
 
 
@@ -72,9 +72,8 @@ def settle_references(
         if column == MASS:
             table[MASS] = np.nan_to_num(expected)
             continue
-        lacking = np.flatnonzero(
-            np.isnan(expected) & table[column.replace("_ref", "_adj")].notna().to_numpy()
-        )
+        adjusted = table[column.replace("_ref", "_adj")].notna().to_numpy()
+        lacking = np.flatnonzero(np.isnan(expected) & adjusted)
         for row in lacking[np.unique(codes[lacking], return_index=True)[1]].tolist():
             message = f"environment {shown([table['environment'].iloc[row]])} has no reference."
             hint = f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …'
@@ -85,11 +84,9 @@ def settle_references(
 def in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
     """Order environments as the scene lists them, and the rest by references, the first quantity first."""
     ranks = {name: at for at, name in enumerate(listed)}
-    keys = {
-        str(name): (ranks.get(str(name), len(ranks)), *(np.inf if v != v else v for v in row))
-        for name, *row in references.itertuples()
-    }
-    return tuple(sorted(keys, key=keys.__getitem__))
+    ranked = references.assign(_rank=[ranks.get(str(name), len(ranks)) for name in references.index])
+    by = ["_rank", *references.columns]
+    return tuple(map(str, ranked.sort_values(by, kind="stable").index))
 
 
 def check_duplicates(
@@ -97,41 +94,30 @@ def check_duplicates(
 ) -> None:
     """Find rows that stand twice for one subject, session, environment, group told apart and trial."""
     cell = [*dict.fromkeys((*TRIAL, *split))]
-    again = np.flatnonzero(table.duplicated(cell).to_numpy())
-
-    def where(at: int) -> str:
-        origin = place(int(np.flatnonzero((table[cell] == table[cell].iloc[at]).all(axis=1))[0]))
-        return f"{origin.get('file')}:{origin.get('row')}"
-
-    tell_duplicates(table, again.tolist(), where, place, problems, numbered=numbered)
+    again = np.flatnonzero(table.duplicated(cell).to_numpy()).tolist()
+    if again:
+        origin = place(int(np.argmax((table[cell] == table[cell].iloc[again[0]]).all(axis=1))))
+        where = f"{origin.get('file')}:{origin.get('row')}"
+        tell_duplicates(table, again, where, place, problems, numbered=numbered)
 
 
 def tell_duplicates(
-    table: pd.DataFrame,
-    again: Sequence[int],
-    where: Callable[[int], str],
-    place: Place,
-    problems: Problems,
-    *,
-    numbered: bool,
+    table: pd.DataFrame, again: Sequence[int], where: str, place: Place, problems: Problems, *, numbered: bool
 ) -> None:
-    """Record trials that stand twice: a few one by one, many as one problem with its size."""
-    few = numbered and len(again) <= _NAMED
-    rows = f"{len(again):,} of {len(table):,} rows ({len(again) / max(len(table), 1):.1%})"
+    """Record trials that stand twice as one problem: how many there are, and where the first stands."""
+    names = ", ".join(f"{c} {shown([str(table[c].iloc[again[0]])])}" for c in IDS)
+    text = f"{names}, trial {table['trial'].iloc[again[0]]} stands already in {where}."
+    if len(again) > 1 or not numbered:
+        what = "trial" if numbered else "environment, and no column numbers their trials"
+        share = f"{len(again):,} of {len(table):,} rows ({len(again) / len(table):.1%})"
+        text = f"{share} repeat a subject, session and {what}. The first: {text}"
     hint = 'Number the trials by the order of their rows: [sessions] trial = "order".'
     if numbered:
         hint = "Remove one row, or name the column that numbers the trials in [columns]. " + hint
     # Of trials without numbers it would keep one a cell, and drop the repeats that were asked about.
     event = f"keep {len(table) - len(again):,} rows" if numbered else "need a column of trials"
     hint += f' If rows are events of a trial, [sessions] keep = "last" would {event}.'
-    for at in again if few else again[:1]:
-        subject, session, environment, trial = (str(table[c].iloc[at]) for c in TRIAL)
-        cell = f"subject {shown([subject])}, session {shown([session])}, environment {shown([environment])}"
-        text = f"{cell}, trial {trial} stands already in {where(at)}."
-        if not few:
-            what = "trial" if numbered else "environment, and no column numbers their trials"
-            text = f"{rows} repeat a subject, session and {what}. The first: {text}"
-        problems.add(text, hint=hint, **place(int(at)))
+    problems.add(text, hint=hint, **place(again[0]))
 
 
 def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
@@ -171,37 +157,33 @@ def check_plausible(
     """
     notices: list[Notice] = []
     for quantity in quantities:
-        names = {f"{quantity.name}_adj", f"{quantity.name}_ref"}
-        adj, ref = sorted(names)
-        adjusted, reference = (table[name].to_numpy(dtype=float) for name in (adj, ref))
-        known = np.flatnonzero((adjusted > 0) & (reference > 0))
-        ratio = _typical_ratio(adjusted[known], reference[known])
+        adj, ref = f"{quantity.name}_adj", f"{quantity.name}_ref"
+        both = table[(table[adj] > 0) & (table[ref] > 0)]
+        rows = np.flatnonzero((table[adj] > 0) & (table[ref] > 0))
+        ratio = _typical_ratio(both[adj].to_numpy(), both[ref].to_numpy())
         found: list[tuple[int, str, str]] = []  # Row, what is wrong, what to do
         if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
             # One declared unit is as likely to be the slip as the other column: it settles nothing.
             hint = f"Correct the unit in [columns], or declare the units of both {adj} and {ref}."
-            if not names & declared:
+            if declared.isdisjoint((adj, ref)):
                 # A slip makes numbers too small where the larger unit was meant.
                 slip, unit = adj if ratio < 1 else ref, quantity.unit.replace("/m", "/mm") or "…"
                 hint = f'Declare the unit: [columns] {slip} = {{ name = "…", unit = "{unit}" }}.'
             text = f"{adj} is {ratio:.3g} times {ref} at the median: their units seem to differ."
-            found.append((int(known[0]), text, hint))
-        files = table["file"].to_numpy()[known]
-        for file in np.unique(files) if len(files) and files[0] != files[-1] else ():
-            rows = known[files == file]
-            own = _typical_ratio(adjusted[rows], reference[rows])
-            if _THOUSAND / 3 < max(own / ratio, ratio / own) < _THOUSAND * 3:
-                text = (
-                    f"{adj} is {own:.3g} times {ref} at the median of this file, and {ratio:.3g} times over "
-                )
-                text += "all files: the units of the file seem to differ by a thousand."
+            found.append((rows[0], text, hint))
+        files = both.groupby("file").indices.values()
+        for own in files if len(files) > 1 else ():
+            of_file = _typical_ratio(both[adj].to_numpy()[own], both[ref].to_numpy()[own])
+            if _THOUSAND / 3 < max(of_file / ratio, ratio / of_file) < _THOUSAND * 3:
+                text = f"{adj} is {of_file:.3g} times {ref} at the median of this file, and {ratio:.3g} "
+                text += "times over all files: the units of the file seem to differ by a thousand."
                 hint = f"Convert the file; where it is right, declare the units of {adj} and {ref}."
-                found.append((int(rows[0]), text, hint))
+                found.append((rows[own[0]], text, hint))
         for row, text, hint in found:
-            if names <= declared:
+            if {adj, ref} <= declared:
                 notices.append(Notice(text, column=adj))
             else:
-                problems.add(text, column=adj, value=float(adjusted[row]), hint=hint, **place(row))
+                problems.add(text, column=adj, value=float(table[adj].iloc[row]), hint=hint, **place(row))
     return notices
 
 
@@ -209,20 +191,19 @@ def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, pro
     """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
     n, level = table["n"], table["level"]
     names = " or ".join(f'"{name}"' for name in quantities)
+    whole = (n >= 2) & (n < 2.0**53) & (n == np.round(n))
     rules = {
         ("parameter", f"must be {names}."): ~table["parameter"].isin(list(quantities)),
         ("environment", "is empty."): table["environment"].str.strip() == "",
         ("upper", "is below the lower limit."): table["upper"] < table["lower"],
-        ("n", "must be a whole number of at least 2, and below 2^53."): ~(
-            (n >= 2) & (n < 2.0**53) & (n == np.round(n))
-        ),
+        ("n", "must be a whole number of at least 2, and below 2^53."): ~whole,
         ("level", "must lie between 0 and 1, as in 0.99."): (level <= 0) | (level >= 1),
         ("environment", "a second row for this environment and parameter."): table.duplicated(
             ["environment", "parameter"]
         ),
     }
     for (column, message), wrong in rules.items():
-        for at in np.flatnonzero(wrong.to_numpy()).tolist():
+        for at in np.flatnonzero(wrong).tolist():
             value = table[column].tolist()[at]
             problems.add(message, column=column, value=value, hint="Correct or remove it.", **place(at))
     # Of what the limits hold, the nearest to the reference: wide limits are no sign of another unit.
@@ -239,20 +220,6 @@ def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, pro
                 hint=f"Write references and limits in {quantity.unit or 'one unit'}.",
                 **place(int(own[0])),
             )
-
-
-def drop_unfinished(table: pd.DataFrame) -> tuple[pd.DataFrame, list[Exclusion]]:
-    """Leave out subjects who lack an environment that others have."""
-    environments = table["environment"].unique()
-    exclusions = []
-    for subject, have in table.groupby("subject", sort=False)["environment"].unique().items():
-        if missing := [name for name in environments if name not in set(have)]:
-            exclusions.append(Exclusion(str(subject), f"all rows (no {shown(missing)})", "unfinished"))
-    kept = table[~table["subject"].isin([e.who for e in exclusions])]
-    if kept.empty:
-        message = "every subject lacks an environment that others have."
-        raise UsageError(message, key="sessions.unfinished", hint='Leave out unfinished = "exclude".')
-    return kept, exclusions
 
 
 def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> Counter[str]:
@@ -279,8 +246,7 @@ def screen(
         yield from _without_logarithm(table, p, place, family)
         yield from _at_the_end(table, p, place)
         yield from _never_moved(table, p)
-    pairs = table[["subject", "environment"]].drop_duplicates()
-    tried = set(zip(pairs["subject"], pairs["environment"], strict=True))
+    tried = set(table.groupby(["subject", "environment"], sort=False).groups)
     subjects, environments = (table[c].unique() for c in ("subject", "environment"))
     if lacking := [f"{s} at {e}" for s in subjects for e in environments if (s, e) not in tried]:
         has = "has" if len(lacking) == 1 else "have"
@@ -311,36 +277,33 @@ def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator
 
 
 def _without_logarithm(table: pd.DataFrame, parameter: str, place: Place, family: str) -> Iterator[Notice]:
-    """Say which way out fits zeros and negative values; the normal family takes them."""
-    column, lognormal = f"{parameter}_adj", family == "lognormal"
-    values = table[column].dropna()
-    low = values[values <= 0]
-    few_zeros = bool((low == 0).all()) and len(low) <= _FEW * len(values)
-    no_ratio = bool((table.loc[low.index, f"{parameter}_ref"] <= 0).any())
-    if low.empty or not (lognormal or (few_zeros and not no_ratio)):
+    """Count zeros and negative values, and say which way out fits them."""
+    column, reference = f"{parameter}_adj", f"{parameter}_ref"
+    known = table[table[column].notna()]
+    low = known[known[column] <= 0]
+    few_zeros = bool((low[column] == 0).all()) and len(low) <= _FEW * len(known)
+    no_ratio = bool((low[reference] <= 0).any())
+    # The normal family takes zeros and negative values; only a few zeros are doubted there.
+    if low.empty or (family != "lognormal" and (no_ratio or not few_zeros)):
         return
-    what = f"{_counted_share(len(low), len(values), parameter)} {'is' if len(low) == 1 else 'are'}"
-    text = f"{what} zero or negative, here the first. "
-    normal = 'family = "normal" in [inference]'
-    if lognormal:
-        text += "The lognormal family, the default, takes none. "
+    normal = 'use family = "normal" in [inference]'
     if no_ratio:
-        text += (
-            f"References of zero or below have no ratio: use {normal} with scale in [model]. Where the zero "
-            f"of the scale is arbitrary, add one offset to {parameter}_ref and {column} in [columns]."
-        )
+        way = f"References of zero or below have no ratio: {normal} with scale in [model]. Where the zero "
+        way += f"of the scale is arbitrary, add one offset to {reference} and {column} in [columns]."
     elif few_zeros:
-        least = float(values[values > 0].min())
-        rule = f'{{ column = "{column}", below = {least!r}, why = "no adjustment" }}'
-        text += f"So few zeros may be failed trials: [sessions] exclude = [{rule}] leaves them out and logs "
-        text += f"them.{f' If people meant them, use {normal}.' if lognormal else ''}"
+        least = float(known.loc[known[column] > 0, column].min())
+        way = f'If they are failed trials, [sessions] exclude = [{{ column = "{column}", below = {least!r}, '
+        way += f'why = "no adjustment" }}] leaves them out and logs them. If people meant them, {normal}.'
     else:
-        text += f"Leaving out this many biases what is left: use {normal}."
-    yield Notice(text, column=column, **place(low.index[0]))
+        way = f"Leaving out this many biases what is left: {normal}."
+    what = _counted_share(len(low), len(known), parameter)
+    yield Notice(f"{what} zero or negative, here the first. {way}", column=column, **place(low.index[0]))
 
 
 def _counted_share(count: int, total: int, parameter: str) -> str:
-    return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,})"
+    """Such as "2 values of k (20.0% of 10) are"."""
+    values = counted(count, "value")
+    return f"{values} of {parameter} ({count / total:.1%} of {total:,}) {'is' if count == 1 else 'are'}"
 
 
 def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
@@ -353,11 +316,12 @@ def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[N
             continue
         # Zeros are told already, whatever they come from.
         if values[at] > 0:
+            rule = f'{{ column = "{column}", {way} = {float(values[beside])!r}, why = "end of the knob" }}'
             yield Notice(
-                f"{_counted_share(int(counts.iloc[at]), total, parameter)} equal the {which} of all, "
+                f"{_counted_share(int(counts.iloc[at]), total, parameter)} the {which} of all, "
                 f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment lies {way} "
-                f'it, and the spread is too small. [sessions] exclude = [{{ column = "{column}", {way} '
-                f'= {float(values[beside])!r}, why = "end of the knob" }}] leaves them out and logs them.',
+                f"it, and the spread is too small. [sessions] exclude = [{rule}] leaves them out and logs "
+                "them.",
                 column=column,
                 **place(table.index[table[column] == values[at]][0]),
             )
@@ -369,10 +333,9 @@ def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
     same = known[column] == known[f"{parameter}_ref"]
     told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
     if names := [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]:
-        text = (
-            f"subject{'s' * (len(names) > 1)} {shown(names)} left {parameter} at the reference in every trial"
-        )
-        yield Notice(f"{text}: was what they set recorded?", column=column)
+        who = f"subject{'s' * (len(names) > 1)} {shown(names)}"
+        text = f"{who} left {parameter} at the reference in every trial: was what they set recorded?"
+        yield Notice(text, column=column)
 
 
 def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:

@@ -22,8 +22,8 @@ from percept.sessions.table import FileTable
 
 #: Each trial of a subject, session and environment takes a bit, so that its number is bounded.
 _TRIALS = 1 << 24
-#: Rows that warnings and units are looked for in, at most; of more every second, fourth … one.
-_SCREENED = 1 << 16
+#: Rows of visits that blocks leave before they are merged.
+_VISITS = 1 << 16
 _Family = Literal["lognormal", "normal"]
 
 
@@ -45,7 +45,7 @@ class Reduced:
     sources : tuple of Source
     notices : tuple of Notice
     warnings : tuple of Notice
-        As of :class:`Sessions`; of more than 65,536 rows an even sample is looked at.
+        As of :class:`Sessions`, found in the first trial of every subject, session and environment.
     counts : mapping of str to int
         Rows by what became of them.
     quantities : mapping of str to Quantity
@@ -85,7 +85,8 @@ def reduce_sessions(
     Raises
     ------
     UsageError
-        As :func:`read_sessions`; reading ends with the block in which something is wrong.
+        As :func:`read_sessions`; reading ends with the block in which something is wrong. Units are held to
+        the first trial of every subject, session and environment.
     RefusalError
         An adjustment of zero or below on the log scale, or such a reference on either.
     """
@@ -113,13 +114,10 @@ class _Cells:
         self.reading, self.options = reading, reading.options
         self.family: _Family = family
         self.parameters: tuple[str, ...] = ()
+        self.products: dict[str, tuple[str, str]] = {}  # From a scatter's name to its parameters
         self.references: dict[str, dict[str, float]] = {}
-        self.numbered = False
         self.visits: list[pd.DataFrame] = []
-        self.sample: list[pd.DataFrame] = []
-        self.stride = 1
-        # By visit, its trials as the bits of a whole number.
-        self.seen: dict[Hashable, int] = {}
+        self.seen: dict[Hashable, int] = {}  # By visit, its trials as the bits of a whole number
 
     def measure(self, table: FileTable) -> None:
         """Hold every file to trials of the same parameters."""
@@ -131,6 +129,7 @@ class _Cells:
             hint = "Reduce them one by one."
             raise UsageError("the files do not have the same parameters.", file=table.name, hint=hint)
         self.parameters, self.numbered = parameters, table.numbered
+        self.products = _products(parameters)
 
     def add(self, frame: pd.DataFrame, file: str) -> None:
         """Check and add one block."""
@@ -138,54 +137,38 @@ class _Cells:
         place = lambda at: {"file": file, "row": int(rows[at])}  # noqa: E731
         declared = self.options.environments
         checks.settle_references(frame, declared, self.references, self.parameters, place, problems)
-        frame = frame.assign(visit=frame.groupby(list(IDS), sort=False).ngroup())
-        self._sample(frame.assign(first=~frame.duplicated("visit")))
-        if self.options.trial != "order":
+        if self.options.sessions.trial != "order":
             self._check_trials(frame, place)
         problems.raise_if_any()
-        responses = pd.DataFrame({f"mean_{p}": self._response(p, frame, place) for p in self.parameters})
-        complete = responses.notna().all(axis=1)
-        parts = responses.where(complete, 0.0).assign(visit=frame["visit"], rows=1, n=complete.astype(int))
-        parts = parts.assign(**dict.fromkeys(_products(self.parameters), 0.0))
-        ids = frame[[*IDS, "visit"]].drop_duplicates("visit")
-        self.visits.append(ids.merge(self._merged(parts, ["visit"]), on="visit").drop(columns="visit"))
-        if sum(map(len, self.visits)) > _SCREENED:
+        means = pd.DataFrame({f"mean_{p}": self._response(p, frame, place) for p in self.parameters})
+        complete = means.notna().all(axis=1)
+        sums: dict[str, Any] = {"rows": 1, "n": complete.astype(int), **dict.fromkeys(self.products, 0.0)}
+        parts = frame.assign(file=len(self.reading.sources), **means.where(complete, 0.0), **sums)
+        self.visits.append(self._merged(parts, list(IDS)))
+        if sum(map(len, self.visits)) > _VISITS:
             self.visits = [self._merged(pd.concat(self.visits), list(IDS))]
-
-    def _sample(self, frame: pd.DataFrame) -> None:
-        """Keep the rows of a block, and fewer of all where they have become too many."""
-        self.sample.append(self._thinned(frame.assign(file=len(self.reading.sources))))
-        if sum(map(len, self.sample)) > _SCREENED:
-            self.stride *= 2
-            self.sample = [self._thinned(part) for part in self.sample]
-
-    def _thinned(self, part: pd.DataFrame) -> pd.DataFrame:
-        """Take rows evenly, and the first of every visit, which else would seem not to have been tried."""
-        return part[(part["row"] % self.stride == 0) | part["first"]]
 
     def _check_trials(self, frame: pd.DataFrame, place: Place) -> None:
         """Find trials that stand twice, in this block or in an earlier one."""
         trials, problems = frame["trial"].to_numpy(), self.reading.problems
-        wrong = (trials < 0) | (trials >= _TRIALS)
-        if wrong.any():
-            at = int(np.argmax(wrong))
+        wrong = np.flatnonzero((trials < 0) | (trials >= _TRIALS))
+        if len(wrong):
             message = "trial numbers are negative or too large to be checked in blocks."
             hint = "Number the trials of each subject and environment 1, 2, 3 …"
+            at = int(wrong[0])
             raise UsageError(message, column="trial", value=int(trials[at]), hint=hint, **place(at))
-        if frame.duplicated(["visit", "trial"]).any():
-            checks.check_duplicates(frame, place, problems, numbered=self.numbered)
-            return
+        checks.check_duplicates(frame, place, problems, numbered=self.numbered)
         again: list[int] = []
-        names = frame.drop_duplicates("visit")[list(IDS)].itertuples(index=False, name=None)
-        for visit, rows in zip(names, frame.groupby("visit").indices.values(), strict=True):
+        for visit, rows in frame.groupby(list(IDS), sort=False).indices.items():
             bits = np.zeros(int(trials[rows].max()) + 1, dtype=np.uint8)
             bits[trials[rows]] = 1
             own = int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
             before = self.seen.get(visit, 0)
             again += [int(row) for row in rows if before >> int(trials[row]) & 1] if before & own else []
             self.seen[visit] = before | own
-        where = lambda at: "an earlier row"  # noqa: E731
-        checks.tell_duplicates(frame, sorted(again), where, place, problems, numbered=self.numbered)
+        if again and not problems.total:
+            numbered = self.numbered
+            checks.tell_duplicates(frame, sorted(again), "an earlier row", place, problems, numbered=numbered)
 
     def _response(self, p: str, frame: pd.DataFrame, place: Place) -> pd.Series[float]:
         adjusted, reference, log = frame[f"{p}_adj"], frame[f"{p}_ref"], self.family == "lognormal"
@@ -199,56 +182,47 @@ class _Cells:
         return pd.Series(np.log(adjusted / reference)) if log else (adjusted - reference) / reference
 
     def _merged(self, parts: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """Merge counts, means and scatters of parts of the same cell, cells in order of first appearance."""
-        n, names, products = parts["n"], [f"mean_{p}" for p in self.parameters], _products(self.parameters)
-        weighted = parts[[*by, "rows", "n"]].assign(**{name: n * parts[name] for name in names})
-        groups = weighted.groupby(by, sort=False)
-        merged, cell = groups.sum().reset_index(), groups.ngroup().to_numpy()
-        some = merged["n"].clip(lower=1)
-        merged[names] = merged[names].div(some, axis=0)
-        gaps = {p: parts[f"mean_{p}"] - merged[f"mean_{p}"].to_numpy()[cell] for p in self.parameters}
+        """Merge counts, means and scatters of the same cell; of what else there is the first row stays."""
+        groups = parts.groupby(by, sort=False)
+        cell, n = groups.ngroup().to_numpy(), parts["n"]
+        merged = parts.drop_duplicates(by).reset_index(drop=True)
+        merged[["rows", "n"]] = groups[["rows", "n"]].sum().to_numpy()
+        gaps = {}
+        for mean in (f"mean_{p}" for p in self.parameters):
+            merged[mean] = (n * parts[mean]).groupby(cell).sum() / merged["n"].clip(lower=1)
+            gaps[mean] = parts[mean] - merged[mean].to_numpy()[cell]
         # Scatters are about the means, and pandas compensates its sums: an offset costs neither any digits.
-        scatters = {name: parts[name] + n * gaps[p] * gaps[q] for name, (p, q) in products.items()}
-        merged[list(products)] = pd.DataFrame(scatters).groupby(cell).sum()
+        for name, (p, q) in self.products.items():
+            about = parts[name] + n * gaps[f"mean_{p}"] * gaps[f"mean_{q}"]
+            merged[name] = about.groupby(cell).sum()
         return merged
 
     def reduced(self) -> Reduced:
         """Check what needs the whole study, and lay the cells out."""
-        reading, names = self.reading, list(self.options.quantities)
+        reading, names, family = self.reading, list(self.options.quantities), self.family
         reading.refuse_nothing(self.visits)
         visits = self._merged(pd.concat(self.visits), list(IDS))
-        environments = visits["environment"].unique()
-        warnings = self._look()
-        cells = self._merged(reading.settled(visits), ["subject", "environment"])
+        place = reading.place(visits)
+        reading.check(visits, self.parameters, visits["rows"])
+        cells = self._merged(visits, ["subject", "environment"])
         reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())
-        measures = [*(f"mean_{p}" for p in names), *_products(names)]
         # Zeros of a cell that holds no trial would read as data.
+        measures = [*(f"mean_{p}" for p in names), *_products(names)]
         measured = cells.reindex(columns=measures).where(cells["n"] > 0)
-        known = {f"{p}_ref": self.references.get(f"{p}_ref", {}) for p in names}
-        references = pd.DataFrame({c: [own.get(e, np.nan) for e in environments] for c, own in known.items()})
-        references = references.set_axis(environments).rename_axis("environment")
+        known = {f"{p}_ref": pd.Series(self.references.get(f"{p}_ref"), dtype=float) for p in names}
+        references = pd.DataFrame(known).reindex(visits["environment"].unique())
         order = checks.in_order(references, self.options.environments)
+        pooled = reading.pooled(visits)
         return Reduced(
             cells=pd.concat([cells[["subject", "environment", "n"]], measured], axis=1),
-            references=references.loc[list(order)].reset_index(),
-            family=self.family,
+            references=references.loc[list(order)].rename_axis("environment").reset_index(),
+            family=family,
             sources=tuple(reading.sources),
             notices=tuple(dict.fromkeys(reading.notices)),
-            warnings=warnings,
+            warnings=tuple(checks.screen(visits, self.parameters, place, pooled, family)),
             counts=dict(reading.counts),
             quantities=self.options.quantities,
         )
-
-    def _look(self) -> tuple[Notice, ...]:
-        """Check units and look for what is seldom meant, as the whole table's reader does."""
-        reading, table = self.reading, pd.concat(self.sample, ignore_index=True)
-        if self.stride > 1:
-            reading.notices.append(Notice(f"units and warnings are of {len(table):,} rows, an even sample"))
-        place = reading.place(table)
-        known, units = [self.options.quantities[p] for p in self.parameters], reading.declared_units
-        reading.notices += checks.check_plausible(table, known, units, place, reading.problems)
-        reading.problems.raise_if_any()
-        return tuple(checks.screen(table, self.parameters, place, reading.pooled(table), self.family))
 
 
 def _products(parameters: Sequence[str]) -> dict[str, tuple[str, str]]:

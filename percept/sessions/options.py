@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import PurePath
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    model_validator,
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
+
+from percept.errors import UsageError
+from percept.sessions.quantities import (
+    IMPEDANCE,
+    Quantity,
+    Table,
+    factor,
+    known_key,
+    numbers_of,
+    quantity_of,
+    with_mass,
 )
-
-from percept.errors import UsageError, did_you_mean
-from percept.sessions.quantities import IMPEDANCE, Quantity, factor, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS
 
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
-
-
 _PLAIN = {
     "dict_type": "must be a table",
     "model_type": "must be a table",
@@ -40,58 +39,26 @@ _PLAIN = {
     "less_than_equal": "must be {le:g} or less",
     "literal_error": "must be {expected}",
     "string_too_short": "must not be empty",
+    "string_pattern_mismatch": "must be one character, not a quote",
+    "missing": "is missing",
 }
-_NO_KEY = "there is no such key; there are "
 
 
-class Table(BaseModel):
-    """Settings that do not change, without keys beside those named."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-def said(table: type[BaseModel], error: ValidationError, *, file: str | None = None) -> UsageError:
+def said(error: ValidationError, *, file: str | None = None) -> UsageError:
     """Say the first thing that is wrong with the keys of a table, unknown ones before all else, and where."""
+    problems = error.errors(include_url=False)
     # A misspelt key is missing too; its own name says more.
-    first = min(error.errors(include_url=False), key=lambda one: not _unknown_key(one))
-    context, where, value = first.get("ctx", {}), list(first["loc"]), first["input"]
-    message, path = first["msg"].removeprefix("Value error, "), ".".join(map(str, where))
-    if isinstance(cause := context.get("error"), UsageError) and (cause.key or "").startswith(path):
-        cause.file = file
+    first = min(problems, key=lambda one: not isinstance(one.get("ctx", {}).get("error"), UsageError))
+    context, path = first.get("ctx", {}), ".".join(map(str, first["loc"]))
+    if isinstance(cause := context.get("error"), UsageError):
+        cause.file, cause.key = file, ".".join(filter(None, (path, cause.key)))
         return cause
-    keys: list[str] = []
-    if first["type"] == "missing":
-        message, value = "is missing", None
-    elif first["type"] == "extra_forbidden":
-        keys = _keys_at(table, where)
-        message = _NO_KEY + ", ".join(keys)
-    elif where and where[-1] == "[key]":
-        path, value = path.removesuffix(".[key]"), None
-        keys = message.removeprefix(_NO_KEY).split(", ")
-    elif first["type"] in _PLAIN:
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] in _PLAIN:
         message = _PLAIN[first["type"]].format(**context)
-    return UsageError(
-        f"{message[:1].lower()}{message[1:]}".removesuffix(".") + ".",
-        file=file,
-        key=path or None,
-        value=None if isinstance(value, dict) else value,
-        hint=did_you_mean(path.rpartition(".")[2], keys).strip() or None,
-    )
-
-
-def _unknown_key(problem: Any) -> bool:
-    return problem["type"] == "extra_forbidden" or problem["loc"][-1:] == ("[key]",)
-
-
-def _keys_at(table: type[BaseModel], where: Sequence[str | int]) -> list[str]:
-    """Return the keys of the table in which a place lies."""
-    for name in where[:-1]:
-        if isinstance(name, str) and name in table.model_fields:
-            inside = [table.model_fields[name].annotation]
-            for annotation in inside:
-                inside += get_args(annotation)
-            table = next(kind for kind in inside if isinstance(kind, type) and issubclass(kind, BaseModel))
-    return list(table.model_fields)
+    value = None if isinstance(first["input"], dict) else first["input"]
+    message = f"{message[:1].lower()}{message[1:]}".removesuffix(".")
+    return UsageError(f"{message}.", file=file, key=path or None, value=value)
 
 
 def _listed(value: Any) -> Any:
@@ -100,18 +67,6 @@ def _listed(value: Any) -> Any:
     if not isinstance(items, list | tuple):
         raise ValueError("must be a text or a list of texts")
     return tuple(str(item) if type(item) is int else item for item in items)
-
-
-def _character(value: str) -> str:
-    if len(value) != 1 or value in '"\r\n\\':
-        raise ValueError("must be one character, not a quote")
-    return value
-
-
-def _not_blank(value: str) -> str:
-    if not value.strip():
-        raise ValueError("is blank")
-    return value
 
 
 def _pattern(value: str) -> str:
@@ -143,7 +98,7 @@ class ColumnRule(Table):
         Added to the file's numbers, in their unit: for a scale whose zero is arbitrary.
     """
 
-    name: Annotated[str, AfterValidator(_not_blank)]
+    name: Text
     unit: str | None = None
     path: str | None = None
     also: Texts = ()
@@ -173,13 +128,12 @@ class ExcludeRule(Table):
 
     @model_validator(mode="after")
     def _texts_or_limits(self) -> Self:
-        limits = [
-            f"{name} {limit:g}" for name in ("below", "above") if (limit := getattr(self, name)) is not None
-        ]
-        if bool(self.equals) == bool(limits):
+        limits = {"below": self.below, "above": self.above}
+        words = [f"{name} {limit:g}" for name, limit in limits.items() if limit is not None]
+        if bool(self.equals) == bool(words):
             raise ValueError("a rule has column, why, and either equals or limits (below, above)")
         if not self.why:
-            object.__setattr__(self, "why", f"{self.column} is {' or '.join(self.equals or limits)}")
+            object.__setattr__(self, "why", f"{self.column} is {' or '.join(self.equals or words)}")
         return self
 
 
@@ -202,45 +156,6 @@ def _named(value: Any) -> Any:
         return value
     tables = {name: {"name": name, **own} if isinstance(own, Mapping) else own for name, own in value.items()}
     return tables or dict(IMPEDANCE)
-
-
-class DataTables(Table):
-    """The tables that say what is adjusted, and where it stands in the files."""
-
-    quantities: Annotated[dict[str, Quantity], BeforeValidator(_named)] = Field(
-        default_factory=lambda: dict(IMPEDANCE)
-    )
-    columns: dict[str, Annotated[ColumnRule, BeforeValidator(_rule)]] = Field(default_factory=dict)
-    environments: dict[str, dict[str, Number]] = Field(default_factory=dict)
-
-    @model_validator(mode="after")
-    def _of_these_quantities(self) -> Self:
-        """Hold columns, their units and references to the quantities; labels may name references."""
-        columns = tuple(dict.fromkeys((*canonical_columns(self.quantities), *SUMMARY)))
-        quantities = with_mass(self.quantities)
-        for name, rule in self.columns.items():
-            _one_of(columns, name, f"columns.{name}")
-            if rule.also and name not in IDS:
-                raise UsageError("only an id is made of several columns.", key=f"columns.{name}")
-            if (quantity := quantities.get(quantity_of(name))) is not None:
-                try:
-                    factor(rule.unit, quantity)
-                except UsageError as error:
-                    error.key = f"columns.{name}.unit"
-                    raise
-        names = {q.label: f"{q.name}_ref" for q in quantities.values()}
-        for name, own in self.environments.items():
-            references = {names.get(key, key): value for key, value in own.items()}
-            for key in references:
-                _one_of(tuple(names.values()), key, f"environments.{name}.{key}")
-            self.environments[name] = references
-        return self
-
-
-def _one_of(names: Sequence[str], name: str, key: str) -> None:
-    if name not in names:
-        hint = did_you_mean(name, names).strip() or None
-        raise UsageError(f"{_NO_KEY}{', '.join(names)}.", key=key, hint=hint)
 
 
 class FilesTable(Table):
@@ -267,7 +182,7 @@ class SessionsTable(Table):
     """The scene's [sessions]; every default is the strictest reading."""
 
     decimal: Literal[".", ","] | None = None
-    delimiter: Annotated[str, AfterValidator(_character)] | None = None
+    delimiter: Annotated[str, Field(pattern=r'^[^"\r\n\\]$')] | None = None
     encoding: Text | None = None
     keep: Literal["last"] | None = None
     trial: Literal["order"] | None = None
@@ -275,7 +190,6 @@ class SessionsTable(Table):
     groups: Texts = ()
     only: dict[str, Texts] = Field(default_factory=dict)
     exclude: tuple[ExcludeRule, ...] = ()
-    unfinished: Literal["keep", "exclude"] = "keep"
     sheet: Text | None = None
     files: FilesTable = FilesTable()
 
@@ -286,11 +200,41 @@ class SessionsTable(Table):
         return self
 
 
-class _Tables(DataTables):
+class DataTables(Table):
+    """The tables that say what is adjusted, and where it stands in the files."""
+
+    quantities: Annotated[dict[str, Quantity], BeforeValidator(_named)] = Field(
+        default_factory=lambda: dict(IMPEDANCE)
+    )
+    columns: dict[str, Annotated[ColumnRule, BeforeValidator(_rule)]] = Field(default_factory=dict)
+    environments: dict[str, dict[str, Number]] = Field(default_factory=dict)
     sessions: SessionsTable = SessionsTable()
 
+    @model_validator(mode="after")
+    def _of_these_quantities(self) -> Self:
+        """Hold columns, their units and references to the quantities; labels may name references."""
+        columns = tuple(dict.fromkeys((*canonical_columns(self.quantities), *SUMMARY)))
+        quantities = with_mass(self.quantities)
+        for name, rule in self.columns.items():
+            known_key(columns, name, f"columns.{name}")
+            if rule.also and name not in IDS:
+                raise UsageError("only an id is made of several columns.", key=f"columns.{name}")
+            if (quantity := quantities.get(quantity_of(name))) is not None:
+                try:
+                    factor(rule.unit, quantity)
+                except UsageError as error:
+                    error.key = f"columns.{name}.unit"
+                    raise
+        names = {q.label: f"{q.name}_ref" for q in quantities.values()}
+        for name, own in self.environments.items():
+            references = {names.get(key, key): value for key, value in own.items()}
+            for key in references:
+                known_key(tuple(names.values()), key, f"environments.{name}.{key}")
+            self.environments[name] = references
+        return self
 
-class ReadOptions(SessionsTable, DataTables):
+
+class ReadOptions(DataTables):
     """How to read a study's files; every default is the strictest reading.
 
     Attributes
@@ -302,30 +246,8 @@ class ReadOptions(SessionsTable, DataTables):
     environments : mapping of str to mapping
         From environment id to its references, such as `k_ref` (N/m), `b_ref` (N·s/m) and `m_ref` (kg, 0
         where not given). Environments stand in this order, those it does not name after it by reference.
-    decimal : {".", ","}, optional
-        The decimal mark of every file; None finds it per file and refuses what can be read two ways.
-    delimiter, encoding : str, optional
-        Declared where they cannot be told.
-    keep : {"last"}, optional
-        Files with a row per event: the last value of each parameter in a trial stands. Texts leave events out
-        before that, limits of `exclude` leave out what stands.
-    trial : {"order"}, optional
-        Number the trials of a subject, session and environment by the order of their rows, whatever columns
-        there are.
-    filename : str, optional
-        Pattern of file names without suffix, such as "sub-{subject}_ses-{session}".
-    groups : tuple of str
-        Further columns to keep, as text.
-    only : mapping of str to tuple of str
-        Rows are used only where these columns hold one of these texts.
-    exclude : tuple of ExcludeRule
-        What to leave out, counted and logged by reason.
-    unfinished : {"keep", "exclude"}
-        Whether a subject who lacks an environment that others have stays.
-    files : FilesTable
-        Which files of folders and archives are read.
-    sheet : str, optional
-        Sheet of an Excel workbook; the first by default.
+    sessions : SessionsTable
+        The scene's [sessions], such as `decimal`, `keep`, `groups` and `exclude`.
     split : tuple of str
         Columns of groups that the analysis tells apart; of the others a warning says that they are pooled.
     family : str
@@ -339,7 +261,7 @@ class ReadOptions(SessionsTable, DataTables):
         try:
             super().__init__(**options)
         except ValidationError as error:
-            raise said(type(self), error) from error
+            raise said(error) from error
 
     def with_columns(self, columns: Mapping[str, Any] | None) -> ReadOptions:
         """Return a copy in which further columns are declared, which go before those there are."""
@@ -349,8 +271,9 @@ class ReadOptions(SessionsTable, DataTables):
     def with_groups(self, groups: Iterable[str]) -> ReadOptions:
         """Return a copy that keeps further columns as groups of subjects; those it always has are no news."""
         further = tuple(name for name in groups if name not in canonical_columns(self.quantities))
-        kept = tuple(dict.fromkeys([*self.groups, *further]))
-        return self.model_copy(update={"groups": kept, "split": (*self.split, *further)})
+        kept = tuple(dict.fromkeys([*self.sessions.groups, *further]))
+        sessions = self.sessions.model_copy(update={"groups": kept})
+        return self.model_copy(update={"sessions": sessions, "split": (*self.split, *further)})
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
@@ -361,19 +284,12 @@ class ReadOptions(SessionsTable, DataTables):
         UsageError
             An unknown key, or a value of the wrong kind, naming `file`, table and key.
         """
+        own = {name: tables[name] for name in DataTables.model_fields if name in tables}
+        factor = dict(tables.get("study", {})).get("factor")
+        family = dict(tables.get("inference", {})).get("family", "lognormal")
         try:
-            checked = _Tables(**{name: tables[name] for name in _Tables.model_fields if name in tables})
-        except ValidationError as error:
-            raise said(_Tables, error, file=file) from error
-        kept = {name: getattr(checked, name) for name in DataTables.model_fields}
-        asked = {key: _key(tables, *key) for key in (("study", "factor"), ("inference", "family"))}
-        options = cls(**kept, **dict(checked.sessions), family=asked["inference", "family"] or "lognormal")
-        factor = asked["study", "factor"]
+            options = cls(**own, family=family)
+        except UsageError as error:
+            error.file = file
+            raise
         return options.with_groups([factor]) if factor else options
-
-
-def _key(tables: Mapping[str, Any], table: str, key: str) -> str | None:
-    """Look up a text in a table of a scene, checked or as it was written."""
-    found = tables.get(table) or {}
-    value = found.get(key) if isinstance(found, Mapping) else getattr(found, key, None)
-    return value if isinstance(value, str) else None

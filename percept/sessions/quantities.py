@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, Self
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, model_validator
 
-from percept.errors import UsageError
+from percept.errors import UsageError, did_you_mean
 from percept.sessions.records import IDS, MASS
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
@@ -22,7 +22,28 @@ _SAME = {"N·s/m": frozenset({"N*s/m", "Ns/m", "N s/m"})}
 _UNIT = re.compile(r"[A-Za-zµ°%]+[²³]?(?:[·*/ ][A-Za-zµ°%]+[²³]?){0,4}")
 
 
-class Quantity(BaseModel):
+def known_key(names: Sequence[str], name: str, key: str, value: object = None) -> None:
+    """Refuse a key that a table does not have."""
+    if name not in names:
+        hint = did_you_mean(name, names).strip() or None
+        message = f"there is no such key; there are {', '.join(names)}."
+        raise UsageError(message, key=key, value=None if isinstance(value, Mapping) else value, hint=hint)
+
+
+class Table(BaseModel):
+    """Settings that do not change, without keys beside those named."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, given: Any) -> Any:
+        for key, value in given.items() if isinstance(given, Mapping) else ():
+            known_key(tuple(cls.model_fields), str(key), str(key), value)
+        return given
+
+
+class Quantity(Table):
     """A quantity that subjects adjust to a reference.
 
     Parameters
@@ -42,8 +63,6 @@ class Quantity(BaseModel):
         From a scene: a name that fits no column, or another unit of "k" (N/m) or "b" (N·s/m).
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     name: str
     label: str = ""
     symbol: str = ""
@@ -54,13 +73,8 @@ class Quantity(BaseModel):
     def _with_defaults(cls, given: Any) -> Any:
         if not isinstance(given, Mapping) or not isinstance(name := given.get("name"), str):
             return given
-        return {
-            "label": name.replace("_", " "),
-            "symbol": name,
-            "unit": "",
-            **_IMPEDANCE.get(name, {}),
-            **given,
-        }
+        usual = {"label": name.replace("_", " "), "symbol": name, "unit": ""}
+        return usual | _IMPEDANCE.get(name, {}) | dict(given)
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -68,17 +82,15 @@ class Quantity(BaseModel):
             raise ValueError("a name has letters, digits and single underscores, and is not that of an id")
         usual = _IMPEDANCE.get(self.name)
         if usual is not None and self.unit != usual["unit"]:
-            raise ValueError(
-                f"{self.name} is {usual['label']} in {usual['unit']}: name another quantity apart"
-            )
+            text = f"{self.name} is {usual['label']} in {usual['unit']}"
+            raise ValueError(f"{text}: name another quantity apart")
         return self
 
     @property
     def words(self) -> str:
         """Label and symbol in a sentence, such as "stiffness k"."""
-        return (
-            self.label if self.symbol.casefold() == self.label.casefold() else f"{self.label} {self.symbol}"
-        )
+        same = self.symbol.casefold() == self.label.casefold()
+        return self.label if same else f"{self.label} {self.symbol}"
 
     @property
     def head(self) -> str:
@@ -134,9 +146,8 @@ def factor(unit: str | None, quantity: Quantity) -> Fraction:
     import pint
 
     try:
-        one, two = (
-            Fraction(_quantity(n, unit).to(_quantity(1, quantity.unit).units).magnitude) for n in (1, 2)
-        )
+        units = _quantity(1, quantity.unit).units
+        one, two = (Fraction(_quantity(n, unit).to(units).magnitude) for n in (1, 2))
         if two != 2 * one:
             raise ValueError("a unit with an offset")
         return one

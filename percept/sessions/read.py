@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -31,8 +30,6 @@ from percept.sessions.records import (
     shown,
 )
 from percept.sessions.table import FileTable
-
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,16 +130,12 @@ class Sessions:
     @cached_property
     def environments(self) -> tuple[str, ...]:
         """Environment ids as the scene lists them, then by their references."""
-        groups = self.table.groupby("environment", sort=False)
-        references = (
-            groups[[f"{p}_ref" for p in self.quantities]].first()
-            if self.form == "trials"
-            else (
-                self.table.pivot_table(
-                    index="environment", columns="parameter", values="reference", sort=False
-                )
-            ).reindex(columns=list(self.quantities))
-        )
+        if self.form == "trials":
+            columns = [f"{p}_ref" for p in self.quantities]
+            references = self.table.groupby("environment", sort=False)[columns].first()
+        else:
+            wide = self.table.pivot_table("reference", "environment", "parameter", sort=False)
+            references = wide.reindex(columns=list(self.quantities))
         return checks.in_order(references, self.listed)
 
     @property
@@ -177,38 +170,10 @@ class Sessions:
         file, row = (int(self.provenance[c].to_numpy()[at]) for c in ("file", "row"))
         return self.sources[file].name, row
 
-    def to_csv(self, path: str | Path, *, for_spreadsheets: bool = False) -> None:
-        """Write the table as a CSV file that reads back to the same table.
-
-        `for_spreadsheets` puts an apostrophe before text that a spreadsheet would run as a formula.
-        """
-        table = self.table
-        if self.form == "trials":
-            # Columns of a parameter that was not measured would claim that it was.
-            pairs = [[f"{p}_ref", f"{p}_adj"] for p in self.quantities]
-            table = table.drop(
-                columns=[c for pair in pairs if table[pair].isna().all(axis=None) for c in pair]
-            )
-        texts = [str(c) for c in table if not pd.api.types.is_numeric_dtype(table[c])]
-        if for_spreadsheets:
-            table = table.assign(**{c: table[c].map(neutralised) for c in texts}).rename(columns=neutralised)
-        # csv.writer leaves a lone carriage return bare when lines end with LF.
-        bare = any("\r" in text for c in texts for text in (c, *self.table[c].unique()))
-        quoting: Any = csv.QUOTE_NONNUMERIC if bare else csv.QUOTE_MINIMAL
-        table.to_csv(path, index=False, lineterminator="\n", quoting=quoting)
-
     def _repr_html_(self) -> str:
-        counts = "".join(
-            f"<tr><td>{escape(reason)}</td><td>{number}</td></tr>" for reason, number in self.counts.items()
-        )
-        notices = "".join(f"<li>{escape(str(notice))}</li>" for notice in self.notices)
-        head = self.table.head(10).to_html(escape=True, index=False)
-        return f"{head}<table>{counts}</table><ul>{notices}</ul>"
-
-
-def neutralised(text: str) -> str:
-    """Text that a spreadsheet shows and does not run: an apostrophe before what begins a formula."""
-    return f"'{text}" if text.startswith(_FORMULA) else text
+        told = [*(f"{number} {reason}" for reason, number in self.counts.items()), *map(str, self.notices)]
+        items = "".join(f"<li>{escape(text)}</li>" for text in told)
+        return f"{self.table.head(10).to_html(escape=True, index=False)}<ul>{items}</ul>"
 
 
 def read_sessions(
@@ -255,8 +220,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
     frames: list[pd.DataFrame] = []
     forms: dict[str, str] = {}
     present: set[str] = set()
-    options, problems = reading.options, reading.problems
-    quantities = options.quantities
+    options, problems, quantities = reading.options, reading.problems, reading.options.quantities
     with closing(tables):
         for table in tables:
             with problems.collecting():
@@ -277,22 +241,18 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         reading.counts["observations"] = len(merged)
     else:
         parameters = [p for p in quantities if p in present]
-        if options.trial == "order":
+        if options.sessions.trial == "order":
             merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1
         checks.settle_references(merged, options.environments, {}, parameters, place, problems)
         split = [name for name in options.split if name in merged]
         checks.check_duplicates(merged, place, problems, numbered=reading.numbered, split=split)
-        known = [quantities[p] for p in parameters]
-        reading.notices += checks.check_plausible(merged, known, reading.declared_units, place, problems)
-        problems.raise_if_any()
-        merged = reading.settled(merged)
+        reading.check(merged, parameters, pd.Series(1, index=merged.index))
         reading.counts.update({f"rows without {p}": int(merged[f"{p}_adj"].isna().sum()) for p in parameters})
         columns = [*trial_columns(quantities)]
-        columns += [str(c) for c in merged if c not in (*columns, "row", "file")]
-        groups = [c for c in columns if c not in (*trial_columns(quantities), MASS)]
-    tidy = merged[columns]
+        groups = [str(c) for c in merged if c not in (*columns, MASS, "row", "file")]
+        columns += [*([MASS] if MASS in merged else []), *groups]
     # A file that lacks a group column leaves blanks, never the text "nan".
-    tidy = tidy.assign(**{column: tidy[column].fillna("").astype("str") for column in groups})
+    tidy = merged[columns].assign(**{c: merged[c].fillna("").astype("str") for c in groups})
     return Sessions(
         table=tidy,
         form="summary" if "summary" in forms else "trials",

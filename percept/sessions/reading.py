@@ -15,12 +15,10 @@ from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.columns import resolve
 from percept.sessions.files import Input, expand, ids_from_name, is_workbook, load, open_text
-from percept.sessions.grids import Block, Grid, text_blocks, with_names
+from percept.sessions.grids import Block, Dialect, Grid, text_blocks
 from percept.sessions.options import ReadOptions
 from percept.sessions.records import IDS, Exclusion, NoDataError, Notice, Place, Problems, Source
 from percept.sessions.table import FileTable
-
-_EXTRA = "Install what reads it: pip install 'percept[tables]'."
 
 
 class Reading:
@@ -39,7 +37,7 @@ class Reading:
 
     def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
         """Open the files; an error of one becomes a problem, so that the next is read too."""
-        wants = self.options.files.wants
+        wants = self.options.sessions.files.wants
         files, inside, notices = expand(paths, wants)
         self.notices += notices
         for file in files:
@@ -52,7 +50,7 @@ class Reading:
     def _table(self, entry: Input, *, asked: bool) -> Generator[FileTable]:
         with closing(open_blocks(entry, self.options, self.notices)) as blocks:
             try:
-                named = ids_from_name(entry.path, self.options.filename, file=entry.name)
+                named = ids_from_name(entry.path, self.options.sessions.filename, file=entry.name)
                 table = FileTable(entry.name, blocks, self.options, named, self.problems)
             except NoDataError as error:
                 # A file that was named is asked for; what a folder holds may be a companion.
@@ -69,10 +67,9 @@ class Reading:
             self._add(table, sha256)
 
     def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
-        """Take a DataFrame as a file."""
-        name = "<frame>"
-        blocks = iter([Block(frame_grid(frame, file=name))])
-        table = FileTable(name, blocks, self.options, {}, self.problems)
+        """Take a DataFrame as a file; a row's number is its position plus 2, as if a header were line 1."""
+        block = typed_block([list(frame.columns), *frame.itertuples(index=False, name=None)], "<frame>")
+        table = FileTable("<frame>", iter([block]), self.options, {}, self.problems)
         yield table
         self._add(table, "")
 
@@ -106,37 +103,30 @@ class Reading:
 
     def pooled(self, table: pd.DataFrame) -> tuple[str, ...]:
         """Columns of groups that the analysis does not tell apart."""
-        names = dict.fromkeys(("group", *self.options.groups))
+        names = dict.fromkeys(("group", *self.options.sessions.groups))
         return tuple(c for c in names if c in table and c not in self.options.split)
 
-    def settled(self, table: pd.DataFrame) -> pd.DataFrame:
-        """Look at ids and cells over all files; a row of the table may stand for as many as `rows` says."""
-        rows = table["rows"] if "rows" in table else pd.Series(1, index=table.index)
-        if self.options.unfinished == "exclude":
-            kept, unfinished = checks.drop_unfinished(table)
-            self.exclusions += unfinished
-            if unfinished:
-                self.counts["excluded: unfinished subject"] = int(rows.sum() - rows[kept.index].sum())
-            table, rows = kept.reset_index(drop=True), rows[kept.index]
+    def check(self, table: pd.DataFrame, parameters: Iterable[str], rows: pd.Series[int]) -> None:
+        """Look at units, ids and cells over all files; a row stands for as many as `rows` says."""
+        known = [self.options.quantities[p] for p in parameters]
+        place, units = self.place(table), self.declared_units
+        self.notices += checks.check_plausible(table, known, units, place, self.problems)
+        self.problems.raise_if_any()
         for what in IDS:
             self.notices += checks.look_alikes(table[what].unique(), what)
         if table["session"].nunique() > 1:
             self.notices += checks.repeats_over_sessions(table)
         self.counts.update(checks.count_grid(table, rows))
-        return table
 
 
 def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Generator[Block]:
     """Give the cells of one input, whatever its format, in blocks."""
     file, data = entry.name, entry.data or b""
-    if data.startswith(b"PAR1"):
-        yield Block(parquet_grid(data, file=file))
+    if data.startswith(b"PAR1") or is_workbook(data, file):
+        yield typed_block(_typed_rows(data, file, options.sessions.sheet), file)
         return
-    if data.startswith(b"PK\x03\x04") and is_workbook(data, file):
-        yield Block(excel_grid(data, file=file, sheet=options.sheet))
-        return
-    text, encoding = open_text(entry, options.encoding)
-    if encoding == "cp1252" and options.encoding is None:
+    text, encoding = open_text(entry, options.sessions.encoding)
+    if encoding == "cp1252" and options.sessions.encoding is None:
         notices.append(Notice("not UTF-8; read as Windows-1252", file))
 
     def resolves(header: list[str]) -> bool:
@@ -147,65 +137,51 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
         return found.form == "summary" or any(f"{p}_adj" in found.rules for p in options.quantities)
 
     yield from text_blocks(
-        text, file=file, delimiter=options.delimiter, large=entry.data is None, resolves=resolves
+        text, file=file, delimiter=options.sessions.delimiter, large=entry.data is None, resolves=resolves
     )
 
 
-def frame_grid(frame: pd.DataFrame, *, file: str) -> Grid:
-    """Grid of a DataFrame; a row's number is its position plus 2, as if a header were line 1."""
-    columns = [frame.iloc[:, at].tolist() for at in range(frame.shape[1])]
-    return _typed_grid([str(name) for name in frame.columns], columns, file)
-
-
-def parquet_grid(data: bytes, *, file: str) -> Grid:
-    """Grid of a Parquet file."""
+def _typed_rows(data: bytes, file: str, sheet: str | None) -> list[Sequence[Any]]:
+    """Give the header and rows of a Parquet file or a sheet; formulas count with the values Excel stored."""
+    parquet = data.startswith(b"PAR1")
     try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        if parquet:
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+
+            table = pq.read_table(pa.BufferReader(data))
+            return [table.column_names, *zip(*(column.to_pylist() for column in table.columns), strict=True)]
+        book = pd.ExcelFile(io.BytesIO(data), engine="openpyxl")
+        page = book.sheet_names[0] if sheet is None else sheet
+        known = page in book.sheet_names
+        frame = book.parse(page, header=None, dtype=object, na_filter=False) if known else pd.DataFrame()
+        rows = frame.to_numpy().tolist()
     except ImportError:
-        raise UsageError("a Parquet file needs pyarrow.", file=file, hint=_EXTRA) from None
-    try:
-        table = pq.read_table(io.BytesIO(data))
-    except (pa.ArrowException, OSError, ValueError) as error:
-        message = f"a broken Parquet file: {str(error).rstrip('.')}."
-        raise UsageError(message, file=file, hint="Write it again.") from None
-    return _typed_grid(list(table.column_names), [column.to_pylist() for column in table.columns], file)
-
-
-def excel_grid(data: bytes, *, file: str, sheet: str | None) -> Grid:
-    """Grid of one sheet of an Excel workbook; formulas count with the values Excel stored."""
-    try:
-        import openpyxl  # type: ignore[import-untyped, unused-ignore]
-    except ImportError:
-        raise UsageError("an Excel workbook needs openpyxl.", file=file, hint=_EXTRA) from None
-    try:
-        book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-        names = list(book.sheetnames)
-        known = sheet is None or sheet in names
-        page = (book[sheet] if sheet else book.worksheets[0]) if known else None
-        rows = [] if page is None else list(page.iter_rows(values_only=True))
-        book.close()
-    # openpyxl lets whatever its XML reader meets escape: KeyError, ValueError, zlib.error and others.
+        hint = "Install what reads it: pip install 'percept[tables]'."
+        message = f"such a file needs {'pyarrow' if parquet else 'openpyxl'}."
+        raise UsageError(message, file=file, hint=hint) from None
+    # What the XML reader meets escapes: KeyError, zlib.error and others.
     except Exception as error:  # noqa: BLE001
-        hint = "Save it again, or as CSV."
-        raise UsageError(f"a broken workbook: {error}.", file=file, hint=hint) from None
+        hint = "Write it again, or as CSV."
+        raise UsageError(f"a broken file: {str(error).rstrip('.')}.", file=file, hint=hint) from None
     if not known:
-        raise UsageError(f"no such sheet; there are {', '.join(names)}.", file=file, value=sheet)
+        names = ", ".join(map(str, book.sheet_names))
+        raise UsageError(f"no such sheet; there are {names}.", file=file, value=sheet)
     if not rows:
         raise UsageError("the sheet is empty.", file=file, hint="Name another with [sessions] sheet.")
-    width = max((at + 1 for at, name in enumerate(rows[0]) if name is not None), default=0)
-    columns = [[row[at] if at < len(row) else None for row in rows[1:]] for at in range(width)]
-    return _typed_grid([_text(name) for name in rows[0][:width]], columns, file)
+    named = max((at + 1 for at, name in enumerate(rows[0]) if name != ""), default=0)
+    return [row[:named] for row in rows]
 
 
-def _typed_grid(header: Sequence[str], columns: Iterable[Iterable[Any]], file: str) -> Grid:
-    cells = [[_text(value) for value in record] for record in zip(*columns, strict=True)]
-    kept = [at for at, record in enumerate(cells) if any(cell.strip() for cell in record)]
-    if not kept:
+def typed_block(rows: Iterable[Sequence[Any]], file: str) -> Block:
+    """Write the typed cells of a header and rows as text."""
+    names, *records = ([_text(value) for value in row] for row in rows)
+    # A last column without a name is no mark of a delimiter here.
+    dialect = Dialect(file, names=tuple(name.strip() or f"column {at}" for at, name in enumerate(names, 1)))
+    grid = Grid.of(dialect, records, list(range(2, len(records) + 2)), last=False)
+    if grid.cells.empty:
         raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
-    blank = Counter({"blank line": len(cells) - len(kept)} if len(kept) < len(cells) else {})
-    names = with_names([name.strip() for name in header])
-    return Grid.of(names, [cells[at] for at in kept], [at + 2 for at in kept], blank)
+    return Block(dialect, grid)
 
 
 def _text(value: Any) -> str:
@@ -214,6 +190,4 @@ def _text(value: Any) -> str:
         return value
     if isinstance(value, float):
         return "" if value != value else repr(float(value))
-    if value is None or value is pd.NA or value is pd.NaT:
-        return ""
-    return str(value)
+    return "" if value is None or value is pd.NA or value is pd.NaT else str(value)

@@ -13,9 +13,9 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import values
-from percept.sessions.columns import check_columns, resolve, unused_columns
+from percept.sessions.columns import check_columns, position, resolve, unused_columns
 from percept.sessions.grids import Block, Grid
-from percept.sessions.options import KEPT_COLUMNS, ExcludeRule, ReadOptions, canonical_columns
+from percept.sessions.options import KEPT_COLUMNS, ReadOptions, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, Notice, Problems, shown
 
@@ -26,7 +26,6 @@ _MEND = "Correct the cell, or leave it empty if there was no adjustment."
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
 _Mask = npt.NDArray[np.bool_]
-_Floats = npt.NDArray[np.float64]
 
 
 class FileTable:
@@ -45,7 +44,6 @@ class FileTable:
         problems: Problems,
     ) -> None:
         self.name, self.options, self.named, self.problems = name, options, named, problems
-        self._numbers, self._canonical = numbers_of(options.quantities), canonical_columns(options.quantities)
         first = next(blocks)
         self._blocks = chain([first], blocks)
         self.header = header = first.grid().header
@@ -53,41 +51,39 @@ class FileTable:
         self.exclusions: list[Exclusion] = []
         self.found = resolve(header, options, file=name)
         self.form, self._rules = self.found.form, self.found.rules
-        self.notices = [Notice(text, name) for text in self.found.announced]
-        self.notices += [
-            Notice(f"{c} is taken from the file's name; column {self._rules[c].name!r} is not used", name)
-            for c in sorted(named.keys() & self._rules.keys())
-        ]
+        notices = list(self.found.announced)
+        for c in sorted(named.keys() & self._rules.keys()):
+            column = self._rules[c].name
+            notices.append(f"{c} is taken from the file's name; column {column!r} is not used")
         if unused := unused_columns(header, self.found, options):
-            self.notices.append(Notice(f"columns not used: {shown(unused)}", name))
+            notices.append(f"columns not used: {shown(unused)}")
+        self.notices = [Notice(text, name) for text in notices]
         self.numbered = "trial" in self._rules or any(slot.trial for slot in self.found.slots)
         self.declared_units = {c for c, rule in self._rules.items() if rule.unit is not None}
         self.parameters: set[str] = set()
+        decimal = options.sessions.decimal
+        self._mark = None if decimal is None else values.DecimalMark(decimal)
         if self.form == "trials":
             check_columns(header, self.found, options, named, file=name)
             self.parameters = {p for p in options.quantities if f"{p}_adj" in self._rules}
             self._prepare()
 
     def _prepare(self) -> None:
-        options = self.options
-        self._mark = None if options.decimal is None else values.DecimalMark(options.decimal)
-        self._groups = list(dict.fromkeys([*(c for c in KEPT_COLUMNS if c in self.header), *options.groups]))
-        rules = [rule for rule in options.exclude if rule.column not in self._canonical]
-        own = [*self._groups, *options.only, *(rule.column for rule in rules if rule.equals)]
-        own += [name for rule in self._rules.values() for name in rule.also]
-        self._own = {f"own:{name}": self._position(name) for name in own}
-        self._own |= {f"limit:{r.column}": self._position(r.column) for r in rules if not r.equals}
+        """Find the file's other columns that are read."""
+        own = self.options.sessions
+        self._groups = list(dict.fromkeys([*(c for c in KEPT_COLUMNS if c in self.header), *own.groups]))
+        canonical = canonical_columns(self.options.quantities)
+        rules = [rule for rule in own.exclude if rule.column not in canonical]
+        texts = [*self._groups, *own.only, *(rule.column for rule in rules if rule.equals)]
+        texts += [name for rule in self._rules.values() for name in rule.also]
+        limits = [rule.column for rule in rules if not rule.equals]
+        places = {f"own:{name}": name for name in texts} | {f"limit:{name}": name for name in limits}
+        self._own = {c: position(self.header, name, self.name) for c, name in places.items()}
+        self._numbers = {*numbers_of(self.options.quantities), *(c for c in places if c.startswith("limit:"))}
         # What JSON cells lack: the keys found instead, and whether any cell had the path.
         self._lacking: dict[str, dict[str, None]] = {}
         self._picked: set[str] = set()
         self._joins: dict[str, tuple[str, ...]] = {}  # From a joined id to its parts
-
-    def _position(self, name: str) -> int:
-        if self.header.count(name) != 1:
-            message = "this column is wanted, and is not there or there twice."
-            hint = f"The columns are {shown(self.header)}."
-            raise UsageError(message, file=self.name, row=1, column=name, hint=hint)
-        return self.header.index(name)
 
     def _place(self, column: str, row: int | None = None) -> dict[str, Any]:
         """Where a canonical or an own column stands, for messages."""
@@ -100,13 +96,11 @@ class FileTable:
         events: list[pd.DataFrame] = []
         for block in self._blocks:
             if self.form == "summary":
-                yield self._summary(self._counted(block.grid()))
-                continue
-            data = self._observations(self._cells(block))
-            if self.options.keep is None:
-                yield self._frame(self._within_limits(data))
+                yield self._summary(self._counted(block))
+            elif self.options.sessions.keep is None:
+                yield self._frame(self._within_limits(self._observations(self._cells(block))))
             else:
-                events.append(self._last_events(data))
+                events.append(self._last_events(self._observations(self._cells(block))))
         if events:
             data = self._last_events(pd.concat(events))
             earlier, kept = self.counts["earlier event of a trial"], len(data)
@@ -119,28 +113,31 @@ class FileTable:
         if self.form == "trials":
             self._check_paths()
 
+    def _counted(self, block: Block) -> Grid:
+        grid = block.grid()
+        self.counts["rows read"] += len(grid.cells)
+        self.counts.update(grid.dropped)
+        return grid
+
     def _summary(self, grid: Grid) -> pd.DataFrame:
         """Read a published table of limits, or of means and standard deviations."""
         columns = self.found.slots[0].columns
         limits = all(c in columns for c in _LIMITS)
         numbers = ["reference", *(_LIMITS if limits else _MOMENTS), "n"]
         numbers += ["level"] if limits or "level" in columns else []
-        for c in ("environment", *numbers):
-            if c not in columns:
-                message = f"a summary needs the column {c}; the columns are {shown(grid.header)}."
-                hint = "Add it, or name it in the scene's [columns]."
-                raise UsageError(message, file=self.name, row=1, column=c, hint=hint)
+        for c in (c for c in ("environment", *numbers) if c not in columns):
+            message = f"a summary needs the column {c}; the columns are {shown(grid.header)}."
+            hint = "Add it, or name it in the scene's [columns]."
+            raise UsageError(message, file=self.name, row=1, column=c, hint=hint)
         if self.declared_units:
-            hint = "Convert the table."
             units = " and ".join(quantity.unit for quantity in self.options.quantities.values())
-            raise UsageError(f"units of a summary are {units}.", file=self.name, key="columns", hint=hint)
+            message, hint = f"units of a summary are {units}.", "Convert the table."
+            raise UsageError(message, file=self.name, key="columns", hint=hint)
         text, rows = {c: grid.cells[at].tolist() for c, at in columns.items()}, grid.cells.index.to_numpy()
-        decimal, file, problems = self.options.decimal, self.name, self.problems
-        mark = values.DecimalMark(decimal) if decimal else None
-        mark = mark or values.decimal_mark(
-            [(c, text[c]) for c in numbers], rows, file=file, problems=problems
-        )
-        frame: dict[str, Any] = {c: text[c] for c in ("environment", "parameter")}
+        problems, file = self.problems, self.name
+        cells = [(c, text[c]) for c in numbers]
+        mark = self._mark or values.decimal_mark(cells, rows, file=file, problems=problems)
+        frame: dict[str, Any] = {"environment": text["environment"], "parameter": text["parameter"]}
         for c in numbers:
             frame[c] = values.parse_numbers(text[c], rows, mark, problems, file=file, column=c)
             for row in rows[[values.is_missing(cell) for cell in text[c]]].tolist():
@@ -153,34 +150,24 @@ class FileTable:
         if limits and any(c in columns for c in _MOMENTS):
             self.notices.append(Notice("mean and sd are not used: lower and upper are there", file))
         elif not limits:
-            frame |= self._limits(rows, frame.pop("mean"), frame.pop("sd"), frame["n"], frame["level"])
+            mean, sd, n, level = frame.pop("mean"), frame.pop("sd"), frame["n"], frame["level"]
+            for at in np.flatnonzero(sd < 0).tolist():
+                where = {"file": file, "row": int(rows[at]), "column": "sd", "value": float(sd[at])}
+                problems.add("is negative.", hint="Correct it.", **where)
+            from scipy.special import stdtrit
+
+            # Impossible n and levels are told by the study's checks.
+            possible = (n >= 2) & (level > 0) & (level < 1)
+            df, tail = np.where(possible, n - 1, np.nan), np.where(possible, (1 - level) / 2, np.nan)
+            half = -stdtrit(df, tail) / np.sqrt(df + 1) * sd
+            frame |= {"lower": mean - half, "upper": mean + half}
         return pd.DataFrame(frame | {"row": rows})
-
-    def _limits(
-        self, rows: npt.NDArray[np.int64], mean: _Floats, sd: _Floats, n: _Floats, level: _Floats
-    ) -> dict[str, _Floats]:
-        """Work out the limits of means that published SDs and numbers of subjects stand for."""
-        from scipy.special import stdtrit
-
-        for at in np.flatnonzero(sd < 0).tolist():
-            where = {"file": self.name, "row": int(rows[at]), "column": "sd", "value": float(sd[at])}
-            self.problems.add("is negative.", hint="Correct it.", **where)
-        # Impossible n and levels are told by the study's checks.
-        possible = (n >= 2) & (level > 0) & (level < 1)
-        df, tail = np.where(possible, n - 1, np.nan), np.where(possible, (1 - level) / 2, np.nan)
-        half = -stdtrit(df, tail) / np.sqrt(df + 1) * sd
-        return {"lower": mean - half, "upper": mean + half}
-
-    def _counted(self, grid: Grid) -> Grid:
-        self.counts["rows read"] += len(grid.cells)
-        self.counts.update(grid.dropped)
-        return grid
 
     def _cells(self, block: Block) -> pd.DataFrame:
         """Take columns out of records; of a wide table each record gives a row for each of its slots."""
         cells = self._plain(block)
         if cells is None:
-            cells = self._counted(block.grid()).cells
+            cells = self._counted(block).cells
         parts = []
         for slot in self.found.slots:
             columns = {**self._own, **slot.columns}
@@ -194,66 +181,62 @@ class FileTable:
         """Split a plain block at the speed of pandas' parser; None where it may not be used."""
         slot = self.found.slots[0]
         columns = {**slot.columns, **self._own}
-        numeric = [c for c in columns if c in (*self._numbers, "trial") or c.startswith("limit:")]
-        numbers, texts = {columns[c] for c in numeric}, {columns[c] for c in columns if c not in numeric}
+        numeric = {c for c in columns if c in self._numbers or c == "trial"}
+        numbers, texts = {columns[c] for c in numeric}, {columns[c] for c in columns.keys() - numeric}
         if (
-            len(self.found.slots) > 1
-            or slot.environment is not None
+            slot.environment is not None
             or any(rule.path is not None for rule in self._rules.values())
-            or any(rule.equals and rule.column in numeric for rule in self.options.exclude)
+            or any(rule.equals and rule.column in numeric for rule in self.options.sessions.exclude)
             or texts & numbers
-            or (self._mark is None and block.layout.delimiter != "," and "," in block.text)
+            or (self._mark is None and block.dialect.delimiter != "," and "," in block.text)
         ):
             return None
-        sign = "." if self._mark is None else self._mark.sign
-        cells = block.plain(sorted(texts), sorted(numbers), sign)
+        cells = block.plain(sorted(texts), sorted(numbers), self._mark.sign if self._mark else ".")
         if cells is not None:
             self.counts["rows read"] += len(cells)
         return cells
 
     def _observations(self, data: pd.DataFrame) -> pd.DataFrame:
         """Select and check the observations of a block, and convert their numbers."""
+        own = self.options.sessions
         for canonical, rule in self._rules.items():
             if rule.also:
                 data = data.assign(**{canonical: self._joined(data, canonical, rule.also)})
-        for name, texts in self.options.only.items():
+        for name, texts in own.only.items():
             kept = data[f"own:{name}"].isin(texts).to_numpy()
             data = self._keep(data, kept, f"{name} is not {' or '.join(texts)}")
-        for left in (rule for rule in self.options.exclude if rule.equals):
-            key = left.column if left.column in self._canonical else f"own:{left.column}"
+        for left in (rule for rule in own.exclude if rule.equals):
+            key = f"own:{left.column}" if f"own:{left.column}" in data else left.column
             if key not in data:
-                self._position(left.column)
+                position(self.header, left.column, self.name)
             data = self._exclude(data, data[key].isin(left.equals).to_numpy(), left.why)
         for canonical, rule in self._rules.items():
             if rule.path is not None:
                 data = data.assign(**{canonical: self._picks(data[canonical], canonical, rule.path)})
-        adjusted = [c for c in self._numbers if c.endswith("_adj") and c in data]
+        adjusted = [f"{p}_adj" for p in self.options.quantities if p in self.parameters]
         blank = np.logical_and.reduce([_missing(data[c]) for c in adjusted])
         data = self._exclude(data, blank, "no adjustment", of_trials=True)
         for c in (c for c in (*IDS, "trial") if c in data):
-            for row in data.index[_missing(data[c]) if c == "trial" else _empty(data[c])]:
+            # Ids are few, so that each is looked at once.
+            empty = () if c == "trial" else [name for name in data[c].unique() if not name.strip()]
+            for row in data.index[_missing(data[c]) if c == "trial" else data[c].isin(empty)]:
                 hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
                 self.problems.add(f"an adjustment without {c}.", hint=hint, **self._place(c, row))
         return self._converted(data)
 
-    def _keep(self, data: pd.DataFrame, mask: _Mask, reason: str) -> pd.DataFrame:
-        if mask.all():
+    def _keep(self, data: pd.DataFrame, kept: _Mask, reason: str) -> pd.DataFrame:
+        if kept.all():
             return data
-        self.counts[reason] += int((~mask).sum())
-        return data[mask]
+        self.counts[reason] += int((~kept).sum())
+        return data[kept]
 
     def _exclude(self, data: pd.DataFrame, out: _Mask, why: str, *, of_trials: bool = False) -> pd.DataFrame:
         """Leave rows out and log them, or `of_trials` those alone that have a subject and an environment."""
-        if not out.any():
-            return data
         ids = data[out].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
         for row, who, *others in ids.itertuples():
             if not of_trials or (who.strip() and others[1].strip()):
-                what = (
-                    f"{c} {name.removesuffix('.0')}"
-                    for c, name in zip(ids.columns[1:], others, strict=True)
-                    if name
-                )
+                names = [name.removesuffix(".0") for name in others]
+                what = (f"{c} {name}" for c, name in zip(ids.columns[1:], names, strict=True) if name)
                 self.exclusions.append(Exclusion(who, ", ".join(what), why, self.name, int(row)))
         return self._keep(data, ~out, f"excluded: {why}")
 
@@ -272,12 +255,12 @@ class FileTable:
         """Values inside the JSON cells of a column."""
         picked = []
         for row, cell in zip(cells.index.tolist(), cells, strict=True):
+            value = ""
             try:
                 value = values.pick(cell, path)
                 if not values.is_missing(cell):
                     self._picked.add(canonical)
             except values.CellError as error:
-                value = ""
                 if error.keys is not None:
                     # Records of other kinds of trial lack the key; a path that no record has is a wrong one.
                     self._lacking.setdefault(canonical, {}).update(dict.fromkeys(error.keys))
@@ -302,7 +285,7 @@ class FileTable:
 
     def _converted(self, data: pd.DataFrame) -> pd.DataFrame:
         """Convert columns of numbers to doubles in percept's units, by the file's one decimal mark."""
-        names = [c for c in map(str, data) if c in (*self._numbers, "trial") or c.startswith("limit:")]
+        names = [c for c in map(str, data) if c in self._numbers or c == "trial"]
         texts = {c: data[c].tolist() for c in names if data[c].dtype != np.float64}
         rows = data.index.to_numpy()
         if self._mark is None and texts:
@@ -313,7 +296,7 @@ class FileTable:
             for c, cells in texts.items()
         }
         quantities = with_mass(self.options.quantities)
-        for c, rule in ((c, self._rules[c]) for c in self._numbers if c in data):
+        for c, rule in ((c, self._rules[c]) for c in names if c in self._rules and c != "trial"):
             if rule.unit is not None or rule.offset:
                 found = numbers.get(c, data[c].to_numpy()) + rule.offset
                 numbers[c] = convert(found, rule.unit, quantities[quantity_of(c)])
@@ -322,36 +305,30 @@ class FileTable:
             whole = (np.abs(trial) < _WHOLE) & (trial == np.round(trial))
             for at in np.flatnonzero(~whole & ~np.isnan(trial)).tolist():
                 place = self._place("trial", rows[at]) | {"value": float(trial[at])}
-                self.problems.add(
-                    "a trial's number must be whole.", hint="Number the trials 1, 2, 3 …", **place
-                )
+                hint = "Number the trials 1, 2, 3 …"
+                self.problems.add("a trial's number must be whole.", hint=hint, **place)
             numbers["trial"] = np.where(whole, trial, 0).astype(np.int64)
         return data.assign(**numbers)
 
     def _last_events(self, data: pd.DataFrame) -> pd.DataFrame:
         """Reduce each trial to its last event, with the last value of each number."""
         ids = [c for c in (*IDS, "trial") if c in data]
-        numbers = [c for c in map(str, data) if c in self._numbers or c.startswith("limit:")]
+        numbers = [c for c in map(str, data) if c in self._numbers]
         last = data.groupby(ids, sort=False, dropna=False)[numbers].ffill()
         data = data.assign(**{c: last[c].to_numpy() for c in numbers})
         return self._keep(data, ~data.duplicated(ids, keep="last").to_numpy(), "earlier event of a trial")
 
     def _within_limits(self, data: pd.DataFrame) -> pd.DataFrame:
         """Leave out what lies beyond a rule's limits; earlier events of a trial are gone by now."""
-        for rule in (rule for rule in self.options.exclude if not rule.equals):
-            column = self._limited_by(data, rule)
-            low, high = (
-                (-np.inf if rule.below is None else rule.below),
-                (np.inf if rule.above is None else rule.above),
-            )
+        for rule in (rule for rule in self.options.sessions.exclude if not rule.equals):
+            key = rule.column if rule.column in data else f"limit:{rule.column}"
+            if key not in data or not pd.api.types.is_numeric_dtype(data[key]):
+                raise UsageError("limits need a column of numbers.", key=f"sessions.exclude {rule.column}")
+            low = -np.inf if rule.below is None else rule.below
+            high = np.inf if rule.above is None else rule.above
+            column = data[key].to_numpy()
             data = self._exclude(data, (column < low) | (column > high), rule.why)
         return data
-
-    def _limited_by(self, data: pd.DataFrame, rule: ExcludeRule) -> npt.NDArray[Any]:
-        for key in (rule.column, f"limit:{rule.column}"):
-            if key in data and pd.api.types.is_numeric_dtype(data[key]):
-                return data[key].to_numpy()
-        raise UsageError("limits need a column of numbers.", key=f"sessions.exclude {rule.column}")
 
     def _frame(self, data: pd.DataFrame) -> pd.DataFrame:
         """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
@@ -368,12 +345,5 @@ class FileTable:
 
 def _missing(cells: pd.Series[Any]) -> _Mask:
     """Which cells say that there is no value."""
-    if cells.dtype == np.float64:
-        return cells.isna().to_numpy()
-    return np.array([values.is_missing(cell) for cell in cells], dtype=bool)
-
-
-def _empty(cells: pd.Series[str]) -> _Mask:
-    """Which ids are blank; ids are few, so that each is looked at once."""
-    blank = [name for name in cells.unique() if not name.strip()]
-    return cells.isin(blank).to_numpy() if blank else np.zeros(len(cells), dtype=bool)
+    blank = cells.isna() if cells.dtype == np.float64 else cells.map(values.is_missing)
+    return blank.to_numpy(dtype=bool)

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import quantity_of
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.reading import open_blocks
-from percept.sessions.records import IDS, MASS, Exclusion, Notice, ReadError, Source, summarised
+from percept.sessions.records import IDS, MASS, Notice, ReadError, summarised
 from percept.sessions.values import is_missing
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
@@ -50,62 +50,11 @@ _UNITS: Mapping[str, str] = {
 _IMPEDANCE: Mapping[str, tuple[str, str]] = {
     "k": ("k", "N/m"), "b": ("b", "N·s/m"), "stiffness": ("k", "N/m"), "damping": ("b", "N·s/m"),
 }  # fmt: skip
-#: Files of a folder that are looked at, and rows of each.
-_FILES, _ROWS = 20, 5000
+#: Files of a folder that are looked at, rows of each, and different numbers above which their range is told.
+_FILES, _ROWS, _RANGE = 20, 5000, 20
 
 
-@dataclass(frozen=True)
-class Validation:
-    """The outcome of reading a study.
-
-    Attributes
-    ----------
-    exit_code : {0, 1, 2}
-        0: read; 1: an analysis would refuse; 2: problems.
-    form : {"trials", "summary"}, optional
-        None where nothing could be read.
-    sources, notices, exclusions : tuple
-        As in :class:`~percept.sessions.Sessions`.
-    counts : mapping of str to int
-    environments : tuple of mapping
-        What was understood: per environment its `references` by quantity, `subjects`, and the fewest and most
-        `trials` of a subject (None for published limits).
-    units : mapping of str to str
-        Of the references.
-    problems : tuple of PerceptError
-        All that were kept; `total` counts them all.
-    """
-
-    exit_code: int
-    form: str | None = None
-    sources: tuple[Source, ...] = ()
-    notices: tuple[Notice, ...] = ()
-    exclusions: tuple[Exclusion, ...] = ()
-    counts: Mapping[str, int] = field(default_factory=dict)
-    environments: tuple[Mapping[str, Any], ...] = ()
-    units: Mapping[str, str] = field(default_factory=dict)
-    problems: tuple[PerceptError, ...] = ()
-    total: int = 0
-
-    def to_json(self) -> str:
-        """JSON object with the same keys; a problem has message, file, row, column, key, value and hint."""
-        names = ("message", "file", "row", "column", "key", "value", "hint")
-        out = {
-            "exit_code": self.exit_code,
-            "form": self.form,
-            "sources": [vars(source) for source in self.sources],
-            "counts": dict(self.counts),
-            "environments": list(self.environments),
-            "units": dict(self.units),
-            "notices": [vars(notice) for notice in self.notices],
-            "exclusions": [vars(exclusion) for exclusion in self.exclusions],
-            "problems": [{name: getattr(problem, name) for name in names} for problem in self.problems],
-            "problems_total": self.total,
-        }
-        return json.dumps(out, ensure_ascii=False, indent=2, default=str)
-
-
-def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validation:
+def validate(*paths: str | Path, options: ReadOptions | None = None) -> dict[str, Any]:
     """Read a study as `read_sessions` does, and report instead of raising.
 
     Parameters
@@ -117,26 +66,35 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
 
     Returns
     -------
-    Validation
-        It also tells what every analysis would refuse for want of data: fewer than two subjects.
+    dict
+        Ready for JSON. `exit_code`: 0 read, 1 an analysis would refuse (fewer than two subjects), 2 problems.
+        `form`, `sources`, `counts`, `notices` (with the warnings) and `exclusions` as in
+        :class:`~percept.sessions.Sessions`, `units` of the references. `environments`: of each its `name`,
+        `references`, `subjects`, and fewest and most `trials` of one (None for published limits).
+        `problems`: message, file, row, column, key, value and hint of each; `problems_total` counts them all.
     """
+    out: dict[str, Any] = {"exit_code": 0, "form": None, "sources": [], "counts": {}, "environments": []}
+    out |= {"units": {}, "notices": [], "exclusions": [], "problems": [], "problems_total": 0}
     try:
         sessions = read_sessions(*paths, options=options)
     except PerceptError as error:
+        names = ("message", "file", "row", "column", "key", "value", "hint")
         problems = error.problems if isinstance(error, ReadError) else (error,)
         total = error.total if isinstance(error, ReadError) else 1
-        return Validation(error.exit_code, problems=problems, total=total)
+        said = [{name: getattr(problem, name) for name in names} for problem in problems]
+        return out | {"exit_code": error.exit_code, "problems": said, "problems_total": total}
     alone = sessions.form == "trials" and len(sessions.subjects) < 2
-    return Validation(
-        exit_code=int(alone),
-        form=sessions.form,
-        sources=sessions.sources,
-        notices=(*sessions.notices, *sessions.warnings, *([_ALONE] if alone else [])),
-        exclusions=sessions.exclusions,
-        counts=sessions.counts,
-        environments=tuple(_understood(sessions)),
-        units={name: sessions.quantities[name].unit for name in sessions.parameters},
-    )
+    notices = (*sessions.notices, *sessions.warnings, *([_ALONE] if alone else []))
+    return out | {
+        "exit_code": int(alone),
+        "form": sessions.form,
+        "sources": [vars(source) for source in sessions.sources],
+        "counts": dict(sessions.counts),
+        "environments": list(_understood(sessions)),
+        "units": {name: sessions.quantities[name].unit for name in sessions.parameters},
+        "notices": [vars(notice) for notice in notices],
+        "exclusions": [vars(exclusion) for exclusion in sessions.exclusions],
+    }
 
 
 def _understood(sessions: Sessions) -> Iterator[dict[str, Any]]:
@@ -147,33 +105,18 @@ def _understood(sessions: Sessions) -> Iterator[dict[str, Any]]:
             yield {"name": name, "references": references, "subjects": int(rows["n"].max()), "trials": None}
             continue
         trials = rows.groupby("subject").size()
-        yield {
-            "name": name,
-            "references": {p: float(rows[f"{p}_ref"].iloc[0]) for p in sessions.parameters},
-            "subjects": len(trials),
-            "trials": [int(trials.min()), int(trials.max())],
-        }
+        references = {p: float(rows[f"{p}_ref"].iloc[0]) for p in sessions.parameters}
+        several = [int(trials.min()), int(trials.max())]
+        yield {"name": name, "references": references, "subjects": len(trials), "trials": several}
 
 
-def _table(record: Validation, say: Callable[[str], str]) -> list[str]:
-    """Lay out what was understood, a line per environment."""
-    rows = []
-    for one in record.environments:
-        row = {say("environment"): printable(one["name"])}
-        for p, unit in record.units.items():
-            value = one["references"].get(p, np.nan)
-            row[f"{p}_ref ({unit})".replace(" ()", "")] = "–" if value != value else f"{value:g}"
-        trials = "published" if one["trials"] is None else " to ".join(map(str, dict.fromkeys(one["trials"])))
-        rows.append(row | {say("subjects"): one["subjects"], say("trials per subject"): trials})
-    return pd.DataFrame(rows).to_string(index=False).splitlines() if rows else []
-
-
-def format_validation(record: Validation, *, say: Callable[[str], str] = str) -> str:
+def format_validation(found: Mapping[str, Any], *, say: Callable[[str], str] = str) -> str:
     """Plain text of a validation, one finding per line, each beginning with its file:row:column.
 
     Parameters
     ----------
-    record : Validation
+    found : mapping
+        As `validate` returns it.
     say : callable, optional
         What puts percept's words for environments and subjects into the study's.
 
@@ -181,21 +124,25 @@ def format_validation(record: Validation, *, say: Callable[[str], str] = str) ->
     -------
     str
     """
-    lines = [f"{s.name}: {s.rows} rows, sha256 {s.sha256}" for s in record.sources]
-    lines += [f"  {number:>9}  {say(reason)}" for reason, number in record.counts.items()]
-    lines += _table(record, say)
-    lines += [f"notice: {notice}" for notice in record.notices]
-    for e in record.exclusions:
-        lines.append(f"left out: {f'{e.file}:{e.row}: ' if e.file else ''}subject {e.who}, {e.what}: {e.why}")
-    lines += summarised(record.problems, _problem)
-    if record.total > len(record.problems):
-        lines.append(f"and {record.total - len(record.problems)} more problems")
-    verdicts = (
-        "read without problems",
-        "read, but no analysis is possible",
-        counted(record.total, "problem"),
-    )
-    return "\n".join(map(printable, [*lines, verdicts[record.exit_code]]))
+    lines = ["{name}: {rows} rows, sha256 {sha256}".format(**source) for source in found["sources"]]
+    lines += [f"  {number:>9}  {say(reason)}" for reason, number in found["counts"].items()]
+    rows = []
+    for one in found["environments"]:
+        row = {say("environment"): printable(one["name"])}
+        for p, unit in found["units"].items():
+            value = one["references"].get(p, np.nan)
+            row[f"{p}_ref ({unit})".replace(" ()", "")] = "–" if value != value else f"{value:g}"
+        trials = "published" if one["trials"] is None else " to ".join(map(str, dict.fromkeys(one["trials"])))
+        rows.append(row | {say("subjects"): one["subjects"], say("trials per subject"): trials})
+    lines += pd.DataFrame(rows).to_string(index=False).splitlines() if rows else []
+    lines += [f"notice: {Notice(**notice)}" for notice in found["notices"]]
+    lines += ["left out: {file}:{row}: subject {who}, {what}: {why}".format(**e) for e in found["exclusions"]]
+    problems, total = [PerceptError(**problem) for problem in found["problems"]], found["problems_total"]
+    lines += summarised(problems, _problem)
+    if total > len(problems):
+        lines.append(f"and {total - len(problems)} more problems")
+    verdicts = ("read without problems", "read, but no analysis is possible", counted(total, "problem"))
+    return "\n".join(map(printable, [*lines, verdicts[found["exit_code"]]]))
 
 
 def _problem(problem: PerceptError) -> str:
@@ -235,7 +182,7 @@ class _Column:
 
     def seen(self) -> str:
         """Say what the column holds, for a comment."""
-        if len(self.numbers) > _FILES:
+        if len(self.numbers) > _RANGE:
             return f"{self.numbers[0]:g} to {self.numbers[-1]:g}"
         some = ", ".join(self.texts[:4]) + (" …" if len(self.texts) > 4 else "")
         return printable(f"{len(self.texts)} different: {some}")[:80]
@@ -325,26 +272,13 @@ def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
         lines.append(f"{canonical} = {name}  # {column.seen()}")
     lines += [f'# {canonical} = ""  # not found: fill in the name of its column' for canonical in missing]
     ids = [column.cells for c, column in found.items() if c in _IDS]
-    experiment = next((c for c in columns.values() if c.words == ["experiment"] and len(c.texts) > 1), None)
-    if experiment is not None and "subject" in found:
-        both = f"subject = [{_toml(experiment.name)}, {_toml(found['subject'].name)}]"
-        if _repeats([*ids, experiment.cells]) < _repeats(ids):
-            at = next(at for at, line in enumerate(lines) if line.startswith("subject ="))
-            lines[at] = f"{both}  # numbers seem to restart with every experiment"
-        else:
-            lines.append(f"# {both}  # in its place, if numbers restart with every experiment")
-        ids.append(experiment.cells)
-    if "trial" not in found and not options.keep and ids and (repeats := _repeats(ids)):
+    repeats = int(pd.concat(ids, axis=1).duplicated().sum()) if ids else 0
+    if "trial" not in found and not options.sessions.keep and repeats:
         seen = f"{counted(repeats, 'row')} of {len(cells)} repeat a subject and environment, without numbers"
         lines += ["", "[sessions]", f'trial = "order"  # {seen}']
     rest = [c for c in columns.values() if c not in found.values()]
     lines += ["", *(f"# not used: {_toml(c.name)}: {c.seen()}" for c in rest)]
     return Proposal("\n".join(lines).rstrip() + "\n", tuple(c for c in found if c not in known), missing)
-
-
-def _repeats(ids: Sequence[pd.Series[str]]) -> int:
-    """How many rows repeat the ids of an earlier one."""
-    return int(pd.concat(ids, axis=1).duplicated().sum())
 
 
 def _numbers(free: Sequence[_Column]) -> tuple[dict[str, _Column], dict[str, str]]:

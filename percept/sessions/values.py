@@ -27,6 +27,16 @@ _NUMBER = {
 _TWO_READINGS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
 _WORDS = {".": "point", ",": "comma"}
 _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
+#: What else stands in cells of numbers: a pattern, what is wrong, and what to do beside correcting it.
+_NO_NUMBERS = (
+    (r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?",
+     "not a plain number: separators of thousands are not read.", "Write it without them."),
+    (r"(?s:[\[{].*)", "a list or a record, not a number.",
+     'Say which value counts, as [columns] k_adj = { name = "…", path = "-1" } (the last of a list).'),
+    (r"(?s:.*%)", "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."),
+    (r"(?i:[+-]?inf(inity)?)", "not a finite number.", ""),
+    (r"(?s:.*)", "not a number.", ""),
+)  # fmt: skip
 
 
 def is_missing(cell: str) -> bool:
@@ -55,7 +65,8 @@ def decimal_mark(
         return DecimalMark(".") if any("." in cell for _, cells in columns for cell in cells) else None
     points = _with_mark(".", columns, rows)
     if points:
-        return _settled(",", commas) if _weight(commas) > _weight(points) else _settled(".", points)
+        # Cells with one reading go before more numerous ones with two.
+        return max(map(_settled, (points, commas)), key=lambda one: one[0])[1]
     if all(_TWO_READINGS.fullmatch(cell) for _, _, cell in commas):
         hint = 'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write them '
         hint += "without it)."
@@ -76,15 +87,14 @@ def _with_mark(
     ]
 
 
-def _settled(sign: Mark, cells: Sequence[_Cell]) -> DecimalMark:
-    row, name, cell = next((c for c in cells if not _TWO_READINGS.fullmatch(c[2])), cells[0])
+def _settled(cells: Sequence[_Cell]) -> tuple[tuple[int, int], DecimalMark]:
+    """Return how much cells say for their mark, and the mark with one of them."""
+    sure = [cell for cell in cells if not _TWO_READINGS.fullmatch(cell[2])]
+    row, name, cell = (sure or cells)[0]
+    sign: Mark = "," if "," in cell else "."
     count = f"{len(cells)} cells have" if len(cells) > 1 else "1 cell has"
-    return DecimalMark(sign, f"{count} a decimal {_WORDS[sign]}, as row {row} in column {name!r} ({cell!r})")
-
-
-def _weight(cells: Sequence[_Cell]) -> tuple[int, int]:
-    """How much cells say for their mark: how many have one reading, and how many there are."""
-    return sum(not _TWO_READINGS.fullmatch(cell) for _, _, cell in cells), len(cells)
+    evidence = f"{count} a decimal {_WORDS[sign]}, as row {row} in column {name!r} ({cell!r})"
+    return (len(sure), len(cells)), DecimalMark(sign, evidence)
 
 
 def _readings(cell: str) -> str:
@@ -124,21 +134,9 @@ def _diagnosis(text: str, mark: DecimalMark) -> tuple[str, str]:
         found = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
         why = mark.evidence or f"the file is read with the decimal mark {mark.sign!r}"
         hint = f"Write it with a decimal {_WORDS[mark.sign]}, and thousands without a separator"
-        return f"{found}; {why}.", hint + (
-            "." if mark.evidence else ", or set [sessions] decimal to the mark the file has."
-        )
-    if re.fullmatch(r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?", text):
-        return "not a plain number: separators of thousands are not read.", "Write it without them."
-    if text.startswith(("[", "{")):
-        return (
-            "a list or a record, not a number.",
-            'Say which value counts, as [columns] k_adj = { name = "…", path = "-1" } (the last of a list).',
-        )
-    if text.endswith("%"):
-        return "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."
-    if text.lower().lstrip("+-") in ("inf", "infinity"):
-        return "not a finite number.", ""
-    return "not a number.", ""
+        hint += "." if mark.evidence else ", or set [sessions] decimal to the mark the file has."
+        return f"{found}; {why}.", hint
+    return next((what, hint) for pattern, what, hint in _NO_NUMBERS if re.fullmatch(pattern, text))
 
 
 class CellError(ValueError):
@@ -161,18 +159,12 @@ def pick(cell: str, path: str) -> str:
     except (json.JSONDecodeError, RecursionError):
         raise CellError("not a JSON record or list") from None
     for step in path.split("."):
-        if value is None:
-            break
-        if isinstance(value, dict):
-            if step not in value:
-                raise CellError(f"the record has no {step!r}", value)
-            value = value[step]
-        elif isinstance(value, list) and re.fullmatch(r"-?[0-9]{1,9}", step):
-            if not -len(value) <= int(step) < len(value):
-                raise CellError(f"the list has no item {step}")
-            value = value[int(step)]
-        else:
-            raise CellError(f"there is no {step!r} in it")
+        if isinstance(value, dict) and step not in value:
+            raise CellError(f"the record has no {step!r}", value)
+        try:
+            value = None if value is None else value[int(step) if isinstance(value, list) else step]
+        except (LookupError, TypeError, ValueError):
+            raise CellError(f"there is no {step!r} in it") from None
     if value is not None and not isinstance(value, str):
         raise CellError(f"{path!r} leads to a record, a list or true/false, not to a number")
     return value or ""

@@ -8,7 +8,7 @@ import tomllib
 import pytest
 
 from percept.cli import main
-from percept.sessions import ReadOptions, propose_columns, read_sessions
+from percept.sessions import propose_columns
 
 PLACES = {"soft": 300.0, "hard": 900.0}
 
@@ -123,18 +123,6 @@ def test_names_of_studies_and_of_tools_are_known(tmp_path, head, mapped):
         assert f'\n{canonical} = "{column}"' in proposal.text
     assert f'\nenvironment = "{mapped[1]}"' in proposal.text
     assert f"[quantities.{name}]" in proposal.text
-
-
-def test_numbers_of_people_that_restart_are_seen(tmp_path):
-    rows = [f"{e},{p},{k},{k + p}" for e in (1, 2) for p in (1, 2, 3) for k in (10, 20)]
-    path = tmp_path / "s.csv"
-    path.write_text("experiment,pp,k_ref,k_final\n" + "\n".join(rows) + "\n")
-    text = propose_columns(path).text
-    assert 'subject = ["experiment", "pp"]  # numbers seem to restart with every experiment' in text
-    import tomllib
-
-    options = ReadOptions.from_mapping(tomllib.loads(text))
-    assert len(read_sessions(path, options=options).subjects) == 6
 
 
 def test_a_table_among_others_is_found_in_a_folder(tmp_path):

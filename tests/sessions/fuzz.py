@@ -124,7 +124,7 @@ def check(sessions: Sessions, data: bytes, options: ReadOptions) -> str | None:
     numbers = ("k_ref", "b_ref", "k_adj", "b_adj")
     for at, row in zip(sessions.table.index, sessions.table[list(numbers)].to_numpy(), strict=True):
         line = sessions.locate(int(at))[1] - 1
-        here = everywhere if joined or options.keep else _numbers(lines[line])
+        here = everywhere if joined or options.sessions.keep else _numbers(lines[line])
         for name, value in zip(numbers, row.tolist(), strict=True):
             if value == value and value not in (here if name.endswith("_adj") else everywhere):
                 return f"{name} = {value!r} is not in row {line + 1}"

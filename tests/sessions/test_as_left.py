@@ -38,7 +38,7 @@ def test_trials_are_numbered_by_their_order_where_the_scene_says_so(tmp_path):
     text = HEAD.replace("\n", ",trial\n") + "\n".join(rows) + "\n"
     found = read(tmp_path, text, sessions={"trial": "order"})
     assert found.table["trial"].tolist() == [1, 1, 1, 2, 3]
-    reduced = reduce_sessions(tmp_path / "f.csv", options=ReadOptions(trial="order"))
+    reduced = reduce_sessions(tmp_path / "f.csv", options=ReadOptions(sessions={"trial": "order"}))
     assert reduced.cells["n"].tolist() == [3, 1, 1]
     assert "columns not used: 'trial'" in [notice.text for notice in found.notices]
 
@@ -46,7 +46,7 @@ def test_trials_are_numbered_by_their_order_where_the_scene_says_so(tmp_path):
 def test_numbering_by_order_goes_over_files(tmp_path):
     (tmp_path / "a.csv").write_text(HEAD + "1,x,10,11\n2,x,10,14\n")
     (tmp_path / "b.csv").write_text(HEAD + "1,x,10,12\n2,x,10,13\n")
-    found = read_sessions(tmp_path, options=ReadOptions(trial="order"))
+    found = read_sessions(tmp_path, options=ReadOptions(sessions={"trial": "order"}))
     assert found.table["trial"].tolist() == [1, 1, 2, 2]
 
 
@@ -226,15 +226,6 @@ def test_one_file_in_another_unit_is_refused(tmp_path):
     assert any("differ by a thousand" in notice.text for notice in found.notices)
 
 
-@pytest.mark.parametrize("delimiter", ["\t", ";"])
-def test_row_names_without_a_header_as_r_writes_them(tmp_path, delimiter):
-    lines = ['"subject" "environment" "k_ref" "k_adj"', '"1" "A" "VE1" 15 14.5', '"7" "B" "VE1" 15 16.5']
-    found = read(tmp_path, "\n".join(lines).replace(" ", delimiter) + "\n")
-    assert found.table["subject"].tolist() == ["A", "B"]
-    assert found.table["k_adj"].tolist() == [14.5, 16.5]
-    assert any("columns not used: 'row names'" in notice.text for notice in found.notices)
-
-
 def test_unnamed_columns_are_named_by_their_position(tmp_path):
     text = '"","subject","environment","k_ref","k_adj"\n' + "".join(
         f'"{row}","1","a",10,1{row}\n' for row in (1, 2, 3)
@@ -266,7 +257,7 @@ def test_what_aborted_runs_and_trackers_leave_is_left_out_with_a_notice(tmp_path
     assert (found.counts["observations"], len(found.sources)) == (6, 3)
     said = [str(notice).removeprefix(f"{tmp_path}/") for notice in found.notices]
     assert said == [
-        "2 files of other kinds in the folders not read (.docx, .edf)",
+        "2 files of other kinds in the folder not read (.docx, .edf)",
         "s4_trials.csv: left out: there are no data below the header.",
         "s5_trials.csv: left out: there are no data below the header.",
         "s6_trials.csv: left out: the file is empty.",
@@ -301,7 +292,7 @@ def test_files_of_a_folder_are_chosen_by_patterns(tmp_path):
     options = ReadOptions.from_mapping({"sessions": {"files": tables}})
     found = read_sessions(tmp_path, options=options)
     assert found.subjects == ("1", "3")
-    assert "2 files in the folders left out by [sessions.files]" in [str(n) for n in found.notices]
+    assert "2 files in the folder left out by [sessions.files]" in [str(n) for n in found.notices]
     # A file that is named is read, whatever the patterns say.
     assert read_sessions(tmp_path / "practice.csv", options=options).subjects == ("9",)
     with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
@@ -309,7 +300,7 @@ def test_files_of_a_folder_are_chosen_by_patterns(tmp_path):
             archive.write(tmp_path / name, name)
     assert read_sessions(tmp_path / "all.zip", options=options).subjects == ("1",)
     with pytest.raises(UsageError) as caught:
-        read_sessions(tmp_path, options=ReadOptions(files={"include": ["*.dat"]}))
+        read_sessions(tmp_path, options=ReadOptions(sessions={"files": {"include": ["*.dat"]}}))
     assert "no file in the folders fits include and exclude." in str(caught.value)
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from percept.errors import RefusalError, UsageError
-from percept.sessions import ReadOptions, chunks, files, grids, read_sessions, reduce_sessions
+from percept.sessions import ReadOptions, files, grids, read_sessions, reduce_sessions
 
 HEAD = "subject,session,environment,k_ref,b_ref,trial,k_adj,b_adj"
 
@@ -283,8 +283,6 @@ def one_file_each(tmp_path, records):
 @pytest.mark.parametrize(
     "kind",
     [
-        "unfinished",
-        "all unfinished",
         "units",
         "declared units",
         "units of one column declared",
@@ -293,7 +291,6 @@ def one_file_each(tmp_path, records):
         "never named",
         "one parameter",
         "two visits",
-        "unfinished, two visits",
     ],
 )
 def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, several, streamed):
@@ -301,10 +298,6 @@ def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, severa
         monkeypatch.setattr(files, "BLOCK", 300)
         monkeypatch.setattr(grids, "_HEAD", 500)
     records, tables = rows(subjects=3, trials=4), {}
-    if "unfinished" in kind:
-        lacking = {"001": "VE1"} if kind != "all unfinished" else {"000": "VE0", "001": "VE1", "002": "VE2"}
-        records = [r for r in records if lacking.get(r[0]) != r[2]]
-        tables["sessions"] = {"unfinished": "exclude"}
     if "two visits" in kind:
         records = [[r[0], "2", *r[2:]] if r[0] != "000" and float(r[5]) % 2 else r for r in records]
     if "units" in kind:
@@ -322,7 +315,7 @@ def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, severa
     paths = one_file_each(tmp_path, records) if several else [write(tmp_path / "all.csv", records)]
     options = ReadOptions.from_mapping(tables)
     assert told(reduce_sessions, *paths, options=options) == told(read_sessions, *paths, options=options)
-    if kind in ("unfinished", "one far off", "one parameter"):
+    if kind in ("one far off", "one parameter"):
         sessions, reduced = read_sessions(*paths, options=options), reduce_sessions(*paths, options=options)
         table = sessions.table[sessions.table[["k_adj", "b_adj"]].notna().all(axis=1)]
         counted = table.groupby(["subject", "environment"], sort=False).size().reset_index(name="n")
@@ -333,28 +326,22 @@ def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, severa
             assert reduced.counts.get(what) == sessions.counts.get(what)
 
 
-def unlike(records):
-    """Records with zeros, values at the end of the knob, gross errors, groups, and a control left alone."""
-    edited = [[*r, "old" if r[0] < "002" else "young"] for r in records]
-    for at in range(0, len(edited), 5):
-        edited[at][6] = repr(4.0 * float(edited[at][3])) if edited[at][2] == "VE2" else edited[at][6]
-    for at, value in ((0, "0"), (7, "0"), (50, "1e9")):
-        edited[at][6] = value
-    return [[*r[:7], r[4], r[8]] if r[0] == "001" else r for r in edited if (r[0], r[2]) != ("003", "VE1")]
-
-
 @pytest.mark.usefixtures("blocks")
-def test_blocks_warn_of_what_the_reader_warns_of(tmp_path, monkeypatch):
-    file = write(tmp_path / "f.csv", unlike(rows(trials=15)), header=f"{HEAD},group")
-    warnings = whole(monkeypatch, file, ReadOptions(family="normal")).warnings
-    assert {notice.column for notice in warnings} == {"k_adj", "b_adj", "group", None}
-    assert reduce_sessions(file, family="normal").warnings == warnings
-    monkeypatch.setattr(chunks, "_SCREENED", 80)
-    sampled = reduce_sessions(file, family="normal")
-    assert any("an even sample" in notice.text for notice in sampled.notices)
-    # What is of subjects and cells is found in the sample too.
-    whole_cells = {notice.text for notice in warnings if notice.column in ("b_adj", "group", None)}
-    assert {notice.text for notice in sampled.warnings} >= whole_cells
+def test_blocks_warn_of_what_the_first_trials_show(tmp_path):
+    """A slip, a control left alone and a cell not tried, in two groups."""
+    records = [[*r, "old" if r[0] < "002" else "young"] for r in rows(trials=15)]
+    records[1 * 45][6] = "1e9"
+    records = [
+        [*r[:7], r[4], r[8]] if r[0] == "003" else r for r in records if (r[0], r[2]) != ("002", "VE1")
+    ]
+    reduced = reduce_sessions(write(tmp_path / "f.csv", records, header=f"{HEAD},group"))
+    texts = [notice.text for notice in reduced.warnings]
+    assert [text.partition(" ")[0] for text in texts] == ["subject", "subject", "1", "2"]
+    assert texts[0].startswith("subject '001' set k to 1e+09 in 'VE0'")
+    assert (reduced.warnings[0].row, reduced.warnings[0].file) == (47, str(tmp_path / "f.csv"))
+    assert texts[1].startswith("subject '003' left b at the reference in every trial")
+    assert texts[2] == "1 cell has no trial: '002 at VE1'"
+    assert texts[3].startswith("2 groups ('old' 2 subjects, 'young' 4 subjects) are pooled")
 
 
 def test_a_file_in_other_units_is_refused_by_blocks_too(tmp_path):
@@ -364,28 +351,6 @@ def test_a_file_in_other_units_is_refused_by_blocks_too(tmp_path):
         with pytest.raises(UsageError, match="units of the file seem to differ by a thousand") as caught:
             read(*paths)
         assert caught.value.file == str(tmp_path / "001.csv")
-
-
-def test_rows_of_unfinished_subjects_count_whatever_they_lack(tmp_path):
-    records = [
-        ["A", "1", "V", "10", "1", "1", "11", "1.1"],
-        ["A", "1", "W", "20", "2", "1", "21", "2.1"],
-        ["B", "1", "V", "10", "1", "1", "12", ""],
-        ["B", "1", "V", "10", "1", "2", "12", "1.2"],
-    ]
-    file = write(tmp_path / "f.csv", records)
-    options = ReadOptions.from_mapping({"sessions": {"unfinished": "exclude"}})
-    for function in (read_sessions, reduce_sessions):
-        assert function(file, options=options).counts["excluded: unfinished subject"] == 2
-
-
-def test_the_typical_ratio_counts_every_trial(tmp_path):
-    """Seven trials at the reference and two subjects with one each far off: no other unit is suspected."""
-    records = [["A", "1", "V", "10", "1", str(trial), "10", "1"] for trial in range(1, 8)]
-    records += [[subject, "1", "V", "10", "1", "1", "5000", "1"] for subject in "BC"]
-    file = write(tmp_path / "f.csv", records)
-    assert reduce_sessions(file).cells["n"].tolist() == [7, 1, 1]
-    assert told(reduce_sessions, file) == told(read_sessions, file)
 
 
 def test_folders_of_results_and_other_files_are_noticed(tmp_path):

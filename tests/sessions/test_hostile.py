@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import io
-import struct
 import time
 import zipfile
 
@@ -34,23 +32,10 @@ def test_terminal_escapes_are_shown_not_sent(tmp_path):
     assert "\u202e" not in text
 
 
-def test_formulas_are_neutralised_for_spreadsheets(tmp_path):
-    file = tmp_path / "f.csv"
-    ids = ["=1+1", "+1", "-1", "@SUM(A1)", "plain"]
-    file.write_text(HEAD + "".join(f"{name},a,10,11\n" for name in ids))
-    sessions = read_sessions(file)
-    assert sessions.subjects == tuple(ids)
-    sessions.to_csv(tmp_path / "out.csv", for_spreadsheets=True)
-    cells = [line.split(",")[0] for line in (tmp_path / "out.csv").read_text().splitlines()[1:]]
-    assert cells == ["'=1+1", "'+1", "'-1", "'@SUM(A1)", "plain"]
-    sessions.to_csv(tmp_path / "own.csv")
-    assert read_sessions(tmp_path / "own.csv").subjects == tuple(ids)
-
-
 def test_a_line_of_a_million_columns(tmp_path):
     file = tmp_path / "f.csv"
     for count, message in (
-        (10**5, "more than 20000 cells in a line"),
+        (10**5, "a header of 100001 cells"),
         (10**6, "a line of more than 262144 "),
     ):
         for name in ("a,", '"a",'):
@@ -75,44 +60,22 @@ def test_lines_before_a_nul_byte_are_counted_at_every_kind_of_end(tmp_path, end)
     assert caught.value.row == 3
 
 
-def claiming(size: int) -> bytes:
-    """A zip archive whose directory claims a member of `size` bytes."""
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("f.csv", HEAD)
-    data = bytearray(out.getvalue())
-    extra = struct.pack("<HHQ", 1, 8, size)
-    directory = data.index(b"PK\x01\x02")
-    data[directory + 24 : directory + 28] = b"\xff\xff\xff\xff"
-    data[directory + 30 : directory + 32] = struct.pack("<H", len(extra))
-    name_end = directory + 46 + len("f.csv")
-    data[name_end:name_end] = extra
-    end = data.index(b"PK\x05\x06")
-    data[end + 12 : end + 16] = struct.pack("<I", end - directory)
-    return bytes(data)
-
-
-def test_a_member_that_claims_ten_gigabytes(tmp_path):
-    file = tmp_path / "f.zip"
-    file.write_bytes(claiming(10 * 10**9))
-    with pytest.raises(UsageError, match="a member claims 10000000000 bytes"):
-        read_sessions(file)
-
-
 def test_bombs_are_cut_off(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "LIMIT", 10**6)
-    bomb = tmp_path / "f.csv.gz"
-    bomb.write_bytes(gzip.compress(b"0" * 10**7))
-    with pytest.raises(UsageError, match="unpacks to more than 1000000 bytes"):
-        read_sessions(bomb)
+    (tmp_path / "f.csv.gz").write_bytes(gzip.compress(b"0" * 10**7))
+    with zipfile.ZipFile(tmp_path / "f.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("f.csv", b"0" * 10**7)
+    for bomb in ("f.csv.gz", "f.zip"):
+        with pytest.raises(UsageError, match="unpacks to more than 1000000 bytes"):
+            read_sessions(tmp_path / bomb)
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"PK\x03\x04rubbish", "a broken zip archive"),
-        (b"\x1f\x8brubbish", "a broken gz file"),
-        (gzip.compress(b"a,b\n1,2\n")[:-6], "a broken gz file"),
+        (b"PK\x03\x04rubbish", "a broken archive"),
+        (b"\x1f\x8brubbish", "a broken archive"),
+        (gzip.compress(b"a,b\n1,2\n")[:-6], "a broken archive"),
         (gzip.compress(gzip.compress(b"a,b\n1,2\n")), "an archive inside an archive"),
     ],
     ids=["zip rubbish", "gzip rubbish", "cut off", "nested"],

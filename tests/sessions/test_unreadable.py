@@ -47,10 +47,10 @@ def workbook(rows):
     [
         ("t.csv", b",,,\n,,,\n", "t.csv: the file has no header."),
         ("t.zip", zipped("note.md", b"x"), "t.zip: the archive holds no table (.csv, .tsv"),
-        ("t.zip", encrypted(), "t.zip!a.csv: the archive is encrypted. Unpack it first."),
+        ("t.zip", encrypted(), "t.zip!a.csv: a broken archive: File 'a.csv' is encrypted"),
         ("t.zip", damaged(), "t.zip!a.csv"),
-        ("t.parquet", b"PAR1 and no more", "t.parquet: a broken Parquet file:"),
-        ("t.xlsx", zipped("xl/workbook.xml", b"<no/>"), "t.xlsx: a broken workbook:"),
+        ("t.parquet", b"PAR1 and no more", "t.parquet: a broken file:"),
+        ("t.xlsx", zipped("xl/workbook.xml", b"<no/>"), "t.xlsx: a broken file:"),
     ],
     ids=["header", "no table", "encrypted", "damaged", "parquet", "workbook"],
 )
