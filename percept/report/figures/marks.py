@@ -223,7 +223,7 @@ def draw_design(
             "label": "coupling in use",
             "clip_on": False,
         }
-        ax.plot([at[0]], [at[1]], "X", markersize=5, **form)
+        ax.plot([at[0]], [at[1]], "X", **form)
         if at != (x, y):
             place: _Style = {
                 "xytext": (-6, -4),
