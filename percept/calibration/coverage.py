@@ -70,10 +70,9 @@ def fitted_values(study: Study) -> dict[str, Any]:
     hyper: dict[str, Any] = {"alpha": beta.mean(axis=0).tolist(), "gamma": zero}
     for name in ("tau", "sigma_u", "s", "kappa", "omega"):
         hyper[name] = means[name].tolist() if name in means else zero
-    for name in ("rho_u", "rho_w"):
+    for name in ("rho_u", "rho_w", "rho_e"):
         hyper[name] = float(means[name].mean()) if name in means else 0.0
     hyper |= {"s_e": zero, "kappa_e": zero, "omega_e": zero}
-    hyper["rho_e"] = float(means["rho_e"].mean()) if "rho_e" in means else 0.0
     return {
         "hyper": hyper,
         "delta": (beta - beta.mean(axis=0)).tolist(),
@@ -152,15 +151,14 @@ def coverage(
     *,
     mapper: Mapper | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-    seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
-    """Simulate and judge studies, and average; after `seconds` no more are begun."""
+    """Simulate and judge studies, and average."""
     if studies < 2:
         raise UsageError("a standard error needs at least two studies.", key="studies", value=studies)
     judge = functools.partial(judge_study, plan)
     kept = Checkpoint(checkpoint, plan.key, what="judged")
-    return averaged(plan, kept.complete(judge, studies, mapper=mapper, seconds=seconds, progress=progress))
+    return averaged(plan, kept.complete(judge, studies, mapper=mapper, progress=progress))
 
 
 def averaged(plan: CoveragePlan, judged: list[dict[str, Any]]) -> pd.DataFrame:

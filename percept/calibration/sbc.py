@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import json
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from percept.calibration.placing import FAULTS, SBC_DESIGNS, SbcPlan, place_study
+from percept.calibration.placing import SbcPlan, place_study
 from percept.calibration.studies import Checkpoint
 from percept.errors import UsageError
 from percept.provenance import Made
@@ -97,7 +96,6 @@ class Calibration:
     """Verdict on one design."""
 
     design: str  # As `SbcPlan`
-    fault: str  # As `SbcPlan`
     fits: int
     failed: int
     reasons: tuple[str, ...]  # Why, each reason once
@@ -119,14 +117,13 @@ def calibrate(
     *,
     mapper: Mapper | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-    seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Calibration:
     """Simulate, fit and judge studies of one design."""
     if fits < 1:
         raise UsageError("a calibration needs at least one study.", key="fits", value=fits)
     place, kept = functools.partial(place_study, plan), Checkpoint(checkpoint, plan.key, what="placed")
-    return judge_places(plan, kept.complete(place, fits, mapper=mapper, seconds=seconds, progress=progress))
+    return judge_places(plan, kept.complete(place, fits, mapper=mapper, progress=progress))
 
 
 def judge_places(plan: SbcPlan, placed: list[dict[str, Any]]) -> Calibration:
@@ -136,7 +133,6 @@ def judge_places(plan: SbcPlan, placed: list[dict[str, Any]]) -> Calibration:
     band = ecdf_band(len(passed), plan.bins, ERROR / max(len(names), 1))
     return Calibration(
         design=plan.design,
-        fault=plan.fault,
         fits=len(placed),
         failed=len(placed) - len(passed),
         reasons=tuple(dict.fromkeys(one["reason"] for one in placed if one["reason"])),
@@ -146,28 +142,6 @@ def judge_places(plan: SbcPlan, placed: list[dict[str, Any]]) -> Calibration:
         upper=tuple(band.upper.tolist()),
         quantities=tuple(band.judge(name, np.array([one[name] for one in passed])) for name in names),
     )
-
-
-def calibrate_designs(
-    fits: int,
-    *,
-    designs: Sequence[str] = tuple(SBC_DESIGNS),
-    fault: str = "none",
-    seed: int = 1,
-    mapper: Mapper | None = None,
-    checkpoint: str | os.PathLike[str] | None = None,
-    seconds: float | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> list[Calibration]:
-    """Calibrate designs with equal shares of the time that is left."""
-    stop = None if seconds is None else time.monotonic() + seconds
-    found = []
-    for done, design in enumerate(designs):
-        plan = SbcPlan(design=design, seed=seed, fault=fault)
-        left = None if stop is None else (stop - time.monotonic()) / (len(designs) - done)
-        tell = functools.partial(progress, design) if progress else None
-        found.append(calibrate(plan, fits, mapper=mapper, checkpoint=checkpoint, seconds=left, progress=tell))
-    return found
 
 
 def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLike[str], made: Made) -> None:
@@ -180,7 +154,7 @@ def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLik
     path = to / "sbc.json"
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     rows += [{**dataclasses.asdict(one), "outside": list(one.outside)} for one in found]
-    rows = list({(row["design"], row["fault"]): row for row in rows}.values())
+    rows = list({row["design"]: row for row in rows}.values())
     path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     total = sum(row["fits"] for row in rows)
     head = (
@@ -199,15 +173,15 @@ def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLik
 def sbc_markdown(rows: Sequence[Mapping[str, Any]]) -> str:
     """Write verdicts, as `sbc.json` holds them, as a table in Markdown."""
     lines = [
-        "| design | deliberate error | fits | failed | quantities | outside | farthest | tail | band |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| design | fits | failed | quantities | outside | farthest | tail | band |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         worst = min(row["quantities"], key=lambda q: q["least_tail"], default=None)
         cells = [
-            row["design"], FAULTS[row["fault"]] if row["fault"] != "none" else "", row["fits"], row["failed"],
-            len(row["quantities"]), len(row["outside"]), worst["quantity"] if worst else "",
-            f"{worst['least_tail']:.2g}" if worst else "", f"{row['tail']:.2g}",
+            row["design"], row["fits"], row["failed"], len(row["quantities"]), len(row["outside"]),
+            worst["quantity"] if worst else "", f"{worst['least_tail']:.2g}" if worst else "",
+            f"{row['tail']:.2g}",
         ]  # fmt: skip
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(lines) + "\n"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -58,25 +57,16 @@ class Checkpoint:
         studies: int,
         *,
         mapper: Mapper | None = None,
-        seconds: float | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> list[dict[str, Any]]:
         """Return the results of all studies, those not kept yet by calling `study` on the workers.
 
-        After `seconds` no further study is started. Studies that end in an error are told together, when
-        all others are kept.
+        Studies that end in an error are told together, when all others are kept.
         """
         results = self.read(studies)
-        stop = None if seconds is None else time.monotonic() + seconds
-
-        def wanted() -> Iterator[int]:
-            for index in sorted(set(range(studies)) - results.keys()):
-                if stop is not None and time.monotonic() >= stop:
-                    return
-                yield index
-
+        missing = sorted(set(range(studies)) - results.keys())
         errors: dict[int, Exception] = {}
-        for index, result in (mapper or in_process)(study, wanted()):
+        for index, result in (mapper or in_process)(study, missing):
             if isinstance(result, Exception):
                 errors[index] = result
                 continue

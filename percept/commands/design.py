@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,13 +134,14 @@ def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
 
 def _sbc(arguments: argparse.Namespace) -> None:
     """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
-    from percept.calibration.placing import SBC_DESIGNS
-    from percept.calibration.sbc import calibrate_designs, write_calibrations
+    from percept.calibration.placing import SBC_DESIGNS, SbcPlan
+    from percept.calibration.sbc import calibrate, write_calibrations
     from percept.provenance import made_by
     from percept.workers import open_mapper
 
     if arguments.seed < 0:
         raise UsageError("a seed is not negative.", key="--seed", value=arguments.seed)
+    plans = [SbcPlan(design=name, seed=arguments.seed) for name in arguments.designs or SBC_DESIGNS]
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
     with (
@@ -150,16 +152,16 @@ def _sbc(arguments: argparse.Namespace) -> None:
         def told(design: str, done: int, fits: int) -> None:
             working.show(f"{done} of {fits} fits, {design}", done, fits)
 
-        calibrations = calibrate_designs(
-            arguments.fits,
-            designs=tuple(arguments.designs or SBC_DESIGNS),
-            fault=arguments.fault,
-            seed=arguments.seed,
-            mapper=mapper,
-            checkpoint=out / "fits.jsonl",
-            seconds=arguments.seconds,
-            progress=told,
-        )
+        calibrations = [
+            calibrate(
+                plan,
+                arguments.fits,
+                mapper=mapper,
+                checkpoint=out / "fits.jsonl",
+                progress=functools.partial(told, plan.design),
+            )
+            for plan in plans
+        ]
     write_calibrations(calibrations, out, made_by(arguments.typed))
     print(out / "sbc.md")
 
@@ -215,10 +217,8 @@ SBC = Command(
     (
         number("--fits", "N", "fits per design (100)", default=100),
         argument("--designs", "NAME", "designs (all); verdicts on others in DIR stay", nargs="+"),
-        argument("--fault", "NAME", "a deliberate error to catch (none)", default="none"),
         number("--seed", "N", "seed of the studies (1)", default=1),
         *WORKERS,
-        number("--seconds", "S", "hand out no more fits after so long"),
         folder("calibration"),
     ),
     _sbc,
