@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import UsageError
-
 Array = NDArray[np.float64]
 
 _PER_DECADE = 40
@@ -26,8 +24,6 @@ def drawing_grid(
 
     `curves` gives the environment's own (C, M), and limits (B, 2, M). No verdict rests on the grid.
     """
-    if not 0.0 < lower < upper:
-        raise UsageError("frequencies must satisfy 0 < lower < upper, in rad/s.", value=(lower, upper))
     count = max(3, int(np.ceil(_PER_DECADE * np.log10(upper / lower))) + 1)
     beside = np.multiply.outer(np.asarray(resonances, dtype=float), _BESIDE).ravel()
     even = np.geomspace(lower, upper, count)

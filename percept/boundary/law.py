@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import integrate, special
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 from percept.inference.classical.moments import sample
 from percept.inference.regions import EllipseRegion
 from percept.inference.sampling.endpoints import mixture_quantile
@@ -232,8 +232,6 @@ def _law(
 def confidence_law(stiffness: ArrayLike, damping: ArrayLike, *, kind: str, family: Family) -> PairLaw:
     """Return the law of (k, b) of the average or the next user behind the classical intervals."""
     k, b = (sample(x, positive=family == "lognormal", least=3) for x in (stiffness, damping))
-    if k.ndim != 1 or k.shape != b.shape:
-        raise UsageError(f"one stiffness and one damping per subject are needed: {k.shape}, {b.shape}.")
     values = np.log([k, b]) if family == "lognormal" else np.stack([k, b])
     n = k.size
     mean, covariance = values.mean(axis=1), np.cov(values)

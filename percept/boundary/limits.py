@@ -113,7 +113,7 @@ class Magnitude:
 
     def calibrate(self, level: float) -> Calibration:
         """Choose the level at each omega that keeps curves inside at all of them with probability `level`."""
-        first = score = _score(level)
+        first = _score(level)
 
         @functools.cache
         def excess(score: float) -> float:
@@ -121,7 +121,7 @@ class Magnitude:
             return float(np.log(np.maximum(leaving[0], _TINY) / (1.0 - level)))
 
         # A normal's tail falls about as fast as its score.
-        fall = first
+        score, fall = first, first
         if (beyond := excess(first)) > 0.0:
             step = min(beyond / fall, _FARTHEST)
             while step < _FARTHEST and excess(first + step) > 0.0:
@@ -290,12 +290,12 @@ class Magnitude:
         for sign, end, moves in zip((-1.0, 1.0), nodes.ends, nodes.moves, strict=True):
             column, part = steps(end, table.shape[1])
             index = row * table.shape[1] + column
-            # Along the row and the next, a step and its rise.
-            before, other = (flat.take(index + skip) for skip in (0, table.shape[1]))
-            rise = flat.take(index + 1) - before
-            other_rise = flat.take(index + table.shape[1] + 1) - other
-            before += over * (other - before)
-            rise += over * (other_rise - rise)
+            # Both ends of the step, between the row and the next.
+            before, after = (
+                (1.0 - over) * flat.take(index + i) + over * flat.take(index + i + table.shape[1])
+                for i in (0, 1)
+            )
+            rise = after - before
             held += sign * np.einsum("qj,qj->q", nodes.weight, before + part * rise)
             slopes += nodes.weight * moves * rise * (table.shape[1] - 1)
         # Far out the rest is what counts: of the margin all digits are known.

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
 Shape = Literal["corner", "envelope", "pointwise", "simultaneous"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Boundary:
+class Boundary(NotebookRecord):
     """Lower and upper curve of abs(Z_h) over omega that feel like one environment.
 
     Attributes
@@ -70,15 +71,6 @@ class Boundary:
     pointwise_level_error: float | None = None
 
     @property
-    def points(self) -> int:
-        """How many frequencies the curves took."""
-        return self.omega.size
-
-    @property
     def band(self) -> Array:
         """Upper minus lower, N·s/m; negative where corner curves have crossed."""
         return self.upper - self.lower
-
-    def _repr_html_(self) -> str:
-        what = f"{self.method} {self.shape} boundary of {self.environment}, kind {self.kind}"
-        return f"<p>{html.escape(what)}: {self.points} frequencies, level {self.level:g}</p>"

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from percept.boundary.curves import drawing_grid
-from percept.errors import UsageError
 from percept.haptics import Device, Environment, corner_curves, magnitude_envelope, perceived_impedance
 
 
@@ -55,9 +53,3 @@ def test_a_pole_is_left_out() -> None:
     grid = drawing_grid(curve, 0.1, 1000.0, np.array([50.0]))
     assert 50.0 not in grid
     assert np.isfinite(curve(grid)[0]).all()
-
-
-@pytest.mark.parametrize(("lower", "upper"), [(0.0, 1.0), (2.0, 1.0)])
-def test_wrong_range(lower: float, upper: float) -> None:
-    with pytest.raises(UsageError, match="0 < lower < upper"):
-        drawing_grid(drawn, lower, upper, np.empty(0))

@@ -51,7 +51,7 @@ def test_posterior_curves_have_a_monte_carlo_error_and_no_others(fitted: Study) 
             assert boundary.errors is boundary.error is boundary.largest_error is None
         else:
             assert boundary.errors is not None
-            assert boundary.errors.shape == (2, boundary.points)
+            assert boundary.errors.shape == (2, boundary.omega.size)
             assert boundary.error is not None
             assert boundary.largest_error is not None
             assert 0.0 < boundary.error < boundary.largest_error < 0.5
@@ -170,7 +170,7 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
             pair = np.concatenate([pair, edge], axis=1)
             of = magnitude(*(np.exp(pair) if ellipse.family == "lognormal" else pair))
         elif curve.shape == "pointwise":
-            k, b, held = laws[curve.kind, curve.family].points
+            k, b, held = laws[curve.kind, curve.family].even(4096)
             of = magnitude(k, b)
             for limit, share in ((curve.lower, 0.005), (curve.upper, 0.995)):
                 below = ((of <= limit[:, None]) * held).sum(axis=1)
