@@ -22,28 +22,31 @@ _SHORTEST_PERIOD = 1e-100
 
 def real_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
     """Return `value` as finite doubles, or say what is wrong with it."""
-    array = _numbers(value, name)
-    if array.dtype.kind not in "iuf":
-        raise UsageError(f"{name} must be real numbers in {unit}, not {array.dtype}.", value=value)
-    array = array.astype(np.float64)
+    return _finite(value, name, unit, "real", "iuf").astype(np.float64)
+
+
+def complex_array(value: ArrayLike, name: str, unit: str) -> ComplexArray:
+    """Return `value` as finite complex doubles, or say what is wrong with it."""
+    return _finite(value, name, unit, "complex", "iufc").astype(np.complex128)
+
+
+def _finite(value: ArrayLike, name: str, unit: str, what: str, kinds: str) -> NDArray[Any]:
+    if np.ma.is_masked(value):
+        raise UsageError(f"{name} has masked elements.", hint="Drop the points that were not measured.")
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise UsageError(f"{name} has rows of unequal length.") from None
+    if array.dtype.kind not in kinds:
+        raise UsageError(f"{name} must be {what} numbers in {unit}, not {array.dtype}.", value=value)
     bad = ~(np.abs(array) <= LARGEST)
     if bad.any():
         raise UsageError(
             f"{name} must be finite and at most {LARGEST:g} {unit} in magnitude.",
-            value=float(array[bad][0]),
+            value=array[bad][0].item(),
             hint="Look for a missing value (NaN) or a wrong unit.",
         )
     return array
-
-
-def _numbers(value: ArrayLike, name: str) -> NDArray[Any]:
-    """Return `value` as an array of whatever it holds."""
-    if np.ma.is_masked(value):
-        raise UsageError(f"{name} has masked elements.", hint="Drop the points that were not measured.")
-    try:
-        return np.asarray(value)
-    except ValueError:
-        raise UsageError(f"{name} has rows of unequal length.") from None
 
 
 def nonnegative_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
@@ -55,18 +58,6 @@ def nonnegative_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
             value=float(array[array < 0][0]),
             hint=f"Give it in {unit}, zero or more.",
         )
-    return array
-
-
-def complex_array(value: ArrayLike, name: str) -> ComplexArray:
-    """Return `value` as a read-only copy of complex doubles, infinite where a limit is."""
-    array = _numbers(value, name)
-    if array.dtype.kind not in "iufc":
-        raise UsageError(f"{name} must be complex numbers, not {array.dtype}.", value=value)
-    array = array.astype(np.complex128)
-    if np.isnan(array).any():
-        raise UsageError(f"{name} holds NaN.", hint="Drop the points that were not measured.")
-    array.flags.writeable = False
     return array
 
 

@@ -254,12 +254,9 @@ def plane_departures(
 
     Negative inside; shape (N,), of one display or N and one box or N.
     """
-    each = (
-        [display]
-        if display.size is None or not display.environment.mass
-        else map(display.at, range(display.size))
-    )
-    turns = [_turning_points(one, lower, upper) for one in each]
+    one = display.size is None or not display.environment.mass
+    each = [display] if one else [display.at(n) for n in range(display.size or 0)]
+    turns = [_turning_points(part, lower, upper) for part in each]
     # Fewer turns leave room for an end of the range, again.
     omega = np.full((max(part.size for part in turns), len(turns)), upper)
     for column, part in zip(omega.T, turns, strict=True):

@@ -228,12 +228,8 @@ class _Wall:
         return np.concatenate(cuts, axis=1).reshape(lines.size, -1, 2)
 
     def _by_magnitude(self, b_c: FloatArray) -> Iterator[FloatArray]:
-        shown, own, period, omega = (
-            self._display,
-            self._display.environment,
-            self._display.period,
-            self._omega[0],
-        )
+        shown, own = self._display, self._display.environment
+        period, omega = shown.period, self._omega[0]
         lower, upper = magnitude_envelope(
             omega, shown.device, *self._limits, period, mass=own.mass, hold=shown.hold
         )

@@ -212,7 +212,7 @@ def rotated_device(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArra
     """Return the parts of Z_d·e^{jh}, the device as seen from behind the hold's delay, N·s/m."""
     if isinstance(device, TabulatedDevice):
         value = device.at(grid.omega)
-        rigid_real, rigid_imag = np.zeros_like(value.real), np.zeros_like(value.real)
+        rigid_real = rigid_imag = np.zeros_like(value.real)
         damping, flexible = value.real, value.imag
     else:
         # Ω·cos h is formed as (2/T)·sin h, which stays finite at Nyquist.

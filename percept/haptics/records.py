@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
 from percept.haptics.arrays import (
-    LARGEST,
     ComplexArray,
     FloatArray,
     Scalars,
@@ -165,7 +164,7 @@ class TabulatedDevice:
 
     def __post_init__(self) -> None:
         omega = nonnegative_array(self.omega, "TabulatedDevice omega", "rad/s")
-        impedance = complex_array(self.impedance, "TabulatedDevice impedance")
+        impedance = complex_array(self.impedance, "TabulatedDevice impedance", "N·s/m")
         if omega.ndim != 1 or omega.size < 2 or impedance.shape != omega.shape:
             raise UsageError(
                 "TabulatedDevice needs omega and impedance of equal length, two or more.",
@@ -178,13 +177,7 @@ class TabulatedDevice:
                 value=float(omega[row]),
                 hint="Sort the table, drop repeats.",
             )
-        bad = ~(np.abs(impedance) <= LARGEST)
-        if bad.any():
-            raise UsageError(
-                f"TabulatedDevice impedance must be finite and at most {LARGEST:g} N·s/m in magnitude.",
-                value=complex(impedance[bad][0]),
-            )
-        omega.flags.writeable = False
+        omega.flags.writeable = impedance.flags.writeable = False
         object.__setattr__(self, "omega", omega)
         object.__setattr__(self, "impedance", impedance)
 

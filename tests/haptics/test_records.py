@@ -56,7 +56,7 @@ def test_records_refuse(make, message):
         ([1.0, 2.0], [1.0], "equal length"),
         ([1.0, 1.0], [1.0, 2.0], r"value 1\.0: TabulatedDevice omega must increase"),
         ([1.0, 3.0, 2.0], [1.0, 2.0, 3.0], r"value 2\.0: TabulatedDevice omega must increase"),
-        ([1.0, 2.0], [1.0, np.nan], "impedance holds NaN"),
+        ([1.0, 2.0], [1.0, np.nan], "impedance must be finite"),
         ([1.0, 2.0], [1.0, np.inf], "impedance must be finite"),
         ([1.0, 2.0], ["a", "b"], "impedance must be complex numbers"),
         ([1.0, 2.0], [[1.0, 2.0], [3.0]], "impedance has rows of unequal length"),
