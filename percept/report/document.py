@@ -52,8 +52,7 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     """
     boundaries = plain(study.boundaries) if curves else []
     shown = distinct(boundaries, "environment")
-    asked = study.scene.report.zoom
-    windows = {name: window for name, window in study.zoom.items() if name in shown and name in asked}
+    windows = {name: window for name, window in study.zoom.items() if name in shown}
     document: dict[str, Any] = {
         "schema": SCHEMA,
         "provenance": provenance(study),

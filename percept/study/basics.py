@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple, TypedDict, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,16 +43,8 @@ def results(items: Iterable[T | Skipped]) -> list[T]:
     return [item for item in items if not isinstance(item, Skipped)]
 
 
-class Claim(TypedDict):
-    """What the intervals of all kinds claim."""
-
-    level: float
-    share: float
-    confidence: float
-
-
-def claim_of(asked: InferenceTable) -> Claim:
-    """Return the claims that the scene asks for."""
+def claim_of(asked: InferenceTable) -> dict[str, Any]:
+    """Return what the intervals of all kinds claim: level, share and confidence."""
     return {"level": asked.level, "share": asked.held_share, "confidence": asked.confidence}
 
 

@@ -20,8 +20,6 @@ from percept.study.regions import Law, Region
 
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
-# A close view shows this part of the frequency on either side: how closely the paper looks.
-_LOOK_BY = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,20 +52,17 @@ class Range:
 
 
 def zoom_windows(scene: Scene, environments: Sequence[str]) -> Iterator[tuple[str, list[float]] | Skipped]:
-    """Yield the window of omega, rad/s, that each environment's close view shows."""
-    table, zoom = scene.frequency, scene.report.zoom
-    for name in zoom:
+    """Yield the windows of omega, rad/s, that the scene asks to look at closely."""
+    table = scene.frequency
+    for name, (low, high) in scene.report.zoom.items():
+        low, high = max(low, table.lower), min(high, table.upper)
         if name not in environments:
             yield Skipped(f"zoom window of {name}", "no environment has this name")
-    usual = (table.read_at * (1 - _LOOK_BY), table.read_at * (1 + _LOOK_BY))
-    for environment in environments:
-        low, high = zoom.get(environment, usual)
-        low, high = max(low, table.lower), min(high, table.upper)
-        if low < high:
-            yield environment, [float(low), float(high)]
-        elif environment in zoom:
+        elif low < high:
+            yield name, [float(low), float(high)]
+        else:
             outside = f"it lies outside {table.lower:g} to {table.upper:g} rad/s"
-            yield Skipped(f"zoom window of {environment}", outside)
+            yield Skipped(f"zoom window of {name}", outside)
 
 
 class Drawing:

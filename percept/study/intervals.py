@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, Self
@@ -14,7 +15,7 @@ from percept.errors import PerceptError, RefusalError
 from percept.inference.classical.intervals import interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.classical.trials import check_normality, subject_means
-from percept.inference.record import ROW, Family, Interval, Kind
+from percept.inference.record import ROW, Family, Interval, Joint, Kind
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantity
@@ -24,7 +25,6 @@ Row = dict[str, Any]
 
 COLUMNS = ["environment", "parameter", *(name for name in ROW if name != "covers"), "reference"]
 KEYS = COLUMNS[:6]
-_PAIRED, _METHODS = ["environment", "parameter", "kind", "family"], ("classical", "bayesian")
 TOO_FEW = "it has fewer than two subjects"
 
 
@@ -130,23 +130,16 @@ def classical_rows(
         cell = next(iter(cells.values()))[0]
         raise RefusalError(f"there is no interval of anything: {cell.where}, say, where {cell.why}.")
     for family, found in cells.items():
-        joints = ("marginal", "bonferroni") if len({cell.parameter for cell in found}) == 2 else ("marginal",)
+        pair = len({cell.parameter for cell in found}) == 2
+        joints: tuple[Joint, ...] = ("marginal", "bonferroni") if pair else ("marginal",)
         for cell in found:
             if cell.moments is None:
                 yield Skipped(f"classical {family} intervals of {cell.where}", cell.why)
                 continue
-            for kind in asked.kinds:
-                for joint in joints:
-                    interval = interval_of(
-                        kind,
-                        cell.moments,
-                        **claim_of(asked),
-                        family=family,
-                        joint=joint,  # type: ignore[arg-type]
-                        unit=cell.quantity.unit,
-                    )
-                    at = cell.parameter, cell.environment
-                    yield _row(interval, at, reference[at])
+            how: Any = {**claim_of(asked), "family": family, "unit": cell.quantity.unit}
+            at = cell.parameter, cell.environment
+            for kind, joint in itertools.product(asked.kinds, joints):
+                yield _row(interval_of(kind, cell.moments, joint=joint, **how), at, reference[at])
 
 
 def bayesian_row(
@@ -160,20 +153,12 @@ def bayesian_row(
 ) -> Row:
     """Make the row of a posterior interval: lower, upper and estimate; `rest` are fields of `Interval`."""
     lower, upper, estimate = map(float, limits)
-    share = kind == "share"
+    if kind == "share":
+        rest |= {"share": asked.held_share, "confidence": asked.confidence}
     interval = Interval(
-        kind=kind,
-        method="bayesian",
-        family=asked.family,
-        level=asked.level,
-        lower=lower,
-        upper=upper,
-        estimate=estimate,
-        share=asked.held_share if share else None,
-        confidence=asked.confidence if share else None,
-        unit=unit,
-        **rest,
-    )
+        kind=kind, method="bayesian", family=asked.family, level=asked.level,
+        lower=lower, upper=upper, estimate=estimate, unit=unit, **rest,
+    )  # fmt: skip
     return _row(interval, cell, reference)
 
 
@@ -184,24 +169,22 @@ def _row(interval: Interval, cell: tuple[str, str], reference: float) -> Row:
 def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
     """Pair the methods' marginal intervals; overlap is measured on the scale of the scene's family."""
     marginal = intervals[intervals["joint"] == "marginal"]
-    pair = [
-        marginal.loc[marginal["method"] == method, [*_PAIRED, "lower", "upper", "estimate"]]
-        for method in _METHODS
-    ]
-    both = pair[0].merge(pair[1], on=_PAIRED, suffixes=("_classical", "_bayesian"))
-    if both.empty:
-        return both
-    width = {m: both[f"upper_{m}"] - both[f"lower_{m}"] for m in _METHODS}
-    both["width_ratio"] = width["bayesian"] / width["classical"]
+    names = ["environment", "parameter", "kind", "family"]
+    pair = (
+        marginal.loc[marginal["method"] == method, [*names, "lower", "upper", "estimate"]]
+        for method in ("classical", "bayesian")
+    )
+    both = next(pair).merge(next(pair), on=names, suffixes=("_classical", "_bayesian"))
+    low, high = (
+        np.array([both[f"{side}_classical"], both[f"{side}_bayesian"]], dtype=float)
+        for side in ("lower", "upper")
+    )
+    both["width_ratio"] = (high[1] - low[1]) / (high[0] - low[0])
     both["shift"] = both["estimate_bayesian"] / both["estimate_classical"] - 1.0
-    ends = {
-        (side, m): both[f"{side}_{m}"].to_numpy(dtype=float) for side in ("lower", "upper") for m in _METHODS
-    }
     if family == "lognormal":
-        ends = {which: np.log(values) for which, values in ends.items()}
-    lower, upper = ([ends[side, m] for m in _METHODS] for side in ("lower", "upper"))
-    shared = np.minimum(*upper) - np.maximum(*lower)
-    both["overlap"] = np.maximum(shared, 0.0) / (np.maximum(*upper) - np.minimum(*lower))
+        low, high = np.log(low), np.log(high)
+    shared = high.min(axis=0) - low.max(axis=0)
+    both["overlap"] = np.maximum(shared, 0.0) / (high.max(axis=0) - low.min(axis=0))
     return both
 
 

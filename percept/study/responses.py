@@ -284,13 +284,9 @@ def lacking_scatter(
 
 def _in_proportion(scatter: list[Array], df: Array) -> bool:
     """Say whether in every environment the two rows of the scatter (2, n) are multiples of one another."""
-    signs, powers = set(), 0.0
-    for (first, second), freedom in zip(scatter, df, strict=True):
-        if freedom < 1:
-            continue
-        cross, square, size = first @ second, first @ first, np.linalg.norm(second)
-        if square == 0 or size == 0 or np.linalg.norm(second - cross / square * first) > _PROPORTION * size:
-            return False
-        signs.add(np.sign(cross))
-        powers += freedom - 1.0
-    return len(signs) == 1 and powers >= 4.0
+    seen = [pair for pair, freedom in zip(scatter, df, strict=True) if freedom >= 1]
+    with np.errstate(invalid="ignore"):
+        r = np.array([a @ b / np.sqrt((a @ a) * (b @ b)) for a, b in seen])
+    # What is left of a regression, over what is regressed, is the root of 1 - r².
+    near = (np.abs(r) >= np.sqrt(1.0 - _PROPORTION**2)).all() and abs(np.sign(r).sum()) == r.size
+    return bool(near and (df[df >= 1] - 1.0).sum() >= 4.0)

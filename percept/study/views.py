@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import importlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,9 +79,18 @@ class StudyViews:
             `METHOD_upper` in that unit. The family is the scene's, or the other one where it has no interval.
             Limits hold for each parameter by itself.
         """
-        return wide(
-            self.intervals, select("kind", kind, self.scene.inference.kinds), self.scene.inference.family
-        )
+        intervals, asked = self.intervals, self.scene.inference
+        kinds = select("kind", kind, asked.kinds)
+        rows = intervals[(intervals["joint"] == "marginal") & intervals["kind"].isin(kinds)]
+        own = rows["family"] == asked.family
+        # Where the scene's family has no interval at all, the other one stands in.
+        known = pd.MultiIndex.from_frame(rows[own][_CELL])
+        rows = rows[own | ~pd.MultiIndex.from_frame(rows[_CELL]).isin(known)]
+        table = rows.drop_duplicates(_CELL)[[*_CELL, "family", "unit", "reference"]]
+        for method, found in rows.groupby("method", sort=False):
+            named = found[[*_CELL, *_LIMITS]].rename(columns={name: f"{method}_{name}" for name in _LIMITS})
+            table = table.merge(named, on=_CELL, how="left")
+        return table.reset_index(drop=True)
 
     @cached_property
     def _contrasts(self) -> list[Row | Skipped]:
@@ -106,7 +115,12 @@ class StudyViews:
     @property
     def curves(self) -> pd.DataFrame:
         """The boundaries as one tidy table: a row per curve and frequency, rad/s and N·s/m."""
-        return tidy(self.boundaries)
+        names = (*_LABELS, *_CURVES)
+        tables = [pd.DataFrame({name: getattr(one, name) for name in names}) for one in self.boundaries]
+        if not tables:
+            return pd.DataFrame(columns=names)
+        # Without a coupling its column is empty, and still of numbers.
+        return pd.concat(tables, ignore_index=True).astype({"coupled": float})
 
     def report(self, directory: str | Path, **options: Any) -> Path:
         """Write page, JSON, tables, figures and posterior into a folder, and return the page's path.
@@ -149,49 +163,20 @@ class StudyViews:
         return f"<Study of {adjusted} in {where}, {self.sessions.form}>"
 
     def _repr_html_(self) -> str:
-        """Return a card; nothing is computed for it."""
-        return card(self.sessions, self.scene, [name for kept, name in _KEPT.items() if kept in vars(self)])
-
-
-def wide(intervals: pd.DataFrame, kinds: Collection[str], family: str) -> pd.DataFrame:
-    """Put the methods of equal environment, parameter, kind and family side by side."""
-    rows = intervals[(intervals["joint"] == "marginal") & intervals["kind"].isin(kinds)]
-    own = rows["family"] == family
-    # Where the scene's family has no interval at all, the other one stands in.
-    rows = rows[own | ~pd.MultiIndex.from_frame(rows[_CELL]).isin(pd.MultiIndex.from_frame(rows[own][_CELL]))]
-    table = rows.drop_duplicates(_CELL)[[*_CELL, "family", "unit", "reference"]]
-    for method, found in rows.groupby("method", sort=False):
-        named = found[[*_CELL, *_LIMITS]].rename(columns={name: f"{method}_{name}" for name in _LIMITS})
-        table = table.merge(named, on=_CELL, how="left")
-    return table.reset_index(drop=True)
-
-
-def tidy(boundaries: Collection[Boundary]) -> pd.DataFrame:
-    """Return boundaries as one table, a row per curve and frequency."""
-    frames = [
-        pd.DataFrame({name: getattr(boundary, name) for name in (*_LABELS, *_CURVES)})
-        for boundary in boundaries
-    ]
-    if not frames:
-        return pd.DataFrame(columns=[*_LABELS, *_CURVES])
-    # Without a coupling its column is empty, and still of numbers.
-    return pd.concat(frames, ignore_index=True).astype({"coupled": float})
-
-
-def card(sessions: Sessions, scene: Scene, computed: Collection[str]) -> str:
-    """Return what a study is, what it has computed, and what to call, for a notebook."""
-    asked = scene.inference
-    about: Mapping[str, Any] = {
-        "quantities": ", ".join(sessions.quantities[name].words for name in sessions.parameters),
-        "environments": len(sessions.environments),
-        "subjects": len(sessions.subjects) or "published limits",
-        "method": f"{asked.method}, {asked.family}, level {asked.level:g}",
-        "device": "yes" if scene.device is not None else "none",
-        "coupling": "yes" if scene.coupling is not None else "none",
-        "computed": ", ".join(computed) or "nothing yet",
-    }
-    calls = "".join(f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items())
-    return f"{fields_html(about, caption='Study')}<ul>{calls}</ul>"
+        """Return a card: what the study is, what it has computed, and what to call; it computes nothing."""
+        sessions, asked = self.sessions, self.scene.inference
+        computed = [name for kept, name in _KEPT.items() if kept in vars(self)]
+        about = {
+            "quantities": ", ".join(sessions.quantities[name].words for name in sessions.parameters),
+            "environments": len(sessions.environments),
+            "subjects": len(sessions.subjects) or "published limits",
+            "method": f"{asked.method}, {asked.family}, level {asked.level:g}",
+            "device": "none" if self.scene.device is None else "yes",
+            "coupling": "none" if self.scene.coupling is None else "yes",
+            "computed": ", ".join(computed) or "nothing yet",
+        }
+        calls = "".join(f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items())
+        return f"{fields_html(about, caption='Study')}<ul>{calls}</ul>"
 
 
 def _plots() -> Any:
