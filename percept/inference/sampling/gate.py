@@ -98,13 +98,16 @@ class Run:
     stride: int
     settings: Settings  # As asked
 
-    def thinned(self) -> NDArray[np.intp]:
-        """Return indices (E, N) of positions thinned to the effective size, walkers flattened into steps."""
-        ensembles, length, walkers, _ = self.points.shape
+    def _independent_positions(self) -> NDArray[np.intp]:
+        """Kept positions about an autocorrelation time apart."""
+        length = self.points.shape[1]
         gap = max(1, round(self.gate.autocorrelation_time / self.stride))
-        positions = np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
-        index = (positions[:, None] * walkers + np.arange(walkers)).ravel()
-        return np.broadcast_to(index, (ensembles, index.size))
+        return np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
+
+    def independent(self) -> Array:
+        """Return kept positions thinned to the effective size, walkers flattened into steps, (E, N, d)."""
+        kept = self.points[:, self._independent_positions()]
+        return kept.reshape(len(kept), -1, kept.shape[-1])
 
     def batches(self) -> NDArray[np.intp]:
         """Return the number of the batch of each of the `independent` positions, ensemble after ensemble.
@@ -112,14 +115,8 @@ class Run:
         A batch holds some walkers of an ensemble at all their steps: what a walker remembers stays in it.
         """
         ensembles, _, walkers, _ = self.points.shape
-        groups = np.arange(walkers) * _GROUPS // walkers
-        times = self.thinned().shape[1] // walkers
-        return (np.arange(ensembles)[:, None] * _GROUPS + np.tile(groups, times)).ravel()
-
-    def independent(self) -> Array:
-        """Return kept positions thinned to the effective size, (E, N, d)."""
-        flat = self.points.reshape(len(self.points), -1, self.points.shape[-1])
-        return flat[np.arange(len(flat))[:, None], self.thinned()]
+        groups = np.tile(np.arange(walkers) * _GROUPS // walkers, self._independent_positions().size)
+        return (np.arange(ensembles)[:, None] * _GROUPS + groups).ravel()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -153,15 +150,11 @@ def _measured(series: Array) -> tuple[Array, Array, Array]:
     scores = normal_scores(some_walkers(series, _RANKED))
     tail = (np.abs(scores) > _TAIL).astype(float)
     times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
-    return errors, times, _rhats(scores, tail, times)
-
-
-def _rhats(scores: Array, tail: Array, times: Array) -> Array:
-    """R-hat of scores and tail indicators (E, T, W, Q), at about every independent position, shape (Q,)."""
+    # R-hat at about every independent position.
     ensembles, length, _, count = scores.shape
     gap = max(1, round(min(float(times.max()), length / 4.0)))
-    ranked, tails = (series[:, ::gap].reshape(ensembles, -1, count) for series in (scores, tail))
-    return np.maximum(rank_rhat(ranked), split_rhat(tails))
+    ranked, tails = (part[:, ::gap].reshape(ensembles, -1, count) for part in (scores, tail))
+    return errors, times, np.maximum(rank_rhat(ranked), split_rhat(tails))
 
 
 #: Autocorrelation times a run must span; averaging over 64 walkers or more makes ten enough.
@@ -209,7 +202,12 @@ def pass_gate(
         )
     if not np.isfinite(relative[worst]):
         reasons.append(f"{names[worst]} has no finite Monte Carlo error.")
-    met = bool(relative[worst] <= settings.tolerance)
+    error = float(relative[worst])
+    met, asked = error <= settings.tolerance, 100 * settings.tolerance
+    reached = (
+        f"The Monte Carlo error reached is {100 * error:.3g} % of a half-width ({names[worst]}) where "
+        f"{asked:.3g} % was asked. A larger most_steps (now {settings.most_steps}) lowers it."
+    )
     return Gate(
         passed=not reasons,
         reasons=tuple(reasons),
@@ -220,17 +218,8 @@ def pass_gate(
         effective_draws=moved.size * (spanned / stride) / longest,
         acceptance=float(acceptance.mean()),
         lowest_acceptance=float(acceptance.min()),
-        worst_error=float(relative[worst]),
+        worst_error=error,
         worst=names[worst],
         tolerance_met=met,
-        error_reached="" if met else _error_reached(float(relative[worst]), names[worst], settings),
-    )
-
-
-def _error_reached(error: float, name: str, settings: Settings) -> str:
-    """Say which error a run ended with where it misses the tolerance."""
-    return (
-        f"The Monte Carlo error reached is {100 * error:.3g} % of a half-width ({name}) where "
-        f"{100 * settings.tolerance:.3g} % was asked. "
-        f"A larger most_steps (now {settings.most_steps}) lowers it."
+        error_reached="" if met else reached,
     )

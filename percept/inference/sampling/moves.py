@@ -18,7 +18,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.transport import Target, refuse_impossible
+from percept.inference.sampling.transport import Target
 
 Array = NDArray[np.float64]
 
@@ -173,13 +173,11 @@ class Ensembles:
     def __init__(self, target: Target, points: Array, seed: np.random.SeedSequence) -> None:
         self._target, self._shape = target, points.shape
         flat = points.reshape(-1, points.shape[-1])
-        log_density = target(flat)
-        refuse_impossible(target, flat, log_density)
         schedule, *generators = seed.spawn(1 + len(points))
         self._generators = [np.random.Generator(np.random.PCG64(child)) for child in generators]
         # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in silence.
         random_state = np.random.RandomState(np.random.MT19937(schedule)).get_state(legacy=True)
-        self._state = emcee.State(flat, log_prob=log_density, random_state=random_state, copy=True)
+        self._state = emcee.State(flat, log_prob=target(flat), random_state=random_state, copy=True)
         self.accepted = np.zeros(len(flat))  # (E W,) Accepted steps per walker so far
         self.steps = 0  # Steps taken so far
         self.independent = 0.5  # Share of independent draws among the steps

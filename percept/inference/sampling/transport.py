@@ -33,17 +33,7 @@ class Target(Protocol):
         """Log density of points (W, d), shape (W,); -inf allowed, NaN not."""
 
 
-def refuse_impossible(target: Target, points: Array, values: Array) -> None:
-    """Refuse to go on when the density is -inf at all of the points."""
-    if np.all(np.isneginf(values)):
-        where = _describe(target.names, points[0])
-        raise RefusalError(
-            f"the log density is -inf at every walker, for example at {where}.",
-            hint="Check the data and the priors of these parameters.",
-        )
-
-
-def _describe(names: list[str], point: Array) -> str:
+def described(names: list[str], point: Array) -> str:
     """Write out the four coordinates farthest from zero, in order."""
     extreme = np.argsort(-np.abs(point))[:4]
     return ", ".join(f"{names[i]} = {point[i]:.6g}" for i in sorted(extreme.tolist()))
@@ -377,6 +367,6 @@ class Transported:
         values = self._target(x)
         bad = np.isnan(values)
         if bad.any():
-            where = _describe(self.names, x[int(np.argmax(bad))])
+            where = described(self.names, x[int(np.argmax(bad))])
             raise RefusalError(f"the log density is NaN at {where}.")
         return values + log_jacobian

@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.errors import RefusalError
 from percept.inference.sampling.moves import Ensembles, Reference
-from percept.inference.sampling.transport import Affine, Target, Transport, Transported, refuse_impossible
+from percept.inference.sampling.transport import Affine, Target, Transport, Transported, described
 
 Array = NDArray[np.float64]
 
@@ -56,7 +57,11 @@ def _weigh(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) 
     law = Reference(size)
     z = law.draw(max(2048, 40 * size, 2 * shape[0] * shape[1]), rng)
     values = here(z)
-    refuse_impossible(here, z, values)
+    if np.all(np.isneginf(values)):
+        raise RefusalError(
+            f"the log density is -inf at every walker, for example at {described(here.names, z[0])}.",
+            hint="Check the data and the priors of these parameters.",
+        )
     return z, values - law.log_density(z)
 
 
