@@ -77,10 +77,7 @@ class StudySource:
     def key(self) -> str:
         """Return the digest of everything that the study's rows depend on."""
         scene, files = self.scene.to_dict(), expand([self.path]).files
-        try:
-            contents = [(str(name), hashlib.sha256(Path(name).read_bytes()).hexdigest()) for name in files]
-        except OSError as error:
-            raise UsageError(f"cannot be read: {error.strerror}.", file=str(error.filename)) from error
+        contents = [(str(name), hashlib.sha256(Path(name).read_bytes()).hexdigest()) for name in files]
         version = numbers_version("inference", "sessions", "study", "batch")
         return digest(version, self.path, contents, scene)
 
@@ -179,36 +176,21 @@ class BatchFolder:
     def opened(cls, out: str | Path) -> Iterator[BatchFolder]:
         """Hold DIR, made where it does not exist, against other batches; remove what killed ones left."""
         folder = cls(Path(out))
+        if folder.out.exists() and not folder.out.is_dir():
+            raise UsageError("a folder is needed here, and this is a file.", file=str(out))
+        folder.out.mkdir(parents=True, exist_ok=True)
         with ExitStack() as held:
-            with folder._writing():
-                folder.out.mkdir(parents=True, exist_ok=True)
-                try:
-                    alone = held.enter_context(exclusive(folder.out, wait=False))
-                except BlockingIOError:
-                    raise UsageError(
-                        "another batch is writing into this folder.",
-                        file=str(out),
-                        hint="Wait for it, or choose another --out.",
-                    ) from None
-                if alone:
-                    for inside in (folder.out, *folder.out.glob("studies/*")):
-                        remove_abandoned(inside)
+            try:
+                alone = held.enter_context(exclusive(folder.out, wait=False))
+            except BlockingIOError:
+                hint = "Wait for it, or choose another --out."
+                raise UsageError(
+                    "another batch is writing into this folder.", file=str(out), hint=hint
+                ) from None
+            if alone:
+                for inside in (folder.out, *folder.out.glob("studies/*")):
+                    remove_abandoned(inside)
             yield folder
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except FileExistsError as error:
-            raise UsageError(
-                "a folder is needed here, and this is a file.", file=str(error.filename)
-            ) from None
-        except OSError as error:
-            raise UsageError(
-                f"cannot be written: {error.strerror}.",
-                file=str(self.out),
-                hint="What is finished is kept: make room or rights, and run the same command again.",
-            ) from error
 
     def verdict(self, key: str) -> tuple[Status, str | None] | None:
         """Return the status of a finished study and why it is not "done"; None where it must be tried."""
@@ -221,18 +203,13 @@ class BatchFolder:
     def save(self, key: str, outcome: Outcome) -> None:
         """Write the rows of a study; it is finished unless it failed."""
         path = self._path(key)
-        with self._writing():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, outcome.table)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, outcome.table)
 
     def combine(self, keys: Sequence[str]) -> Path:
         """Write the rows of saved studies into one table, in their order, a few in memory at a time."""
         target = self.out / TABLE_NAME
-        with (
-            self._writing(),
-            whole_file(target) as aside,
-            pq.ParquetWriter(aside, SCHEMA, compression="zstd") as writer,
-        ):
+        with whole_file(target) as aside, pq.ParquetWriter(aside, SCHEMA, compression="zstd") as writer:
             for start in range(0, len(keys), _GROUP):
                 tables = [pq.ParquetFile(self._path(key)).read() for key in keys[start : start + _GROUP]]
                 writer.write_table(pa.concat_tables(tables))
@@ -294,7 +271,7 @@ def run_batch(
                         continue
                     status = "refused"
                     job = source.read()
-                except PerceptError as error:
+                except (PerceptError, OSError) as error:
                     folder.save(keys[-1], encode(source.path, keys[-1], status, str(error)))
                     count(source.path, status, str(error))
                 else:

@@ -19,15 +19,14 @@ import numpy as np
 import platformdirs
 
 import percept
-from percept.errors import UsageError
 from percept.files import exclusive, remove_abandoned, write_whole
 from percept.inference.sampling.endpoints import Estimates
 from percept.inference.sampling.gate import Gate, Run, Settings
 
 _SUFFIX = ".npz"
 _ARRAYS = ("points", "components", "errors", "times")
-#: Bytes the cache may take where PERCEPT_CACHE_LIMIT does not say otherwise.
-_DEFAULT_LIMIT = 1_000_000_000
+#: Bytes the cache may take.
+LIMIT = 1_000_000_000
 _log = logging.getLogger("percept.cache")
 
 
@@ -39,25 +38,6 @@ def cache_folder() -> Path | None:
     if named:
         return Path(named).expanduser()
     return platformdirs.user_cache_path("percept", appauthor=False)
-
-
-def cache_limit() -> int:
-    """Return how many bytes the cache may take: PERCEPT_CACHE_LIMIT, in megabytes, or a gigabyte."""
-    text = os.environ.get("PERCEPT_CACHE_LIMIT")
-    if not text:
-        return _DEFAULT_LIMIT
-    try:
-        megabytes = float(text)
-    except ValueError:
-        megabytes = 0.0
-    if not 0.0 < megabytes < 1e12:
-        raise UsageError(
-            "must be a number of megabytes above zero.",
-            key="PERCEPT_CACHE_LIMIT",
-            value=text,
-            hint="Use --no-cache to do without the cache.",
-        )
-    return int(megabytes * 1e6)
 
 
 @functools.cache
@@ -132,9 +112,9 @@ class PosteriorCache:
     `limit` bytes the entries not used for longest go.
     """
 
-    def __init__(self, folder: Path, *, limit: int | None = None) -> None:
+    def __init__(self, folder: Path, *, limit: int = LIMIT) -> None:
         self.folder = folder
-        self.limit = cache_limit() if limit is None else limit
+        self.limit = limit
 
     def find(self, asked: tuple[object, ...]) -> Run | None:
         """Return the stored run of what is asked, equal in every digit."""

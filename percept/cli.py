@@ -182,7 +182,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
-        _complain(f"{place}{error.strerror or error}.")
+        kept = " What is finished is kept: run the same command again." if command in _RESUMED else ""
+        _complain(f"{place}cannot be read or written: {error.strerror or error}.{kept}")
         return 2
 
 

@@ -15,8 +15,8 @@ from percept.errors import UsageError, counted
 
 _CACHE = """Show what posteriors are kept for next time, or clear them.
 
-PERCEPT_CACHE names another folder, or turns the cache off with the word "off". PERCEPT_CACHE_LIMIT is how
-many megabytes it may take (1000); the posteriors not used for longest go first.
+PERCEPT_CACHE names another folder, or turns the cache off with the word "off". Beyond a gigabyte the
+posteriors not used for longest go.
 """
 
 

