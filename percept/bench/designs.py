@@ -25,8 +25,6 @@ from percept.errors import RefusalError, UsageError
 if TYPE_CHECKING:
     from percept.inference.hierarchy.statistics import Statistics
 
-#: Correlation of stiffness and damping at every level, where the design says nothing else.
-_CORRELATION = 0.3
 #: Times the allowed time, and seconds at least, after which a fit is given up.
 _PATIENCE, _LEAST_PATIENCE = 10.0, 300.0
 #: Seconds that nutpie samples, and that its process may take with compiling.
@@ -47,7 +45,7 @@ class StudyDesign:
     missing: float = 0.0  # Fraction of the cells
     parameters: tuple[Literal["k", "b"], ...] = ("k", "b")
     family: Literal["lognormal", "normal"] = "lognormal"
-    correlation: float = _CORRELATION
+    correlation: float = 0.3  # Of stiffness and damping at every level
     outlier: float = 1.0  # Factor on every adjustment of the first subject
     peer: bool = True  # Whether nutpie's compilation and sampling fit in its time
 
@@ -57,12 +55,8 @@ class StudyDesign:
         return hashlib.sha256(repr(dataclasses.astuple(self)).encode()).hexdigest()[:16]
 
 
-def _weak(subjects: int, environments: int, trials: int, allowed: float) -> StudyDesign:
-    """Trials scatter five times as much as subjects."""
-    return StudyDesign(subjects, environments, (trials, trials), allowed, sigma_w=0.02)
-
-
 _K: tuple[Literal["k"]] = ("k",)
+_WEAK = 0.02  # trials scatter five times as much as subjects
 DESIGNS = {
     "6x3x1": StudyDesign(6, 3, (1, 1), 3.0),
     "12x8x1": StudyDesign(12, 8, (1, 1), 4.0),
@@ -72,12 +66,12 @@ DESIGNS = {
     "12x5x3": StudyDesign(12, 5, (3, 3), 6.0),
     "12x8x5": StudyDesign(12, 8, (5, 5), 10.0),
     "24x12x3": StudyDesign(24, 12, (3, 3), 20.0),
-    "6x3x3-weak": _weak(6, 3, 3, 4.0),
-    "12x5x3-weak": _weak(12, 5, 3, 6.0),
-    "12x8x5-weak": _weak(12, 8, 5, 10.0),
-    "24x12x3-weak": _weak(24, 12, 3, 20.0),
+    "6x3x3-weak": StudyDesign(6, 3, (3, 3), 4.0, sigma_w=_WEAK),
+    "12x5x3-weak": StudyDesign(12, 5, (3, 3), 6.0, sigma_w=_WEAK),
+    "12x8x5-weak": StudyDesign(12, 8, (5, 5), 10.0, sigma_w=_WEAK),
+    "24x12x3-weak": StudyDesign(24, 12, (3, 3), 20.0, sigma_w=_WEAK),
     "24x12x3-none": StudyDesign(24, 12, (3, 3), 25.0, sigma_w=0.0, correlation=0.9),
-    "40x6x10-weak": _weak(40, 6, 10, 15.0),
+    "40x6x10-weak": StudyDesign(40, 6, (10, 10), 15.0, sigma_w=_WEAK),
     "10x5-irregular-normal": StudyDesign(10, 5, (1, 6), 12.0, missing=0.2, family="normal"),
     "24x8-irregular": StudyDesign(24, 8, (1, 4), 30.0, missing=0.2),
     "60x8-irregular": StudyDesign(60, 8, (1, 4), 60.0, missing=0.2),

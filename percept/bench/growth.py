@@ -54,8 +54,6 @@ class Growth:
     size: Annotated[int, "Its value."]
     seconds: Annotated[float, "Median processor time over the rounds."]
     ratio: Annotated[float, "Median over the rounds of the time over the smallest size's in that round."]
-    ratio_low: Annotated[float, "Lower quartile of the same."]
-    ratio_high: Annotated[float, "Upper quartile of the same."]
     promised: Annotated[float | None, "What the ratio is promised to stay below."]
 
 
@@ -132,13 +130,10 @@ def _rows(name: str, along: str, tasks: Mapping[int, Task], rounds: int) -> list
     """Time tasks in turn, round by round, after one call each that is not counted."""
     calls = {size: max(1, round(_SHORTEST / max(_time(task), 1e-9))) for size, task in tasks.items()}
     seconds = np.array([[_time(task, calls[size]) for size, task in tasks.items()] for _ in range(rounds)])
-    quartiles = np.quantile(seconds / seconds[:, :1], [0.25, 0.5, 0.75], axis=0)
+    ratios = np.median(seconds / seconds[:, :1], axis=0).tolist()
     promised = _PROMISED.get(along) if name == "density call" else None
-    numbers = zip(tasks, np.median(seconds, axis=0).tolist(), quartiles.T.tolist(), strict=True)
-    return [
-        Growth(name, along, size, typical, ratio, low, high, promised)
-        for size, typical, (low, ratio, high) in numbers
-    ]
+    numbers = zip(tasks, np.median(seconds, axis=0).tolist(), ratios, strict=True)
+    return [Growth(name, along, size, typical, ratio, promised) for size, typical, ratio in numbers]
 
 
 def _time(task: Task, calls: int = 1) -> float:

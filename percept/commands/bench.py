@@ -89,7 +89,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
 _WRITERS: dict[str, Callable[[argparse.Namespace], Any]] = {
     "peers": lambda given: _bench("peers.document", "run_benchmark")(
         given.out or _OUT, command=given.typed, engines=given.engines, studies=given.rows,
-        seconds=given.seconds, starts=given.starts, repeats=given.repeats, quick=given.quick, log=_log,
+        seconds=given.seconds, repeats=given.repeats, quick=given.quick, log=_log,
     ),
     "reference": lambda given: _bench("peers.reference", "make_references")(
         given.out or _OUT, given.rows, log=_log
@@ -112,7 +112,6 @@ BENCH = Command(
         ),
         argument("--engines", "NAME", "of peers, only these", nargs="+", default=()),
         number("--seconds", "S", "of peers, begin no run of an engine later (150)", default=150.0),
-        number("--starts", "N", "of peers, processes per engine (3)", default=3),
         number("--repeats", "N", "of peers, rounds of whole commands (5)", default=5),
         flag("--quick", "of peers, the smallest budgets, to see that all works"),
     ),

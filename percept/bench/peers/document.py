@@ -52,7 +52,6 @@ def run_benchmark(
     engines: Sequence[str] = (),
     studies: Sequence[str] = (),
     seconds: float = 150.0,
-    starts: int = 3,
     repeats: int = 5,
     quick: bool = False,
     log: Callable[[str], None] = lambda line: None,
@@ -78,7 +77,7 @@ def run_benchmark(
         whole = whole_commands(*files, repeats=0 if quick else repeats, commands=commands)
     measured: list[Measured] = []
     for study, reference in references.items():
-        measured += measure(present, study, reference, starts=starts, seconds=seconds, quick=quick, log=log)
+        measured += measure(present, study, reference, seconds=seconds, quick=quick, log=log)
     packages = sorted({name for one in present for name in one.packages} - {"percept"})
     document = build_document(
         measured, whole, references, left_out=left_out, made=made_by(command, packages),
@@ -184,17 +183,14 @@ def _aims(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[s
     # With divergences its effective draws vary many times from run to run: what users take.
     usual = min(theirs, key=lambda one: abs(one.size - _USUAL_DRAWS))
     at = next(row for row in times if (row.study, row.engine, row.level) == (usual.study, _PLAIN, 0.01))
-    steps = min(one.notes["autocorrelation_time"] for one in ours)
     draws = best.effective_per_second / usual.effective_per_second
     processor = best.effective_per_processor_second / usual.effective_per_processor_second
     of_draws = f"effective draws per second over nutpie’s, 4 × {usual.size:.0f} draws"
     of_time = "nutpie’s sampling time to an error of 1 %, over percept’s"
-    of_steps = "autocorrelation time of the slowest quantity, in steps"
-    names = ("what", "value", "processor", "aim", "more_is_better")
+    names = ("what", "value", "processor", "aim")
     rows = (
-        (of_draws, draws, processor, 1000.0, True),
-        (of_time, at.warm_ratio, at.processor_ratio, 5000.0, True),
-        (of_steps, steps, None, 15.0, False),
+        (of_draws, draws, processor, 1000.0),
+        (of_time, at.warm_ratio, at.processor_ratio, 5000.0),
     )
     return [dict(zip(names, row, strict=True)) for row in rows]
 
@@ -213,7 +209,7 @@ def _losses(
     ]
     for one in aims:
         what, value, aim = one["what"], one["value"], one["aim"]
-        if value < aim if one["more_is_better"] else value > aim:
+        if value < aim:
             lines.append(f"{what[0].upper()}{what[1:]}: {value:.3g}; {aim:g} is the aim.")
     return lines + [
         f"{one.command} takes {one.ratio:.2f} times the wall time and {one.processor_ratio:.2f} times the "
@@ -223,10 +219,7 @@ def _losses(
     ]
 
 
-_COLOURS = {
-    "percept": "bayesian", "emcee": "ink", "nutpie": "classical", "nutpie-noncentred": "warn",
-    "pymc": "coupled",
-}  # fmt: skip
+_COLOURS = "bayesian", "ink", "classical", "warn", "coupled"
 
 
 def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
@@ -253,13 +246,12 @@ def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
 def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Drawing:
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18.0, bottom=30.0)
-        for one in document["engines"]:
+        for one, colour in zip(document["engines"], _COLOURS, strict=False):
             of = study["name"], one["name"]
             own = [row for row in document["measured"] if (row["study"], row["engine"]) == of]
             own.sort(key=lambda row: row["size"])
             errors, times = [100.0 * row["error"] for row in own], [row["warm"] for row in own]
-            colour = COLOURS[_COLOURS[one["name"]]]
-            ax.plot(errors, times, color=colour, marker="o", markersize=3.5, label=one["title"])
+            ax.plot(errors, times, color=COLOURS[colour], marker="o", markersize=3.5, label=one["title"])
         log_scale(ax)
         ax.set_xlabel("error of the limits (% of half-width)")
         ax.set_ylabel("time (s)")

@@ -114,10 +114,6 @@ def percept_run(statistics: Statistics, tolerance: float, seed: int) -> Fitted:
     )  # fmt: skip
 
 
-def _percept(statistics: Statistics) -> Sampler:
-    return partial(percept_run, statistics)
-
-
 _WALKERS, _KEPT_EVERY, _BURN_IN = 256, 10, 0.25
 
 
@@ -253,7 +249,8 @@ _NUTS_SIZES = ((250, 5), (1000, 5), (4000, 3), (16000, 1))
 _NUTPIE = ("nutpie", "pymc", "pytensor", "numba")
 ENGINES = (
     Engine(
-        "percept", "percept", _percept, ("percept", "emcee", "numpy", "scipy"), "tolerance",
+        "percept", "percept", lambda statistics: partial(percept_run, statistics),
+        ("percept", "emcee", "numpy", "scipy"), "tolerance",
         ((0.1, 5), (0.02, 5), (0.01, 5), (0.005, 5), (0.002, 3), (0.001, 2)), 0.1,
     ),
     Engine(
@@ -274,8 +271,7 @@ ENGINES = (
 
 def engine(name: str) -> Engine:
     """Return the engine of that name."""
-    for candidate in ENGINES:
-        if candidate.name == name:
-            return candidate
-    known = ", ".join(candidate.name for candidate in ENGINES)
-    raise UsageError(f"no such engine; they are {known}.", key="engine", value=name)
+    found = {one.name: one for one in ENGINES}
+    if name in found:
+        return found[name]
+    raise UsageError(f"no such engine; they are {', '.join(found)}.", key="engine", value=name)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import shlex
 import sys
 import tempfile
 import time
@@ -26,8 +27,6 @@ from percept.bench.peers.engines import Engine, engine, study_statistics
 if TYPE_CHECKING:
     # What it needs would count as the start of every engine's process.
     from percept.bench.peers.reference import Reference
-
-_SPACING = 1000  # seeds between processes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +54,6 @@ def measure(
     study: str,
     reference: Reference,
     *,
-    starts: int = 3,
     seconds: float = 150.0,
     quick: bool = False,
     log: Callable[[str], None] = lambda line: None,
@@ -63,26 +61,20 @@ def measure(
     """Measure engines on one study, one after the other."""
     measured: list[Measured] = []
     for one in engines:
-        budgets = ((one.quick, 1),) if quick else one.budgets
-        children = []
-        for start in range(1 if quick else starts):
-            log(f"{study}, {one.title}: process {start + 1}")
-            task = {
-                "engine": one.name, "study": study, "seconds": seconds, "seed": 1 + _SPACING * start,
-                # Processes after the first tell how long a start takes.
-                "budgets": budgets if start == 0 else ((budgets[0][0], 0),), "started": time.time(),
-            }  # fmt: skip
-            children.append(in_a_process(__name__, task))
-        measured += _reduced(study, one.name, children, reference)
+        log(f"{study}, {one.title}")
+        task = {
+            "engine": one.name, "study": study, "seconds": seconds, "seed": 1,
+            "budgets": ((one.quick, 1),) if quick else one.budgets, "started": time.time(),
+        }  # fmt: skip
+        measured += _reduced(study, one.name, in_a_process(__name__, task), reference)
     return measured
 
 
-def _reduced(study: str, name: str, children: list[dict[str, Any]], reference: Reference) -> list[Measured]:
-    runs = children[0]["runs"]
+def _reduced(study: str, name: str, given: dict[str, Any], reference: Reference) -> list[Measured]:
+    runs, rows = given["runs"], []
     # What the first run of a process takes beyond a later one: imports, building and compiling.
     again = median(run["seconds"] for run in runs if run["size"] == runs[0]["size"])
-    start = median(max(child["first"] - again, 0.0) for child in children)
-    rows = []
+    start = max(given["first"] - again, 0.0)
     for size in dict.fromkeys(run["size"] for run in runs):
         group = [run for run in runs if run["size"] == size]
         seconds, values = [run["seconds"] for run in group], np.array([run["value"] for run in group])
@@ -176,9 +168,8 @@ def whole_commands(
     rows = []
     for name, words in commands.items():
         wall, processor = zip(*times[name], strict=True)
-        filled = _filled(words, "SESSIONS", "SCENE", "DIR", "SEED")
-        typed = " ".join(f'"{word}"' if " " in word else word for word in filled)
-        typed = f"python {typed}".replace("python -m percept", "percept")
+        typed = shlex.join(["python", *_filled(words, "SESSIONS", "SCENE", "DIR", "SEED")])
+        typed = typed.replace("python -m percept", "percept")
         rows.append(Whole(name, typed, wall, median(wall), median(processor)))
     return rows
 

@@ -93,12 +93,8 @@ def make_references(
 
         def run(seed: int, study: str = study, statistics: Any = statistics) -> dict[str, Any]:
             log(f"{study}: run {seed + 1} of {runs}")
-            fitted = percept_run(statistics, _TOLERANCE, seed)
-            return {
-                "value": fitted.value.tolist(),
-                "error": fitted.error.tolist(),
-                "effective": fitted.effective,
-            }
+            fitted: dict[str, Any] = plain(percept_run(statistics, _TOLERANCE, seed))
+            return fitted
 
         kept = Checkpoint(folder / "runs.jsonl", f"{study} {_TOLERANCE}", what="reference")
         found[study] = Reference.pooled(kept.complete(run, runs))

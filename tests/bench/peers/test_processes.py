@@ -17,7 +17,7 @@ def test_commands_take_turns_and_are_timed(tmp_path):
     commands = {"note": ("-c", note, "SESSIONS", "a"), "work": ("-c", work, "SESSIONS", "b")}
     light, heavy = whole_commands(str(log), "scene.toml", repeats=2, commands=commands)
     assert log.read_text() == "aoff boff " * 3
-    assert light.command.startswith('python -c "import os, sys')
+    assert light.command.startswith("python -c 'import os, sys")
     assert len(light.seconds) == 2
     # Both start an interpreter; only one of them works.
     assert heavy.processor > light.processor
