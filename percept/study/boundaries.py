@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
@@ -13,7 +12,7 @@ from percept.boundary.curves import drawing_grid
 from percept.boundary.limits import Calibration, Limits, Magnitude, relative_error
 from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
-from percept.scene import Scene
+from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup
 from percept.study.regions import Law, Region
@@ -22,33 +21,17 @@ from percept.study.regions import Law, Region
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
 
 
-@dataclasses.dataclass(frozen=True)
-class Range:
-    """Frequencies of curves: a grid as asked, or one for each environment."""
-
-    lower: float  # rad/s
-    upper: float  # rad/s
-    omega: Array | None = None  # The grid asked for, rad/s
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Both ends, rad/s."""
-        return self.lower, self.upper
-
-    @classmethod
-    def of(cls, omega: ArrayLike | Range) -> Range:
-        """Take a grid (M,) as it is, rad/s; UsageError unless it is positive and increases."""
-        if isinstance(omega, Range):
-            return omega
-        try:
-            grid = np.asarray(omega, dtype=np.float64)
-        except (TypeError, ValueError):
-            grid = np.empty(0)
-        if grid.ndim != 1 or not grid.size:
-            raise UsageError("omega must be a list of frequencies in rad/s.", value=omega)
-        if not (np.all(grid > 0) and np.all(np.diff(grid) > 0)):
-            raise UsageError("omega must be positive and increase, in rad/s.", value=omega)
-        return cls(float(grid[0]), float(grid[-1]), grid)
+def increasing(omega: ArrayLike) -> Array:
+    """Take frequencies (M,) as they are, rad/s; UsageError unless they are positive and increase."""
+    try:
+        grid = np.asarray(omega, dtype=np.float64)
+    except (TypeError, ValueError):
+        grid = np.empty(0)
+    if grid.ndim != 1 or not grid.size:
+        raise UsageError("omega must be a list of frequencies in rad/s.", value=omega)
+    if not (np.all(grid > 0) and np.all(np.diff(grid) > 0)):
+        raise UsageError("omega must be positive and increase, in rad/s.", value=omega)
+    return grid
 
 
 def zoom_windows(scene: Scene, environments: Sequence[str]) -> Iterator[tuple[str, list[float]] | Skipped]:
@@ -69,25 +52,25 @@ class Drawing:
     """Boundaries of environments over a range, each environment's on one grid of its own."""
 
     def __init__(
-        self, setup: Setup, regions: Collection[Region], laws: Collection[Law], frequencies: Range
+        self, setup: Setup, regions: Collection[Region], laws: Collection[Law], table: FrequencyTable
     ) -> None:
-        self._setup, self._regions, self._laws, self._range = setup, regions, laws, frequencies
+        self._setup, self._regions, self._laws, self._table = setup, regions, laws, table
         self._grids: dict[str, Array] = {}
         self._calibrated: dict[Law, Calibration] = {}
 
     def at(
         self,
-        frequencies: Range,
+        omega: Array | None,
         environments: Collection[str],
         kinds: Collection[str],
         joints: Collection[str] = JOINTS,
     ) -> tuple[Boundary, ...]:
-        """Draw boundaries at frequencies asked for, or on the environments' grids."""
+        """Draw boundaries at frequencies asked for, rad/s, or on the environments' grids."""
         found: list[Boundary] = []
         for environment in environments:
-            omega = self.grid(environment) if frequencies.omega is None else frequencies.omega
-            reference, coupled = (self._setup.curve(environment, omega, coupled=c) for c in (False, True))
-            shared: dict[str, Any] = {"omega": omega, "reference": reference}
+            grid = self.grid(environment) if omega is None else omega
+            reference, coupled = (self._setup.curve(environment, grid, coupled=c) for c in (False, True))
+            shared: dict[str, Any] = {"omega": grid, "reference": reference}
             shared["coupled"] = coupled if self._setup.coupling is not None else None
             for region in self._regions:
                 if region.environment == environment and region.kind in kinds and region.joint in joints:
@@ -99,23 +82,23 @@ class Drawing:
 
     def grid(self, environment: str) -> Array:
         """Return the frequencies that all curves of an environment are drawn at, rad/s."""
-        if self._range.omega is not None:
-            return self._range.omega
-        if environment not in self._grids:
-            regions = [region for region in self._regions if region.environment == environment]
+        if environment in self._grids:
+            return self._grids[environment]
+        table, regions = self._table, [one for one in self._regions if one.environment == environment]
 
-            def curves(omega: Array) -> tuple[Array, Array]:
-                own = [self._setup.curve(environment, omega, coupled=coupled) for coupled in (False, True)]
-                limits = [
-                    self._setup.outline(region, shape, omega)
-                    for region in regions
-                    for shape in _shapes(region)
-                ]
-                return np.stack(own), np.array(limits).reshape(-1, 2, omega.size)
+        def curves(omega: Array) -> tuple[Array, Array]:
+            own = [self._setup.curve(environment, omega, coupled=coupled) for coupled in (False, True)]
+            limits = [
+                self._setup.outline(region, shape, omega) for region in regions for shape in _shapes(region)
+            ]
+            return np.stack(own), np.array(limits).reshape(-1, 2, omega.size)
 
-            bends = self._setup.resonances(environment)
-            self._grids[environment] = drawing_grid(curves, self._range.lower, self._range.upper, bends)
-        return self._grids[environment]
+        if table.points:
+            grid = np.geomspace(table.lower, table.upper, table.points)
+        else:
+            grid = drawing_grid(curves, table.lower, table.upper, self._setup.resonances(environment))
+        self._grids[environment] = grid
+        return grid
 
     def _around(self, region: Region, shared: dict[str, Any]) -> Iterator[Boundary]:
         for shape in _shapes(region):

@@ -125,7 +125,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
 
 def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """How far the exact envelopes of B lie from A's, over the frequencies that both study."""
-    (a_low, a_high), (b_low, b_high) = (study.frequencies.ends for study in (first, second))
+    (a_low, a_high), (b_low, b_high) = (study.within for study in (first, second))
     lower, upper = max(a_low, b_low), min(a_high, b_high)
     if not lower < upper:
         return

@@ -143,8 +143,8 @@ def predict(
         laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked, name))
         environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
         setup = dataclasses.replace(study.setup, references={name: environment})
-        drawing = Drawing(setup, regions_of(intervals, laws, None, asked), laws, study.frequencies)
-        boundaries = drawing.at(study.frequencies, [name], kinds)
+        drawing = Drawing(setup, regions_of(intervals, laws, None, asked), laws, study.scene.frequency)
+        boundaries = drawing.at(None, [name], kinds)
     beyond = np.maximum(log - tested.max(axis=1), 0.0) + np.minimum(log - tested.min(axis=1), 0.0)
     far = np.hypot.reduce(tested - log[:, None], axis=0)
     return Prediction(

@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
@@ -24,7 +23,7 @@ from percept.sessions.quantities import is_impedance
 from percept.sessions.read import by_level
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
-from percept.study.boundaries import JOINTS, Drawing, Range, zoom_windows
+from percept.study.boundaries import JOINTS, Drawing, increasing, zoom_windows
 from percept.study.coupling import (
     CouplingStudy,
     Realisms,
@@ -211,12 +210,10 @@ class Study(StudyViews):
         """The scene's device; None without one."""
         return device_of(self.scene)
 
-    @cached_property
-    def frequencies(self) -> Range:
-        """Where boundaries are drawn: on as many points as the scene says, or on one grid an environment."""
-        table = self.scene.frequency
-        even = np.geomspace(table.lower, table.upper, table.points) if table.points else None
-        return Range(table.lower, table.upper, even)
+    @property
+    def within(self) -> tuple[float, float]:
+        """Ends of the frequencies that everything is judged over, rad/s."""
+        return self.scene.frequency.lower, self.scene.frequency.upper
 
     @cached_property
     def _with_reference(self) -> list[str | Skipped]:
@@ -243,11 +240,11 @@ class Study(StudyViews):
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
-        return self.boundaries_at(self.frequencies)
+        return self.boundaries_at(None)
 
     def boundaries_at(
         self,
-        omega: ArrayLike | Range,
+        omega: ArrayLike | None,
         environments: Collection[str] | None = None,
         *,
         kinds: Collection[str] | None = None,
@@ -258,7 +255,8 @@ class Study(StudyViews):
         Parameters
         ----------
         omega : array_like, shape (M,)
-            rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all curves.
+            rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all curves; None
+            for each environment's own.
         environments, kinds, joints : collection of str, optional
             Which environments, kinds, and treatments of k and b together ("joint" for curves of their law);
             all by default.
@@ -272,19 +270,19 @@ class Study(StudyViews):
         UsageError
             Frequencies that do not increase from above zero; a name that the study does not have.
         """
-        frequencies = Range.of(omega)
+        grid = None if omega is None else increasing(omega)
         environments = select("environment", environments, self.with_reference)
         kinds = select("kind", kinds, self.scene.inference.kinds)
         joints = select("joint treatment", joints, JOINTS)
         if self._drawing is None:
             return ()
-        return self._drawing.at(frequencies, environments, kinds, joints)
+        return self._drawing.at(grid, environments, kinds, joints)
 
     @cached_property
     def _drawing(self) -> Drawing | None:
         if self.setup is None:
             return None
-        return Drawing(self.setup, self.regions, self.curve_laws, self.frequencies)
+        return Drawing(self.setup, self.regions, self.curve_laws, self.scene.frequency)
 
     @cached_property
     def _zoom(self) -> list[tuple[str, list[float]] | Skipped]:
@@ -332,7 +330,7 @@ class Study(StudyViews):
         setup = next(iter(results(self._setup)), None)
         if setup is None or setup.coupling is None:
             return None
-        read_at, within = self.scene.frequency.read_at, self.frequencies.ends
+        read_at, within = self.scene.frequency.read_at, self.within
         return study_coupling(setup, self.regions, self.realism, within, read_at=read_at)
 
     @property
@@ -348,21 +346,21 @@ class Study(StudyViews):
         """
         if self.setup is None or self._passed is None:
             return {}
-        return study_realism(self.setup, self._passed, self.scene.inference, self.frequencies.ends)
+        return study_realism(self.setup, self._passed, self.scene.inference, self.within)
 
     @cached_property
     def coupling_design(self) -> dict[str, CouplingDesign]:
         """Couplings, by method, that are stable and realistic to the next user; empty without a device."""
         if self.setup is None or no_design(self.setup, self.scene.inference.kinds):
             return {}
-        return design_by_method(self.setup, self.regions, self.scene.inference.family, self.frequencies.ends)
+        return design_by_method(self.setup, self.regions, self.scene.inference.family, self.within)
 
     @cached_property
     def sensitivity(self) -> DeviceSensitivity | None:
         """How the verdicts move with the device's mass and damping; None without a device that has them."""
         if self.setup is None or fixed_device(self.setup, self.scene.inference.method):
             return None
-        return device_sensitivity(self.setup, self.regions, self.scene.inference, self.frequencies.ends)
+        return device_sensitivity(self.setup, self.regions, self.scene.inference, self.within)
 
     @property
     def comparison(self) -> pd.DataFrame | None:
