@@ -71,24 +71,23 @@ class Axis:
         """Coordinates of the density's grid."""
         return np.linspace(self.low, self.high, self.size)
 
-    def fraction(self, u: Array) -> Array:
-        """Return how far along the axis a coordinate lies."""
-        return (u - self.low) / (self.high - self.low)
-
-    def native(self, u: Array) -> Array:
-        """Return k or b."""
-        values = self.centre + self.unit * np.sinh(u)
+    def native(self, place: Array) -> Array:
+        """Return k or b at places, from 0 to 1 along the grid."""
+        values = self.centre + self.unit * np.sinh(self.low + (self.high - self.low) * place)
         return np.exp(np.clip(values, -_ENDLESS, _ENDLESS)) if self.log else values
 
-    def place(self, native: Array) -> tuple[Array, Array]:
-        """Return the coordinate of k or b, inside the grid, and how it moves with them; zero outside."""
+    def place(self, native: Array) -> Array:
+        """Return how far along the grid k or b lies, from 0 to 1."""
         values = np.log(np.maximum(native, np.exp(-_ENDLESS))) if self.log else native
-        away = (values - self.centre) / self.unit
-        u = np.arcsinh(away)
-        rate = 1.0 / (self.unit * np.sqrt(1.0 + away * away))
-        if self.log:
-            rate /= np.maximum(native, np.exp(-_ENDLESS))
-        return np.clip(u, self.low, self.high), np.where((u > self.low) & (u < self.high), rate, 0.0)
+        u = np.arcsinh((values - self.centre) / self.unit)
+        return np.clip((u - self.low) / (self.high - self.low), 0.0, 1.0)
+
+    def rate(self, place: Array, native: Array) -> Array:
+        """Return how fast a place moves with k or b; zero at the ends of the grid."""
+        width = self.high - self.low
+        scale = width * self.unit * np.cosh(self.low + width * place)
+        scale *= np.maximum(native, np.exp(-_ENDLESS)) if self.log else 1.0
+        return np.where((place > 0.0) & (place < 1.0), 1.0 / scale, 0.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -129,11 +128,10 @@ class PairLaw:
 
     def even(self, count: int) -> tuple[Array, Array, Array]:
         """Return points that fill the plane evenly, k and b each (count,), and their probability."""
-        parts = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
-        u = [axis.low + part * (axis.high - axis.low) for axis, part in zip(self.axes, parts, strict=True)]
-        first, second = (axis.grid for axis in self.axes)
-        density = RectBivariateSpline(first, second, self.density).ev(*u)
-        k, b = (axis.native(part) for axis, part in zip(self.axes, u, strict=True))
+        places = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
+        grids = (np.linspace(0.0, 1.0, axis.size) for axis in self.axes)
+        density = RectBivariateSpline(*grids, self.density).ev(*places)
+        k, b = (axis.native(place) for axis, place in zip(self.axes, places, strict=True))
         return k, b, density / density.sum()
 
     def ellipse(self, *, kind: Literal["mean", "user"], level: float, n: int) -> EllipseRegion:

@@ -62,17 +62,6 @@ class Calibration:
     shifts: Array  # (B,) By how many SDs each batch of draws would move the limits out
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Nodes:
-    """Where the probability that abs(Z_h) lies below Q radii is looked up, as fractions of the axes."""
-
-    outer: Array  # (Q, J)
-    weight: Array  # (Q, J)
-    ends: Array  # (2, Q, J) of the interval of the inner one
-    moves: Array  # (2, Q, J) how fast they move with the radius' logarithm
-    range: Array  # (Q, 2) of the outer one
-
-
 class Magnitude:
     """Law of abs(Z_h) at frequencies (M,), rad/s, that follows from a law of (k, b)."""
 
@@ -116,9 +105,12 @@ class Magnitude:
         first = _score(level)
 
         @functools.cache
+        def leaving(score: float) -> tuple[float, NDArray[np.bool_]]:
+            held, binds = self._leaving(self._known(score)[0][None], self._law.cumulated[0][None])
+            return float(np.log(np.maximum(held[0], _TINY) / (1.0 - level))), binds
+
         def excess(score: float) -> float:
-            leaving, _ = self._leaving(self._known(score)[0][None], self._law.cumulated[0][None])
-            return float(np.log(np.maximum(leaving[0], _TINY) / (1.0 - level)))
+            return leaving(score)[0]
 
         # A normal's tail falls about as fast as its score.
         score, fall = first, first
@@ -130,8 +122,10 @@ class Magnitude:
             if excess(score) < 0.0:
                 score = max(first + _CLOSE, float(optimize.brentq(excess, first, score, xtol=_CLOSE)))
             fall = (beyond - excess(score)) / (score - first)
+        m = leaving(score)[1]
+        # As `limits` will ask for it, which then finds everything known.
+        score = _score(_level(score))
         logs, slopes = self._known(score)
-        _, m = self._leaving(logs[None], self._law.cumulated[0][None])
         # A batch moves limits and probabilities alike.
         out = np.moveaxis(self._changes(score), -1, 0) * np.array([[-1.0], [1.0]])
         of_batches = np.moveaxis(self._law.by_batch[0], -1, 0)[1:]
@@ -150,12 +144,12 @@ class Magnitude:
         """
         inner, outer = self._law.axes
         (gain, gain_out), (offset, offset_out) = self._gains[:, m], self._offsets[:, m]
-        b = outer.native(np.linspace(outer.low, outer.high, table.shape[1]))
+        b = outer.native(np.linspace(0.0, 1.0, table.shape[1]))
         square = (np.multiply.outer(b, gain_out) + offset_out) ** 2
         # Where a ball does not reach the line both its ends are the same.
         # Squares stay finite: far beyond the tables all limits are alike.
         side = np.sqrt(np.maximum(np.exp(np.minimum(2.0 * logs[:, :, None], _MOST_LOG)) - square, 0.0))
-        ends = [inner.fraction(inner.place((sign * side - offset) / gain)[0]) for sign in (-1.0, 1.0)]
+        ends = [inner.place((sign * side - offset) / gain) for sign in (-1.0, 1.0)]
         left, right = (np.moveaxis(_along(table, end), 1, 0) for end in ends)
         order = left[0].argsort(axis=-1)
         holes, ends_of = (np.take_along_axis(part[0], order, -1) for part in (left, right))
@@ -254,40 +248,43 @@ class Magnitude:
                 held[rows], slope[rows], _ = self._content(inner, at[rows], radius[rows])
         return held, slope
 
-    def _nodes(self, inner: int, at: NDArray[np.intp], radius: Array) -> _Nodes:
-        """Lay nodes over the outer one of k and b, and find both ends of the interval of the inner one."""
+    def _nodes(self, inner: int, at: NDArray[np.intp], radius: Array) -> tuple[Array, ...]:
+        """Lay nodes over the outer one of k and b, and find both ends of the interval of the inner one.
+
+        Return the outer one's range (Q, 2), nodes and weights (Q, J); ends (2, Q, J) of the inner one, and
+        how fast they move with the radius' logarithm. All are places on the axes.
+        """
         axis, outer = self._law.axes[inner], self._law.axes[1 - inner]
         (gain, offset), (gain_out, offset_out) = (
             (self._gains[p, at, None], self._offsets[p, at, None]) for p in (inner, 1 - inner)
         )
         radius = radius[:, None]
         # What the inner one adds at least leaves less to the outer one: few nodes must not fall beyond.
-        ends = gain * axis.native(np.array([axis.low, axis.high])) + offset
+        ends = gain * axis.native(np.array([0.0, 1.0])) + offset
         least = np.maximum(0.0, np.maximum(ends[:, :1], -ends[:, 1:]))
         reach = np.sqrt(np.maximum((radius - least) * (radius + least), 0.0))
-        left, right = (outer.place((sign * reach - offset_out) / gain_out)[0] for sign in (-1.0, 1.0))
+        left, right = (outer.place((sign * reach - offset_out) / gain_out) for sign in (-1.0, 1.0))
         half = 0.5 * (right - left)
-        u = 0.5 * (right + left) + half * _PLACES
-        far = gain_out * outer.native(u) + offset_out
+        places = 0.5 * (right + left) + half * _PLACES
+        far = gain_out * outer.native(places) + offset_out
         side = np.sqrt(np.maximum((radius - far) * (radius + far), 0.0))
-        ends, rates = np.stack([axis.place((sign * side - offset) / gain) for sign in (-1.0, 1.0)], axis=1)
+        native = (np.stack([-side, side]) - offset) / gain
+        ends = axis.place(native)
         with np.errstate(divide="ignore", invalid="ignore"):
-            moves = np.where(side > 0.0, rates * radius**2 / (side * gain), 0.0) / (axis.high - axis.low)
-        return _Nodes(
-            outer.fraction(u), half * _PARTS / (outer.high - outer.low), axis.fraction(ends), moves,
-            outer.fraction(np.concatenate([left, right], axis=1)),
-        )  # fmt: skip
+            moves = np.where(side > 0.0, axis.rate(ends, native) * radius**2 / (side * gain), 0.0)
+        return np.concatenate([left, right], axis=1), places, half * _PARTS, ends, moves
 
     def _content(self, inner: int, at: NDArray[np.intp], radius: Array) -> tuple[Array, Array, Array]:
         """Integrate over one of k and b the probability of the interval of the other.
 
         Also return how rough the slope's integrand is: what its last Legendre coefficients amount to.
         """
-        nodes, table = self._nodes(inner, at, radius), self._law.cumulated[inner]
-        row, over = steps(nodes.outer, len(table))
+        span, places, weight, ends, moves = self._nodes(inner, at, radius)
+        table = self._law.cumulated[inner]
+        row, over = steps(places, len(table))
         held, slopes = np.zeros(at.size), np.zeros(row.shape)
         flat = table.ravel()
-        for sign, end, moves in zip((-1.0, 1.0), nodes.ends, nodes.moves, strict=True):
+        for sign, end, move in zip((-1.0, 1.0), ends, moves, strict=True):
             column, part = steps(end, table.shape[1])
             index = row * table.shape[1] + column
             # Both ends of the step, between the row and the next.
@@ -296,17 +293,17 @@ class Magnitude:
                 for i in (0, 1)
             )
             rise = after - before
-            held += sign * np.einsum("qj,qj->q", nodes.weight, before + part * rise)
-            slopes += nodes.weight * moves * rise * (table.shape[1] - 1)
+            held += sign * np.einsum("qj,qj->q", weight, before + part * rise)
+            slopes += weight * move * rise * (table.shape[1] - 1)
         # Far out the rest is what counts: of the margin all digits are known.
         margin = table[:, -1]
         beyond = integrate.cumulative_trapezoid(margin, dx=1.0 / (len(table) - 1), initial=0)
         whole = margin[row] + over * (margin[row + 1] - margin[row])
-        row, over = steps(nodes.range, len(table))
+        row, over = steps(span, len(table))
         # Of lines between the table's points, as the nodes are.
         rest = over * (margin[row] + 0.5 * over * (margin[row + 1] - margin[row]))
         known = beyond[row] + rest / (len(table) - 1)
-        missed = known[:, 1] - known[:, 0] - np.einsum("qj,qj->q", nodes.weight, whole)
+        missed = known[:, 1] - known[:, 0] - np.einsum("qj,qj->q", weight, whole)
         held += np.where(held > 0.5, missed, 0.0)
         slope = slopes.sum(axis=1)
         last = np.abs(slopes @ _LAST).sum(axis=1)
@@ -316,14 +313,15 @@ class Magnitude:
 
     def _by_batch(self, inner: int, at: NDArray[np.intp], radius: Array) -> Array:
         """Return the content (Q, 1 + B) of all draws and of each batch, on the coarser tables."""
-        nodes, table = self._nodes(inner, at, radius), self._law.by_batch[inner]
-        row, over = steps(nodes.outer, len(table))
+        _, places, weight, ends, _ = self._nodes(inner, at, radius)
+        table = self._law.by_batch[inner]
+        row, over = steps(places, len(table))
         weights, columns = [], []
-        for sign, end in zip((-1.0, 1.0), nodes.ends, strict=True):
+        for sign, end in zip((-1.0, 1.0), ends, strict=True):
             column, part = steps(end, table.shape[1])
             for i, along in enumerate((1.0 - over, over)):
                 for j, across in enumerate((1.0 - part, part)):
-                    weights.append(sign * nodes.weight * along * across)
+                    weights.append(sign * weight * along * across)
                     columns.append((row + i) * table.shape[1] + column + j)
         every = np.concatenate(columns, axis=1).ravel(), 8 * _NODES.size * np.arange(at.size + 1)
         flat = table.reshape(-1, table.shape[2])
