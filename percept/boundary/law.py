@@ -129,8 +129,8 @@ class PairLaw:
     def even(self, count: int) -> tuple[Array, Array, Array]:
         """Return points that fill the plane evenly, k and b each (count,), and their probability."""
         places = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
-        grids = (np.linspace(0.0, 1.0, axis.size) for axis in self.axes)
-        density = RectBivariateSpline(*grids, self.density).ev(*places)
+        first, second = (np.linspace(0.0, 1.0, axis.size) for axis in self.axes)
+        density = RectBivariateSpline(first, second, self.density).ev(*places)
         k, b = (axis.native(place) for axis, place in zip(self.axes, places, strict=True))
         return k, b, density / density.sum()
 
