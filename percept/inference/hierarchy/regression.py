@@ -36,15 +36,19 @@ class Factored:
 
     def solve(self, right: Array) -> Array:
         """Solve R x = right for x, `right` of shape (q, ..., W)."""
-        return _back_substitute(self.triangle, right)
+        solution = np.array(np.broadcast_to(right, right.shape[:-1] + self.triangle.shape[-1:]))
+        for i in reversed(range(len(solution))):
+            solution[i] /= self.triangle[i, i]
+            for k in range(i):
+                solution[k] -= self.triangle[k, i] * solution[i]
+        return solution
 
     def solve_transposed(self, right: Array) -> Array:
         """Solve R'x = right for x, `right` of shape (q, ..., W)."""
-        size = self.triangle.shape[0]
         solution = np.array(np.broadcast_to(right, right.shape[:-1] + self.triangle.shape[-1:]))
-        for i in range(size):
+        for i in range(len(solution)):
             solution[i] /= self.triangle[i, i]
-            for k in range(i + 1, size):
+            for k in range(i + 1, len(solution)):
                 solution[k] -= self.triangle[i, k] * solution[i]
         return solution
 
@@ -52,15 +56,6 @@ class Factored:
     def mean(self) -> Array:
         """Conditional mean of xi, shape (q, W)."""
         return self.solve(self.coefficients)
-
-
-def _back_substitute(triangle: Array, right: Array) -> Array:
-    solution = np.array(np.broadcast_to(right, right.shape[:-1] + triangle.shape[-1:]))
-    for i in reversed(range(triangle.shape[0])):
-        solution[i] /= triangle[i, i]
-        for k in range(i):
-            solution[k] -= triangle[k, i] * solution[i]
-    return solution
 
 
 def factor(design: Array, target: Array) -> Factored:
@@ -106,13 +101,14 @@ class LocationProblem:
     """Builds the regression of the pattern means on the locations."""
 
     def __init__(self, statistics: Statistics, layout: Layout, priors: Priors) -> None:
-        self._patterns = statistics.patterns
-        self._size = layout.parameters
+        self._patterns, self._size = statistics.patterns, layout.parameters
         self.environments = layout.environments
         self._alpha_sd = priors.alpha_sd
-        self._trend_columns = _trend_columns(statistics.x, layout, priors)
+        each = np.eye(self._size)[..., None]
+        slopes = [priors.gamma_sd * statistics.x * each] if layout.trend else []
         #: Columns (Q, P, J) of alpha and gamma, times their prior SDs.
-        self.trend = np.array([[part[:, 0] for part in column] for column in self._trend_columns])
+        self.trend = np.concatenate([priors.alpha_sd * each + np.zeros(self.environments), *slopes])
+        self._trend_columns = [tuple(column[..., None]) for column in self.trend]
 
     def whitened(self, scales: Scales, cells: list[Block], *, merge: bool) -> Whitened:
         """Whiten the pattern means and the design of the latents, level and subject effect merged or not."""
@@ -128,8 +124,10 @@ class LocationProblem:
         width = scales.log_prior.size
         columns = list(self._trend_columns)
         for p, tau in enumerate(scales.tau or ()):
-            for own in np.eye(self.environments)[..., None]:
-                columns.append(_unit(self._size, p, own * tau))
+            for j in range(self.environments):
+                own = np.zeros((self._size, self.environments, width))
+                own[p, j] = tau
+                columns.append(tuple(own))
         stacked = _stack(columns, (self.environments, width))
         targets: list[Array] = []
         designs: list[Array] = []
@@ -174,20 +172,6 @@ def _stack(columns: list[Vector], shape: tuple[int, int]) -> Vector:
     return tuple(
         np.stack([np.broadcast_to(part, shape) for part in parts]) for parts in zip(*columns, strict=True)
     )
-
-
-def _unit(size: int, p: int, value: Array) -> Vector:
-    """Vector of `size` parameters with a value at parameter `p`."""
-    return tuple(value if q == p else np.zeros_like(value) for q in range(size))
-
-
-def _trend_columns(x: Array, layout: Layout, priors: Priors) -> list[Vector]:
-    """Columns of alpha and gamma over environments, before whitening, entries (J, 1)."""
-    size = layout.parameters
-    columns = [_unit(size, p, np.full((layout.environments, 1), priors.alpha_sd)) for p in range(size)]
-    if layout.trend:
-        columns += [_unit(size, p, priors.gamma_sd * x[p][:, None]) for p in range(size)]
-    return columns
 
 
 def _rows(pieces: list[Vector], *columns: int) -> list[Array]:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -68,11 +68,7 @@ def from_trials(
     subjects: tuple[str, ...],
 ) -> Statistics:
     """Reduce trials to sufficient statistics."""
-    if not np.all(np.isfinite(response)):
-        trial = int(np.argmin(np.all(np.isfinite(response), axis=1)))
-        raise UsageError("responses must be finite.", row=trial, value=response[trial].tolist())
     count_subjects, count_environments = len(subjects), len(environments)
-    _refuse_lone(subjects)
     cell = subject * count_environments + environment
     cells = count_subjects * count_environments
     counts = np.bincount(cell, minlength=cells)
@@ -105,21 +101,12 @@ def from_cells(
     subjects: tuple[str, ...],
 ) -> Statistics:
     """Take trials that were reduced to cells already."""
-    _refuse_lone(subjects)
     rows = np.zeros_like(scatter)
     rows[0, 0] = np.sqrt(scatter[0, 0])
     if len(parameters) == 2:
         rows[1, 0] = np.divide(scatter[0, 1], rows[0, 0], out=np.zeros_like(rows[0, 0]), where=rows[0, 0] > 0)
         rows[1, 1] = np.sqrt(np.maximum(scatter[1, 1] - rows[1, 0] ** 2, 0.0))
     return _of_cells(count, mean, rows, x, (parameters, environments, subjects))
-
-
-def _refuse_lone(subjects: tuple[str, ...]) -> None:
-    if len(subjects) < 2:
-        raise RefusalError(
-            f"one subject ({', '.join(subjects)}) says nothing of the spread between subjects.",
-            hint="Add the sessions of at least one more subject.",
-        )
 
 
 def _of_cells(
@@ -129,6 +116,12 @@ def _of_cells(
     x: Array,
     labels: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]],
 ) -> Statistics:
+    subjects = labels[2]
+    if len(subjects) < 2:
+        raise RefusalError(
+            f"one subject ({', '.join(subjects)}) says nothing of the spread between subjects.",
+            hint="Add the sessions of at least one more subject.",
+        )
     patterns = tuple(_patterns(counts, cell_means))
     sd, df = _between(cell_means)
     size = cell_means.shape[1]

@@ -78,13 +78,9 @@ class WithinSubjects:
         *,
         names: tuple[str, ...],
         priors: Priors | None = None,
-        varied: bool = True,
     ) -> None:
-        """Take statistics of M cells, each the `reference` of J named ones at the first or second level.
-
-        `varied` says whether subjects differ in the contrast; they do, and a model without it is wrong.
-        """
-        self.statistics, self._priors, self.varied = statistics, priors or Priors(), varied
+        """Take statistics of M cells, each the `reference` of J named ones at the first or second level."""
+        self.statistics, self._priors = statistics, priors or Priors()
         self.priors_in_force = dataclasses.asdict(self._priors)
         self._references, self.reference = names, reference
         self._c, self._x = np.where(second, 0.5, -0.5), statistics.x[0]
@@ -93,7 +89,6 @@ class WithinSubjects:
         # What each contrast, and then the average of all, is of the cell means.
         each = (self._at * (2.0 * self._c)[:, None]).T
         self._contrast = np.vstack([each, each.mean(axis=0)])
-        self.scale_names = ["sigma_u", *["sigma_v"] * varied, "tau", "tau_c"]
         p, loads = self._priors, np.stack([np.ones_like(self._x), self._x, self._c], axis=1)
         weight = np.where(statistics.sd[0] > 0, statistics.df[0], 0.0)
         logs = np.log(np.where(weight > 0, 0.7 * statistics.sd[0], 1.0))
@@ -107,10 +102,10 @@ class WithinSubjects:
             loads_e = loads * [p.log_s_e_sd, p.kappa_e_sd, p.psi_sd]
             self.spreads["sigma_e"] = Spread(p.log_s_e_mean, loads_e, logs, np.where(known, 2.0 * df, 0.0))
         self._omegas = [f"omega{name.removeprefix('sigma')}" for name in self.spreads]
+        self._scalars = ["sigma_u", "sigma_v", "tau", "tau_c", *self._omegas]
         spread_names = ("log_s", "kappa", "psi", *statistics.environments)
         cells = [f"{s}[{cell}]" for s in self.spreads for cell in spread_names]
-        #: Names of the coordinates.
-        self.names = [*self.scale_names, *self._omegas, *cells]
+        self.names = [*self._scalars, *cells]
         trials = sum(part.subjects * part.trials.sum() for part in statistics.patterns)
         # The statistics' constant is of pattern means of covariance D/n; here n of covariance D are weighed.
         means = sum(part.environments.size * np.log(part.subjects) for part in statistics.patterns)
@@ -119,16 +114,15 @@ class WithinSubjects:
     def identity(self) -> tuple[object, ...]:
         """Everything that decides density and contrasts."""
         data, priors = dataclasses.astuple(self.statistics), dataclasses.astuple(self._priors)
-        return ("within subjects", data, priors, self.reference, self._c, self._references, self.varied)
+        return ("within subjects", data, priors, self.reference, self._c, self._references)
 
     def named(self, points: Array) -> tuple[dict[str, Array], Array]:
         """Scales by name at coordinates (W, d), shape (W,) or (W, M), and their log prior density."""
         p = self._priors
         wide = {"sigma_u": p.sigma_u_scale, "sigma_v": p.sigma_u_scale, "tau": p.tau_scale}
         wide |= {"tau_c": p.tau_scale, "omega": p.omega_scale, "omega_e": p.omega_e_scale}
-        scalars = [*self.scale_names, *self._omegas]
+        scalars = self._scalars
         named = {name: half_normal(points[:, i], wide[name]) for i, name in enumerate(scalars)}
-        named.setdefault("sigma_v", np.zeros(len(points)))
         log_prior = -0.5 * ((points[:, : len(scalars)] ** 2).sum(axis=1) + _LOG_2PI * len(scalars))
         parts = np.split(points[:, len(scalars) :], len(self.spreads), axis=1)
         for (name, spread), omega, own in zip(self.spreads.items(), self._omegas, parts, strict=True):
