@@ -76,7 +76,7 @@ class StudySource:
 
     def key(self) -> str:
         """Return the digest of everything that the study's rows depend on."""
-        scene, files = self.scene.to_dict(), expand([self.path]).files
+        scene, files = self.scene.to_dict(), expand([self.path])[0]
         contents = [(str(name), hashlib.sha256(Path(name).read_bytes()).hexdigest()) for name in files]
         version = numbers_version("inference", "sessions", "study", "batch")
         return digest(version, self.path, contents, scene)
@@ -95,8 +95,6 @@ def sources(
     named = list(dict.fromkeys(one for path in paths for one in _studies(path)))
     if not named:
         raise UsageError("no study was given.", hint="Name session files or folders, one per study.")
-    if "-" in named:
-        raise UsageError("a batch does not read standard input.", value="-", hint="Name files or folders.")
     return [StudySource(path, scene or Scene(), changes or {}) for path in named]
 
 

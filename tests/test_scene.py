@@ -127,7 +127,7 @@ def test_a_scene_hands_its_tables_to_the_reader():
     tables = {
         "columns": {"k_adj": "final", "b_adj": {"name": "b", "unit": "N·s/mm"}},
         "sessions": {"decimal": ",", "exclude": [{"column": "rt", "above": 60}], "groups": "hand"},
-        "environments": {"A": {"stiffness": 10}},
+        "environments": {"A": {"k_ref": 10}},
     }
     scene = Scene.from_tables(tables)
     assert ReadOptions.from_mapping(dict(scene)) == ReadOptions.from_mapping(tables)

@@ -61,14 +61,10 @@ def settle_references(
             source = "the scene" if name in given else "an earlier row"
             others = int((codes[wrong] == codes[row]).sum())
             rows = f"; {others} rows have another, here the first" if others > 1 else ""
-            problems.add(
-                f"environment {shown([name])} has the reference {expected[row]!s} in {source}{rows}.",
-                column=column,
-                value=float(values[row]),
-                hint="An environment has one reference; correct it, or name the environments apart, as "
-                'environment = ["…", "…"] in [columns] does.',
-                **place(row),
-            )
+            message = f"environment {shown([name])} has the reference {expected[row]!s} in {source}{rows}."
+            hint = "An environment has one reference; correct it, or name the environments apart, as "
+            hint += 'environment = ["…", "…"] in [columns] does.'
+            problems.add(message, column=column, value=float(values[row]), hint=hint, **place(row))
         if column == MASS:
             table[MASS] = np.nan_to_num(expected)
             continue
@@ -161,25 +157,23 @@ def check_plausible(
         both = table[(table[adj] > 0) & (table[ref] > 0)]
         rows = np.flatnonzero((table[adj] > 0) & (table[ref] > 0))
         ratio = _typical_ratio(both[adj].to_numpy(), both[ref].to_numpy())
-        found: list[tuple[int, str, str]] = []  # Row, what is wrong, what to do
+        # A slip makes numbers too small where the larger unit was meant. One declared unit is as likely to be
+        # the slip as the other column: it settles nothing.
+        slip, unit = adj if ratio < 1 else ref, quantity.unit.replace("/m", "/mm") or "…"
+        hint = f"Convert the file, or declare the units of both {adj} and {ref} in [columns], such as "
+        hint += f'{slip} = {{ name = "…", unit = "{unit}" }}.'
+        found: list[tuple[int, str]] = []  # Row, what is wrong
         if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
-            # One declared unit is as likely to be the slip as the other column: it settles nothing.
-            hint = f"Correct the unit in [columns], or declare the units of both {adj} and {ref}."
-            if declared.isdisjoint((adj, ref)):
-                # A slip makes numbers too small where the larger unit was meant.
-                slip, unit = adj if ratio < 1 else ref, quantity.unit.replace("/m", "/mm") or "…"
-                hint = f'Declare the unit: [columns] {slip} = {{ name = "…", unit = "{unit}" }}.'
             text = f"{adj} is {ratio:.3g} times {ref} at the median: their units seem to differ."
-            found.append((rows[0], text, hint))
+            found.append((rows[0], text))
         files = both.groupby("file").indices.values()
         for own in files if len(files) > 1 else ():
             of_file = _typical_ratio(both[adj].to_numpy()[own], both[ref].to_numpy()[own])
             if _THOUSAND / 3 < max(of_file / ratio, ratio / of_file) < _THOUSAND * 3:
                 text = f"{adj} is {of_file:.3g} times {ref} at the median of this file, and {ratio:.3g} "
                 text += "times over all files: the units of the file seem to differ by a thousand."
-                hint = f"Convert the file; where it is right, declare the units of {adj} and {ref}."
-                found.append((rows[own[0]], text, hint))
-        for row, text, hint in found:
+                found.append((rows[own[0]], text))
+        for row, text in found:
             if {adj, ref} <= declared:
                 notices.append(Notice(text, column=adj))
             else:
@@ -189,20 +183,17 @@ def check_plausible(
 
 def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, problems: Problems) -> None:
     """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
-    n, level = table["n"], table["level"]
+    n, level, again = table["n"], table["level"], table.duplicated(["environment", "parameter"])
     names = " or ".join(f'"{name}"' for name in quantities)
     whole = (n >= 2) & (n < 2.0**53) & (n == np.round(n))
-    rules = {
-        ("parameter", f"must be {names}."): ~table["parameter"].isin(list(quantities)),
-        ("environment", "is empty."): table["environment"].str.strip() == "",
-        ("upper", "is below the lower limit."): table["upper"] < table["lower"],
-        ("n", "must be a whole number of at least 2, and below 2^53."): ~whole,
-        ("level", "must lie between 0 and 1, as in 0.99."): (level <= 0) | (level >= 1),
-        ("environment", "a second row for this environment and parameter."): table.duplicated(
-            ["environment", "parameter"]
-        ),
-    }
-    for (column, message), wrong in rules.items():
+    for column, message, wrong in (
+        ("parameter", f"must be {names}.", ~table["parameter"].isin(list(quantities))),
+        ("environment", "is empty.", table["environment"].str.strip() == ""),
+        ("upper", "is below the lower limit.", table["upper"] < table["lower"]),
+        ("n", "must be a whole number of at least 2, and below 2^53.", ~whole),
+        ("level", "must lie between 0 and 1, as in 0.99.", (level <= 0) | (level >= 1)),
+        ("environment", "a second row for this environment and parameter.", again),
+    ):
         for at in np.flatnonzero(wrong).tolist():
             value = table[column].tolist()[at]
             problems.add(message, column=column, value=value, hint="Correct or remove it.", **place(at))
@@ -213,13 +204,9 @@ def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, pro
         reference = table["reference"].to_numpy()[own]
         ratio = _typical_ratio(near.to_numpy()[own], reference)
         if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
-            problems.add(
-                f"limits of {p} are typically {ratio:.3g} times the reference: their units seem to differ.",
-                column="reference",
-                value=float(reference[0]),
-                hint=f"Write references and limits in {quantity.unit or 'one unit'}.",
-                **place(int(own[0])),
-            )
+            text = f"limits of {p} are typically {ratio:.3g} times the reference: their units seem to differ."
+            hint, row = f"Write references and limits in {quantity.unit or 'one unit'}.", place(int(own[0]))
+            problems.add(text, column="reference", value=float(reference[0]), hint=hint, **row)
 
 
 def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> Counter[str]:

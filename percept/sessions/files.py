@@ -9,14 +9,13 @@ import hashlib
 import io
 import os
 import re
-import sys
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
-from typing import IO, BinaryIO, NamedTuple, TextIO
+from typing import IO, BinaryIO, TextIO
 
 from percept.errors import UsageError, counted
 from percept.sessions.records import NoDataError, Notice
@@ -41,9 +40,6 @@ _EARLY = 20_000
 _GZIP, _ZIP = b"\x1f\x8b", b"PK\x03\x04"
 
 _MARKS = (
-    # UTF-32's little-endian mark begins with UTF-16's, so it is looked for first.
-    (codecs.BOM_UTF32_LE, "utf-32-le"),
-    (codecs.BOM_UTF32_BE, "utf-32-be"),
     (codecs.BOM_UTF8, "utf-8"),
     (codecs.BOM_UTF16_LE, "utf-16-le"),
     (codecs.BOM_UTF16_BE, "utf-16-be"),
@@ -56,12 +52,9 @@ _NO_TABLES = (
     (r"\x80[\x02-\x05]", "a Python pickle (PsychoPy's .psydat), which is never opened", _TRIALS),
     (r"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", _CSV),
     (r"RD[AX][23]\n|[XA]\n\0\0\0", *_R),
-    (r"MATLAB 5|\x89HDF", "a MATLAB or HDF5 file", "In MATLAB: writetable(T, 'trials.csv')."),
-    (r"\$FL[23]|<stata_dta>", "an SPSS or Stata file", _CSV),
-    (r"%PDF|SQLite format 3", "a PDF or a database file", _CSV),
-    (r"PK\x03\x04|\x1f\x8b", "an archive inside an archive", "Unpack the outer one first."),
-    (r"Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd", "an archive in a format not read here",
-     "Unpack it, or pack it as .zip or .gz."),
+    (r"MATLAB 5|\x89HDF|\$FL[23]|<stata_dta>|%PDF|SQLite format 3", "another program's binary file", _CSV),
+    (r"PK\x03\x04|\x1f\x8b|Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd",
+     "an archive inside an archive, or in a format not read here", "Unpack it, or pack it as .zip or .gz."),
     (r"\s*\*\*\* Header Start \*\*\*", "an E-Prime log in frames, not a table",
      "In E-DataAid or E-Merge export it as tab-delimited or CSV text and read that."),
     (r"\s*reversal(Intensities|Indices)=", "PsychoPy's text summary of a staircase, not a table of trials",
@@ -69,8 +62,7 @@ _NO_TABLES = (
     # Means and raw values of conditions, or a block of extraInfo below them.
     (r"(?=[^\r\n]*_raw\b)[^\r\n]*_(mean|std)\b|(?ms:(?=.*?^[\t,; ]*extraInfo[\t,; ]*\r?$))",
      "PsychoPy's summary of conditions, not a table of trials", _TRIALS),
-    (r"\s*(<!doctype|<html|<\?xml)", "a web page or XML, not a table", _CSV),
-    (r"\s*(\{\s*[\"}]|\[\s*[\[{])", "JSON, not a table",
+    (r"\s*(<!doctype|<html|<\?xml|\{\s*[\"}]|\[\s*[\[{])", "a web page, XML or JSON, not a table",
      "Export it as CSV (jsPsych: jsPsych.data.get().csv())."),
 )  # fmt: skip
 
@@ -93,31 +85,27 @@ class Input:
             return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-class Expanded(NamedTuple):
-    """What paths stand for."""
+def expand(
+    paths: Sequence[str | Path], wants: Callable[[str], bool] = lambda _: True
+) -> tuple[dict[str, bool], list[Notice]]:
+    """Expand folders and globs to files, in the order given, and say what is left out.
 
-    files: list[str]  # In the order given
-    inside: set[str]  # Files that a folder held, and nobody named
-    notices: list[Notice]  # What is left out
-
-
-def expand(paths: Sequence[str | Path], wants: Callable[[str], bool] = lambda _: True) -> Expanded:
-    """Expand folders and globs to files; of a folder's tables those that are wanted."""
+    Of a folder's tables those stay that are wanted. Of each file stands whether somebody named it.
+    """
     if not paths:
         raise UsageError("no file was given.", hint="Name at least one session file or folder.")
-    files: dict[str, str] = {}  # From where a path leads to its name
-    inside: set[str] = set()
+    files: dict[str, bool] = {}
+    places: set[str] = set()  # Where their paths lead
     notices: list[Notice] = []
     for given in paths:
         if not isinstance(given, str | os.PathLike):
             hint = "A DataFrame goes to Sessions.from_frame."
             raise UsageError(f"a path is text, not {type(given).__name__}.", hint=hint)
         text = str(given)
-        if Path(text).is_dir():
+        if is_folder := Path(text).is_dir():
             found, left_out = _wanted(Path(text), wants)
-            inside.update(found)
             notices += left_out
-        elif text == "-" or Path(text).exists():
+        elif Path(text).exists():
             found = [text]
         elif is_pattern(text):
             found = [name for name in fitting(text) if not Path(name).is_dir()]
@@ -126,15 +114,17 @@ def expand(paths: Sequence[str | Path], wants: Callable[[str], bool] = lambda _:
                 raise UsageError("no file fits the pattern.", file=text, hint=hint)
         else:
             raise UsageError("there is no such file.", file=text, hint="Check the path.")
-        own = {name if name == "-" else str(Path(name).resolve()): name for name in found}
-        if own.keys() & files.keys():
-            notices.append(Notice("a file that is named more than once is read once"))
-        for where, name in own.items():
-            files.setdefault(where, name)
+        for name in found:
+            place = str(Path(name).resolve())
+            if place in places:
+                notices.append(Notice("a file that is named more than once is read once"))
+            else:
+                files[name] = not is_folder
+            places.add(place)
     if not files:
         message, hint = "no file in the folders fits include and exclude.", "Correct the patterns."
         raise UsageError(message, key="sessions.files", hint=hint)
-    return Expanded(list(files.values()), inside, notices)
+    return files, notices
 
 
 def _wanted(folder: Path, wants: Callable[[str], bool]) -> tuple[list[str], list[Notice]]:
@@ -175,14 +165,10 @@ def may_be_study(path: str) -> bool:
 def _inside(folder: Path) -> tuple[list[str], list[Path], list[str]]:
     """Look for tables, other files and folders of results in a folder and those below it."""
     filled = {p.parent for name in _RESULTS for p in folder.rglob(name)} - {folder}
-    tables: list[str] = []
-    others: list[Path] = []
-    for path in sorted(folder.rglob("*")):
-        if path.is_file() and not _hidden(path.relative_to(folder)) and filled.isdisjoint(path.parents):
-            if path.suffix.lower() in _SUFFIXES:
-                tables.append(str(path))
-            else:
-                others.append(path)
+    paths = [path for path in sorted(folder.rglob("*")) if path.is_file() and filled.isdisjoint(path.parents)]
+    paths = [path for path in paths if not _hidden(path.relative_to(folder))]
+    tables = [str(path) for path in paths if path.suffix.lower() in _SUFFIXES]
+    others = [path for path in paths if path.suffix.lower() not in _SUFFIXES]
     return tables, others, sorted(map(str, filled))
 
 
@@ -192,28 +178,24 @@ def _hidden(path: PurePath) -> bool:
 
 def load(name: str) -> Iterator[Input]:
     """Read one path; an archive gives its members, in memory only."""
-    label = "standard input" if name == "-" else name
     if name.lower().endswith(_R_SUFFIXES):
         raise UsageError(f"this is {_R[0]}.", file=name, hint=_R[1])
     try:
-        if name == "-":
-            data = sys.stdin.buffer.read()
-        else:
-            with Path(name).open("rb") as stream:
-                data = stream.read(4)
-                large = os.fstat(stream.fileno()).st_size > BLOCK // 16
-                if large and not data.startswith((_GZIP, _ZIP, b"PAR1")):
-                    yield Input(label, name)
-                    return
-                data += stream.read()
+        with Path(name).open("rb") as stream:
+            data = stream.read(4)
+            large = os.fstat(stream.fileno()).st_size > BLOCK // 16
+            if large and not data.startswith((_GZIP, _ZIP, b"PAR1")):
+                yield Input(name, name)
+                return
+            data += stream.read()
     except OSError as error:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
     if data.startswith(_GZIP):
-        yield Input(label, name, _unpacked(partial(gzip.open, io.BytesIO(data)), label))
-    elif data.startswith(_ZIP) and not is_workbook(data, label):
-        yield from _members(data, label)
+        yield Input(name, name, _unpacked(partial(gzip.open, io.BytesIO(data)), name))
+    elif data.startswith(_ZIP) and not is_workbook(data, name):
+        yield from _members(data, name)
     else:
-        yield Input(label, name, data)
+        yield Input(name, name, data)
 
 
 def is_workbook(data: bytes, name: str) -> bool:
@@ -322,8 +304,7 @@ def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> U
             text = decoder.decode(data, final=not data)
         except UnicodeDecodeError as error:
             row += error.object.count(b"\n", 0, error.start)
-            beside = " (nor in UTF-8)" if encoding == "cp1252" else ""
-            message = f"byte 0x{error.object[error.start]:02x} is not text in {encoding}{beside}."
+            message = f"byte 0x{error.object[error.start]:02x} is not text in {encoding}."
             return UsageError(message, file=file, row=row, hint=_CSV)
         row += line_ends(text.partition("\0")[0])
         if "\0" in text:

@@ -25,16 +25,12 @@ _SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
 _MARK = "\ufeff"
 #: A header of more cells is no session table's; the bound keeps hostile lines cheap.
 _CELLS = 20_000
-#: The dialect of a large file is found from about as many characters.
+#: The dialect of a file is found from about as many characters.
 _HEAD = 1 << 18
 #: The pandas parser rounds correctly by default since 3.1; before, it had to be asked.
 _EXACT: Any = None if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else "round_trip"
 # Cells hold recordings of mouse tracks, beyond the module's 128 kB; a block bounds them.
 csv.field_size_limit(max(csv.field_size_limit(), 8 * files.BLOCK))
-
-
-class _EmptyError(NoDataError):
-    """A header alone."""
 
 
 @dataclass(frozen=True)
@@ -159,11 +155,11 @@ class Block:
 
 
 def text_blocks(
-    stream: TextIO, *, file: str, delimiter: str | None, large: bool, resolves: Callable[[list[str]], bool]
+    stream: TextIO, *, file: str, delimiter: str | None, resolves: Callable[[list[str]], bool]
 ) -> Iterator[Block]:
     """Find the dialect of a text, and cut it into stretches of whole records."""
     with stream:
-        text, first_row = _stretch(stream, file, _HEAD) if large else stream.read(), 1
+        text, first_row = _stretch(stream, file, _HEAD), 1
         if sep := _SEP_LINE.match(text):
             delimiter = delimiter or sep[1]
             text, first_row = text[sep.end() :], 2
@@ -260,7 +256,7 @@ def _with_header(block: Block, tried: Dialect) -> tuple[Dialect, Grid]:
     tried = replace(tried, names=tuple(cells[start]))
     grid = Grid.of(tried, cells[start + 1 :], rows[start + 1 :], last=block.last)
     if grid.cells.empty:
-        raise _EmptyError("there are no data below the header.", hint="Leave the file out.", **place)
+        raise NoDataError("there are no data below the header.", hint="Leave the file out.", **place)
     first = rows.index(int(grid.cells.index[0]))
     return replace(tried, width=len(cells[first])), grid
 

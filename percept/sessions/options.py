@@ -212,7 +212,7 @@ class DataTables(Table):
 
     @model_validator(mode="after")
     def _of_these_quantities(self) -> Self:
-        """Hold columns, their units and references to the quantities; labels may name references."""
+        """Hold columns, their units and references to the quantities."""
         columns = tuple(dict.fromkeys((*canonical_columns(self.quantities), *SUMMARY)))
         quantities = with_mass(self.quantities)
         for name, rule in self.columns.items():
@@ -225,12 +225,10 @@ class DataTables(Table):
                 except UsageError as error:
                     error.key = f"columns.{name}.unit"
                     raise
-        names = {q.label: f"{q.name}_ref" for q in quantities.values()}
+        references = tuple(f"{name}_ref" for name in quantities)
         for name, own in self.environments.items():
-            references = {names.get(key, key): value for key, value in own.items()}
-            for key in references:
-                known_key(tuple(names.values()), key, f"environments.{name}.{key}")
-            self.environments[name] = references
+            for key in own:
+                known_key(references, key, f"environments.{name}.{key}")
         return self
 
 

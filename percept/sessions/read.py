@@ -85,24 +85,7 @@ class Sessions:
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
-        """Build from a DataFrame, with the same checks as a file.
-
-        Parameters
-        ----------
-        frame : DataFrame
-            Columns as in a session file; numbers in the quantities' units unless `options` declares others.
-        options : ReadOptions, optional
-            How to read it.
-
-        Returns
-        -------
-        Sessions
-
-        Raises
-        ------
-        UsageError
-            As :func:`percept.sessions.read_sessions`; a row is the position in `frame` plus 2.
-        """
+        """Build from a DataFrame as :func:`read_sessions` does from a file, its header being row 1."""
         if not isinstance(frame, pd.DataFrame):
             hint = "read_sessions reads files."
             raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
@@ -186,8 +169,8 @@ def read_sessions(
     Parameters
     ----------
     *paths : str, Path or DataFrame
-        Files, folders, glob patterns, or "-" for standard input; CSV in any dialect, gz and zip archives of
-        them, Parquet and Excel. Or one DataFrame, as :meth:`Sessions.from_frame` takes it.
+        Files, folders or glob patterns; CSV in any dialect, gz and zip archives of them, Parquet and Excel.
+        Or one DataFrame, with the columns of a session file.
     columns : mapping, optional
         From canonical name (subject, session, environment, trial, k_ref, b_ref, k_adj, b_adj) to the files'
         own column name or a table {name, unit, path}; it goes before `options.columns`.

@@ -38,14 +38,14 @@ class Reading:
     def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
         """Open the files; an error of one becomes a problem, so that the next is read too."""
         wants = self.options.sessions.files.wants
-        files, inside, notices = expand(paths, wants)
+        files, notices = expand(paths, wants)
         self.notices += notices
-        for file in files:
+        for file, named in files.items():
             with self.problems.collecting():
                 for entry in load(file):
                     if entry.path == file or wants(entry.path):
                         with self.problems.collecting():
-                            yield from self._table(entry, asked=file not in inside and entry.path == file)
+                            yield from self._table(entry, asked=named and entry.path == file)
 
     def _table(self, entry: Input, *, asked: bool) -> Generator[FileTable]:
         with closing(open_blocks(entry, self.options, self.notices)) as blocks:
@@ -136,9 +136,7 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
             return False
         return found.form == "summary" or any(f"{p}_adj" in found.rules for p in options.quantities)
 
-    yield from text_blocks(
-        text, file=file, delimiter=options.sessions.delimiter, large=entry.data is None, resolves=resolves
-    )
+    yield from text_blocks(text, file=file, delimiter=options.sessions.delimiter, resolves=resolves)
 
 
 def _typed_rows(data: bytes, file: str, sheet: str | None) -> list[Sequence[Any]]:

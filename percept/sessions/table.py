@@ -80,8 +80,8 @@ class FileTable:
         places = {f"own:{name}": name for name in texts} | {f"limit:{name}": name for name in limits}
         self._own = {c: position(self.header, name, self.name) for c, name in places.items()}
         self._numbers = {*numbers_of(self.options.quantities), *(c for c in places if c.startswith("limit:"))}
-        # What JSON cells lack: the keys found instead, and whether any cell had the path.
-        self._lacking: dict[str, dict[str, None]] = {}
+        # Of columns with a path: a cell that lacks it, and whether any cell had it.
+        self._lacking: dict[str, str] = {}
         self._picked: set[str] = set()
         self._joins: dict[str, tuple[str, ...]] = {}  # From a joined id to its parts
 
@@ -255,33 +255,27 @@ class FileTable:
         """Values inside the JSON cells of a column."""
         picked = []
         for row, cell in zip(cells.index.tolist(), cells, strict=True):
-            value = ""
+            value: str | None = ""
             try:
                 value = values.pick(cell, path)
-                if not values.is_missing(cell):
-                    self._picked.add(canonical)
             except values.CellError as error:
-                if error.keys is not None:
-                    # Records of other kinds of trial lack the key; a path that no record has is a wrong one.
-                    self._lacking.setdefault(canonical, {}).update(dict.fromkeys(error.keys))
-                else:
-                    self._picked.add(canonical)
-                    # Whether such a row holds no adjustment is the scene's to say, hence a problem, no blank.
-                    hint = f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
-                    self.problems.add(f"{error}.", value=cell, hint=hint, **self._place(canonical, row))
-            picked.append(value)
+                # Whether such a row holds no adjustment is the scene's to say, hence a problem, no blank.
+                hint = f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
+                self.problems.add(f"{error}.", value=cell, hint=hint, **self._place(canonical, row))
+            if value is None:
+                self._lacking.setdefault(canonical, cell)
+            elif not values.is_missing(cell):
+                self._picked.add(canonical)
+            picked.append(value or "")
         return picked
 
     def _check_paths(self) -> None:
+        """Refuse a path that no record has; records of other kinds of trial may lack it."""
         for canonical in (c for c in self._lacking if c not in self._picked):
-            keys = shown(list(self._lacking[canonical]))
-            self.problems.add(
-                f"no row has this path; the keys there are {keys or 'none'}.",
-                key=f"columns.{canonical}.path",
-                value=self._rules[canonical].path,
-                hint="A path begins inside the cell; correct it, or pick rows with [sessions] only.",
-                **self._place(canonical),
-            )
+            key, path = f"columns.{canonical}.path", self._rules[canonical].path
+            hint = f"Correct it: it begins inside a cell such as {shown([self._lacking[canonical]])}."
+            place = self._place(canonical)
+            self.problems.add("no row has this path.", key=key, value=path, hint=hint, **place)
 
     def _converted(self, data: pd.DataFrame) -> pd.DataFrame:
         """Convert columns of numbers to doubles in percept's units, by the file's one decimal mark."""

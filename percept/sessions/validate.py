@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from percept.errors import PerceptError, UsageError, counted, printable
+from percept.errors import PerceptError, counted, printable
 from percept.sessions.columns import resolve
 from percept.sessions.files import expand, load
 from percept.sessions.grids import Grid
 from percept.sessions.options import ReadOptions
-from percept.sessions.quantities import quantity_of
+from percept.sessions.quantities import IMPEDANCE, quantity_of
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.reading import open_blocks
-from percept.sessions.records import IDS, MASS, Notice, ReadError, summarised
+from percept.sessions.records import IDS, MASS, Notice, Problems, ReadError, summarised
 from percept.sessions.values import is_missing
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
@@ -46,9 +46,6 @@ _UNITS: Mapping[str, str] = {
     "ms": "duration", "s": "duration", "sec": "duration", "g": "weight", "kg": "weight", "mm": "length",
     "cm": "length", "m": "length", "N": "force", "Hz": "frequency", "dB": "level", "deg": "angle",
     "N/m": "k", "N/mm": "k", "N*s/m": "b", "N·s/m": "b", "Ns/m": "b",
-}  # fmt: skip
-_IMPEDANCE: Mapping[str, tuple[str, str]] = {
-    "k": ("k", "N/m"), "b": ("b", "N·s/m"), "stiffness": ("k", "N/m"), "damping": ("b", "N·s/m"),
 }  # fmt: skip
 #: Files of a folder that are looked at, rows of each, and different numbers above which their range is told.
 _FILES, _ROWS, _RANGE = 20, 5000, 20
@@ -213,22 +210,15 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
         The file is no table.
     """
     options = options or ReadOptions()
-    best: Proposal | None = None
-    for file in expand([path]).files[:_FILES]:
+    found: list[Proposal] = []
+    problems = Problems()
+    for file in islice(expand([path])[0], _FILES):
         for entry in islice(load(file), _FILES):
-            try:
-                with closing(open_blocks(entry, options, [])) as blocks:
-                    found = _proposal(next(blocks).grid(), options, entry.name)
-            except UsageError:
-                if best is None and file == str(path):
-                    raise
-                continue
-            if not found.missing:
-                return found
-            best = min(best or found, found, key=lambda one: len(one.missing))
-    if best is None:
-        raise UsageError("the folder holds no table to propose a mapping for.", file=str(path))
-    return best
+            with problems.collecting(), closing(open_blocks(entry, options, [])) as blocks:
+                found.append(_proposal(next(blocks).grid(), options, entry.name))
+    if not found:
+        problems.raise_if_any()
+    return min(found, key=lambda one: len(one.missing))
 
 
 def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
@@ -248,14 +238,14 @@ def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
     if not any(c.endswith("_adj") for c in known):
         numbers, quantities = _numbers(free)
         found |= numbers
+        # A reference may be what tells environments apart.
         free = [column for column in free if column not in (found[c] for c in numbers if c.endswith("_adj"))]
     for canonical, words in _IDS.items():
         if canonical not in found and (column := _id(words, free)):
             found[canonical] = column
     references = [column for c, column in found.items() if c.endswith("_ref")]
-    if "environment" not in found and references:
-        # The reference itself tells environments apart.
-        found["environment"] = references[0]
+    if references:
+        found.setdefault("environment", references[0])
     stems = dict.fromkeys(quantity_of(c) for c in found if c not in (*_IDS, MASS)) or ["NAME"]
     needed = ["subject", "environment", *(f"{stem}_{kind}" for stem in stems for kind in ("ref", "adj"))]
     declared = {name for references in options.environments.values() for name in references}
@@ -290,19 +280,17 @@ def _numbers(free: Sequence[_Column]) -> tuple[dict[str, _Column], dict[str, str
     references = [column for column in numeric if _REFERENCE & set(column.words) and column not in adjusted]
     for column in adjusted:
         about = column.about(_ADJUSTED)
-        own = [ref for ref in references if ref.about(_REFERENCE) == about] or (
-            references if len(references) == 1 or len(adjusted) == 1 else []
-        )
-        unit = column.unit or next((ref.unit for ref in own[:1] if ref.unit), None)
-        name = about or next((n for ref in own[:1] if (n := ref.about(_REFERENCE))), "")
-        name = name or _UNITS.get(unit or "", "response")
-        name, usual = _IMPEDANCE.get(name, (name, ""))
-        if not re.match("[a-z]", name) or f"{name}_adj" in found:
-            continue
-        if not usual:
-            quantities[name] = unit or ""
-        found[f"{name}_adj"] = column
-        found |= {f"{name}_ref": ref for ref in own[:1]}
+        own = [ref for ref in references if ref.about(_REFERENCE) == about]
+        if not own and (len(references) == 1 or len(adjusted) == 1):
+            own = references
+        unit = column.unit or next((ref.unit for ref in own[:1] if ref.unit), None) or ""
+        name = about or "".join(ref.about(_REFERENCE) for ref in own[:1]) or _UNITS.get(unit, "response")
+        name = {"stiffness": "k", "damping": "b"}.get(name, name)
+        if re.match("[a-z]", name) and f"{name}_adj" not in found:
+            if name not in IMPEDANCE:
+                quantities[name] = unit
+            found[f"{name}_adj"] = column
+            found |= {f"{name}_ref": ref for ref in own[:1]}
     return found, quantities
 
 
@@ -317,5 +305,5 @@ def _id(words: Sequence[str], free: Sequence[_Column]) -> _Column | None:
 
 
 def _toml(text: str) -> str:
-    # A JSON string is a TOML basic string, but for DEL, which TOML wants escaped.
+    """Write a TOML string: a JSON one, but for DEL, which TOML wants escaped."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -140,15 +140,11 @@ def _diagnosis(text: str, mark: DecimalMark) -> tuple[str, str]:
 
 
 class CellError(ValueError):
-    """A cell that has no value at the path asked for; of a record that lacks a key, `keys` it has."""
-
-    def __init__(self, message: str, keys: Iterable[str] | None = None) -> None:
-        super().__init__(message)
-        self.keys = None if keys is None else tuple(keys)
+    """A cell that has no value at the path asked for."""
 
 
-def pick(cell: str, path: str) -> str:
-    """Pick one value from a JSON cell, as text, so that no digit is lost."""
+def pick(cell: str, path: str) -> str | None:
+    """Pick one value from a JSON cell, as text, so that no digit is lost; None where a record lacks a key."""
     if is_missing(cell):
         return ""
     text = _NUMPY.sub(r"\1", cell)
@@ -160,7 +156,7 @@ def pick(cell: str, path: str) -> str:
         raise CellError("not a JSON record or list") from None
     for step in path.split("."):
         if isinstance(value, dict) and step not in value:
-            raise CellError(f"the record has no {step!r}", value)
+            return None
         try:
             value = None if value is None else value[int(step) if isinstance(value, list) else step]
         except (LookupError, TypeError, ValueError):

@@ -138,7 +138,7 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
     head = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
     text = head + "".join(f"{s},a,900,2,{900 + s},{2 + s / 10}\n" for s in (1, 2, 3, 4))
     device = {"mass": 1.0, "damping": 5.0, "period": 0.001}
-    found = read(tmp_path, text, environments={"a": {"mass": 0.3}})
+    found = read(tmp_path, text, environments={"a": {"m_ref": 0.3}})
     study = Study(found, Scene(device=device, inference={"method": "classical"}))
     assert study.setup.references["a"].mass == 0.3
     omega = np.array([2.0, 30.0])
@@ -318,8 +318,8 @@ def test_the_line_of_a_wrong_quote_is_that_of_the_delimiter_meant(tmp_path):
         ("study.RData", bz2.compress(b"RDX3\nX\n"), "an R data file, which only R opens"),
         ("study.rds", lzma.compress(b"X\n\0\0\0"), "an R data file, which only R opens"),
         ("study.csv", b"X\n\0\0\0\3", "an R data file, which only R opens"),
-        ("study.mat", b"MATLAB 5.0 MAT-file", "a MATLAB or HDF5 file"),
-        ("study.sav", b"$FL2@(#) SPSS DATA FILE", "an SPSS or Stata file"),
+        ("study.mat", b"MATLAB 5.0 MAT-file", "another program's binary file"),
+        ("study.sav", b"$FL2@(#) SPSS DATA FILE", "another program's binary file"),
     ],
     ids=["rda", "RData", "rds", "csv", "mat", "sav"],
 )

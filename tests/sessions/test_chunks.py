@@ -43,6 +43,7 @@ def blocks(monkeypatch):
 def whole(monkeypatch, file, options=None):
     with monkeypatch.context() as patch:
         patch.setattr(files, "BLOCK", 1 << 30)
+        patch.setattr(grids, "_HEAD", 1 << 30)
         return read_sessions(file, options=options)
 
 
