@@ -27,7 +27,7 @@ _HEAVIEST = 100.0  # kg; no m_e above it is looked at
 def limits_printed(published: Published) -> list[tuple[str, str, str, str]]:
     """Return Table 1 as percept prints it: name, parameter, lower and upper limit as text."""
     limits = published.limits
-    interval = t_interval(published.moments, level=limits.level)
+    interval = t_interval(published.limits.moments, level=limits.level)
     lower, upper = np.asarray(interval.lower), np.asarray(interval.upper)
     return [
         (
@@ -51,7 +51,7 @@ def table_1(published: Published) -> Evidence:
 def reference_inside(published: Published) -> Evidence:
     """Judge whether what was shown lies among what feels like it (Fig. 5)."""
     references = np.array(published.limits.reference, dtype=float)
-    found = bias(published.moments, references, level=published.limits.level)
+    found = bias(published.limits.moments, references, level=published.limits.level)
     held = ((np.asarray(found.lower) <= 1.0) & (np.asarray(found.upper) >= 1.0)).ravel()
     names = np.array(_cells(published))
     outside = names[~held].tolist()
@@ -88,7 +88,7 @@ def thirty_subjects(published: Published) -> Evidence:
 
 def normal_values(published: Published) -> Evidence:
     """Judge the premise of a normal law for stiffness and damping, which are positive."""
-    mean, sd = (np.ravel(part) for part in (published.moments.mean, published.moments.sd))
+    mean, sd = (np.ravel(part) for part in (published.limits.moments.mean, published.limits.moments.sd))
     below, names = special.ndtr(-mean / sd), np.array(_cells(published))
     factor = float(tolerance_factor(published.limits.n, published.limits.level, _SHARE_CONFIDENCE))
     fits = mean - factor * sd > 0
@@ -151,7 +151,7 @@ def _cells(published: Published) -> list[str]:
 
 def _moments_of(published: Published, row: int) -> tuple[Moments, Moments]:
     """Return the moments of k and of b of one environment."""
-    mean, sd = np.asarray(published.moments.mean), np.asarray(published.moments.sd)
+    mean, sd = np.asarray(published.limits.moments.mean), np.asarray(published.limits.moments.sd)
     k, b = (Moments(float(mean[row, p]), float(sd[row, p]), published.limits.n) for p in (0, 1))
     return k, b
 

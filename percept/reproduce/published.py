@@ -20,7 +20,7 @@ from percept.haptics import (
     perceived_impedance,
     required_damping,
 )
-from percept.inference import Moments, prediction_interval
+from percept.inference import prediction_interval
 from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.simulate.like import PublishedLimits
@@ -91,12 +91,6 @@ class Published:
             found.append(Wall(name, Environment(k, b), (k_low, k_high), (b_low, b_high)))
         return tuple(found)
 
-    @cached_property
-    def moments(self) -> Moments:
-        """Mean and SD behind the limits, shape (environments, 2), N/m and N·s/m."""
-        lower, upper = (np.array(part, dtype=float) for part in (self.limits.lower, self.limits.upper))
-        return Moments.from_limits(lower, upper, self.limits.n, level=self.limits.level)
-
     @property
     def drawn(self) -> tuple[tuple[Wall, tuple[float, float]], ...]:
         """The environments of Fig. 7 with the window, rad/s, of each enlarged panel: b, d and f."""
@@ -126,7 +120,7 @@ class Published:
     def next_user(self) -> Array:
         """Prediction limits of the scene's family, (environments, 2, 2): of k and b, lower and upper."""
         limits = prediction_interval(
-            self.moments, level=self.limits.level, family=self.scene.inference.family
+            self.limits.moments, level=self.limits.level, family=self.scene.inference.family
         )
         return np.stack([np.asarray(limits.lower), np.asarray(limits.upper)], axis=-1)
 

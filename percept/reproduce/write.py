@@ -122,7 +122,7 @@ def _document(
 
 
 def _table(published: Published) -> list[dict[str, Any]]:
-    limits, moments = published.limits, published.moments
+    limits, moments = published.limits, published.limits.moments
     user = prediction_interval(moments, level=limits.level)
     share = tolerance_interval(moments, level=limits.level)
     printed = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import statistics
@@ -17,6 +18,7 @@ from scipy.special import stdtrit
 
 from percept.errors import RefusalError, UsageError
 from percept.files import write_whole
+from percept.inference import Moments
 from percept.sessions import Sessions
 from percept.simulate.model import SOURCE, Design, correlated_normal, session_table
 
@@ -63,27 +65,25 @@ class PublishedLimits:
                     value=str(other[0]),
                 )
         cells = {(row.environment, row.parameter): row for row in table.itertuples()}
-        environments = sessions.environments
-        parameters = sessions.parameters
-
-        def grid(column: str) -> _Rows:
-            return tuple(
-                tuple(Decimal(f"{getattr(cells[e, p], column):.15g}") for p in parameters)
-                for e in environments
-            )
-
-        for e in environments:
-            for p in parameters:
-                _require_limits(cells.get((e, p)), f"{e}, {p}", file)
-        return cls(
-            environments=environments,
-            parameters=parameters,
-            reference=grid("reference"),
-            lower=grid("lower"),
-            upper=grid("upper"),
-            n=int(table["n"].iloc[0]),
-            level=float(table["level"].iloc[0]),
+        environments, parameters = sessions.environments, sessions.parameters
+        for e, p in itertools.product(environments, parameters):
+            if (e, p) not in cells:
+                raise UsageError(f"there is no row for {e}, {p}, though others have one.", file=file)
+            lower, upper = (_decimal(limit) for limit in (cells[e, p].lower, cells[e, p].upper))
+            if max(len(limit.as_tuple().digits) for limit in (lower, upper)) > _PRINTED_DIGITS:
+                raise UsageError(
+                    f"{e}, {p}: printed limits are needed, and {lower} to {upper} was worked out.",
+                    file=file,
+                    hint="percept fit takes means and standard deviations.",
+                )
+            if lower == upper:
+                raise UsageError(f"{e}, {p}: the limits {lower} and {upper} must differ.", file=file)
+        reference, low, high = (
+            tuple(tuple(_decimal(getattr(cells[e, p], column)) for p in parameters) for e in environments)
+            for column in ("reference", "lower", "upper")
         )
+        n, level = int(table["n"].iloc[0]), float(table["level"].iloc[0])
+        return cls(environments, parameters, reference, low, high, n, level)
 
     @property
     def factor(self) -> float:
@@ -91,33 +91,15 @@ class PublishedLimits:
         return float(-stdtrit(self.n - 1, (1 - self.level) / 2) / np.sqrt(self.n))
 
     @property
-    def mean(self) -> Array:
-        """Mean of the subjects, (J, P): the middle of the limits."""
-        return (np.array(self.lower, dtype=float) + np.array(self.upper, dtype=float)) / 2
-
-    @property
-    def sd(self) -> Array:
-        """Standard deviation of the subjects, (J, P), backed out of the limits' distance."""
-        return (np.array(self.upper, dtype=float) - np.array(self.lower, dtype=float)) / (2 * self.factor)
+    def moments(self) -> Moments:
+        """Mean and SD of the subjects behind the limits, (J, P)."""
+        lower, upper = (np.array(part, dtype=float) for part in (self.lower, self.upper))
+        return Moments.from_limits(lower, upper, self.n, level=self.level)
 
 
-def _require_limits(row: object, cell: str, file: str | None) -> None:
-    if row is None:
-        raise UsageError(f"there is no row for {cell}, though others have one.", file=file)
-    lower, upper = (Decimal(f"{getattr(row, name):.15g}") for name in ("lower", "upper"))
-    if max(len(lower.as_tuple().digits), len(upper.as_tuple().digits)) > _PRINTED_DIGITS:
-        raise UsageError(
-            f"{cell}: printed limits are needed, and {lower} to {upper} was worked out.",
-            file=file,
-            hint="percept fit takes means and standard deviations.",
-        )
-    if lower >= upper:
-        raise UsageError(
-            f"{cell}: the upper limit must be above the lower one, {lower}.",
-            file=file,
-            column="upper",
-            value=str(upper),
-        )
+def _decimal(value: object) -> Decimal:
+    """Return a number as it is printed, without the last digits of a double."""
+    return Decimal(f"{value:.15g}")
 
 
 def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None) -> pd.DataFrame:
@@ -145,10 +127,11 @@ def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None
     environments, parameters = design.references.shape
     rng = np.random.default_rng(seed)
     z = _scores(rng, (count, environments, parameters))
+    mean, sd = np.asarray(limits.moments.mean), np.asarray(limits.moments.sd)
     adjusted = np.empty_like(z)
     for j, p in np.ndindex(environments, parameters):
         where = f"{limits.environments[j]}, {limits.parameters[p]}"
-        exact = _match(z[:, j, p], float(limits.mean[j, p]), float(limits.sd[j, p]), where)
+        exact = _match(z[:, j, p], float(mean[j, p]), float(sd[j, p]), where)
         adjusted[:, j, p] = _rounded(exact, limits.factor, (limits.lower[j][p], limits.upper[j][p]), where)
     i, j = np.indices((count, environments)).reshape(2, -1)
     return session_table(design, i, j, np.ones_like(i), adjusted.reshape(-1, parameters))

@@ -35,13 +35,9 @@ class Design:
 
     def __post_init__(self) -> None:
         references = np.array(self.references, dtype=float)
-        if not np.all(np.isfinite(references) & (references > 0)):
-            bad = references[~(np.isfinite(references) & (references > 0))][0]
-            raise UsageError(
-                "every reference must be positive: responses are ratios to it.",
-                key="references",
-                value=float(bad),
-            )
+        if (bad := references[~(np.isfinite(references) & (references > 0))]).size:
+            message = "every reference must be positive: responses are ratios to it."
+            raise UsageError(message, key="references", value=float(bad[0]))
         names = self.environments or tuple(f"VE{j}" for j in range(1, len(references) + 1))
         object.__setattr__(self, "references", references)
         object.__setattr__(self, "environments", names)
@@ -228,11 +224,8 @@ def simulate(
         adjusted = reference * (np.exp(found.y) if family == "lognormal" else 1 + found.y)
     lost = ~np.isfinite(adjusted) | ((adjusted <= 0) & (family == "lognormal"))
     if lost.any():
-        raise RefusalError(
-            "a drawn response leaves the range of doubles.",
-            value=float(found.y[lost][0]),
-            hint="Use another seed.",
-        )
+        message, value = "a drawn response leaves the range of doubles.", float(found.y[lost][0])
+        raise RefusalError(message, value=value, hint="Use another seed.")
     return session_table(design, found.subject, found.environment, found.trial, adjusted)
 
 
