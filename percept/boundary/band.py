@@ -210,40 +210,34 @@ def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Arra
 def _fit_offset(impedance: Array, y: Array) -> Array:
     """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
     # From e^16 on, c + w|Z| is constant to the digits a band has.
-    low, high = np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 16.0
-    grid = np.concatenate([[-np.inf], np.linspace(low, high, _GRID)])
+    grid = np.linspace(np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 16.0, _GRID)
     # The grid is the same for all sets: of the squared distances only the product with it differs. The
     # digits this loses could at most choose a neighbouring step, which the brackets hold as well.
     curves = np.log(np.exp(grid)[:, None] + impedance)
     curves -= curves.mean(axis=1, keepdims=True)
     best = (np.einsum("gj,gj->g", curves, curves) - 2.0 * y @ curves.T).argmin(axis=1)
-    step = (high - low) / (_GRID - 1)
-    centre = np.where(np.isfinite(grid[best]), grid[best], low)
     every = np.arange(len(y))
 
-    def slope(log_ratio: Array, which: NDArray[np.intp]) -> Array:
-        """Half the derivative of the summed squares; their own minimum is flat, and gives half the digits."""
+    def misfit(log_ratio: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Half the squared distance, and its slope: the minimum itself is flat, and gives half the digits."""
         offset = np.exp(log_ratio)[:, None]
-        off = _centred(y[which] - np.log(offset + impedance))
-        return -np.einsum("sj,sj->s", off, offset / (offset + impedance))
+        off = y[which] - np.log(offset + impedance)
+        off -= off.mean(axis=1, keepdims=True)
+        slope = -np.einsum("sj,sj->s", off, offset / (offset + impedance))
+        return 0.5 * np.einsum("sj,sj->s", off, off), slope
 
-    left, right = centre - step, centre + step
+    def slope(log_ratio: Array, which: NDArray[np.intp]) -> Array:
+        return misfit(log_ratio, which)[1]
+
+    step = grid[1] - grid[0]
+    left, right = grid[best] - step, grid[best] + step
     rises, falls = slope(left, every) >= 0, slope(right, every) <= 0
     minimum = np.where(rises, left, right)
     turns = np.flatnonzero(~rises & ~falls)
     if turns.size:
         minimum[turns] = elementwise.find_root(slope, (left[turns], right[turns]), args=(turns,)).x
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
-    none = _cost(np.full(len(y), -np.inf), impedance, y) <= _cost(minimum, impedance, y)
+    none = misfit(np.full(len(y), -np.inf), every)[0] <= misfit(minimum, every)[0]
     ratio = np.where(none, 0.0, np.exp(minimum))
     w = np.exp((y - np.log(ratio[:, None] + impedance)).mean(axis=1))
     return np.stack([ratio * w, w], axis=1)
-
-
-def _cost(log_ratio: Array, impedance: Array, y: Array) -> Array:
-    off = _centred(y - np.log(np.exp(log_ratio)[:, None] + impedance))
-    return np.einsum("sj,sj->s", off, off) / off.shape[1]
-
-
-def _centred(values: Array) -> Array:
-    return values - (values.sum(axis=1) / values.shape[1])[:, None]

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -30,8 +29,8 @@ from percept.inference.sampling.endpoints import mixture_quantile
 Array = NDArray[np.float64]
 Family = Literal["normal", "lognormal"]
 
-# The grid leaves out this probability at either end of either axis.
-_BEYOND = 2e-6
+# An axis bends about its central 68 %; its grid leaves out the second probability at either end.
+_TAILS = (0.16, 2e-6)
 # Draws that say where the grid ends.
 _ENOUGH = 1024
 # Steps of the density's grid near the middle, in half-widths of the central 68 %, and into what each is cut.
@@ -55,16 +54,6 @@ class Axis:
     high: float
     size: int  # of the density's grid
     log: bool
-
-    @classmethod
-    def of(cls, quantile: Callable[[float], tuple[float, float]], step: float, *, log: bool) -> Axis:
-        """Lay an axis over a law by its quantiles."""
-        (left, right), ends = quantile(0.16), np.array(quantile(_BEYOND))
-        centre, unit = 0.5 * (left + right), 0.5 * (right - left)
-        low, high = np.arcsinh((ends - centre) / unit).tolist()
-        # In eights, so that studies alike share the splines.
-        size = 8 * int(np.ceil((high - low) / step / 8.0)) + 1
-        return cls(centre, unit, low, high, size, log)
 
     @property
     def grid(self) -> Array:
@@ -155,11 +144,8 @@ def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family:
     sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:: 1 + len(mean) // _ENOUGH]
     centre, about = mean.mean(axis=0), np.cov(mean.T, bias=True) + covariance.mean(axis=0)
 
-    def quantiles(tail: float) -> Array:
-        return np.stack([mixture_quantile(some, sd, tail, upper=upper)[0] for upper in (False, True)])
-
-    found = {tail: quantiles(tail) for tail in (0.16, _BEYOND)}
-    axes = _axes(about, lambda p, tail: tuple(found[tail][:, p].tolist()), family)
+    ends = [[mixture_quantile(some, sd, tail, upper=upper)[0] for upper in (False, True)] for tail in _TAILS]
+    axes = _axes(about, np.array(ends), family)
     order = np.argsort(batch, kind="stable")
     sizes = np.bincount(batch)
     x, y = (np.sinh(axis.grid) for axis in axes)
@@ -180,7 +166,7 @@ def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family:
         np.maximum(terms, np.float32(-80.0), out=terms)
         np.exp(terms, out=terms)
         density[:, :, column] = np.add.reduceat(terms, starts, axis=1).T
-    return _law(density.sum(axis=0), density, axes, centre, about, family, sizes / sizes.sum())
+    return _law(density, sizes / sizes.sum(), axes, centre, about, family)
 
 
 def _by_regression(
@@ -195,36 +181,32 @@ def _by_regression(
     return own, c[:, 1, 1], slope, left
 
 
-def _axes(
-    covariance: Array, quantile: Callable[[int, float], tuple[float, float]], family: Family
-) -> tuple[Axis, Axis]:
-    """Lay both axes over a law; finer where k and b go together."""
+def _axes(covariance: Array, quantiles: Array, family: Family) -> tuple[Axis, Axis]:
+    """Lay both axes over a law by its quantiles (tails, sides, 2); finer where k and b go together."""
     rho = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
     step = _STEP * min(1.0, max(0.2, 2.5 * np.sqrt(max(0.0, 1.0 - rho * rho))))
-    first, second = (
-        Axis.of(functools.partial(quantile, p), step, log=family == "lognormal") for p in range(2)
-    )
-    return first, second
+    axes = []
+    for (left, right), ends in np.moveaxis(quantiles, -1, 0):
+        centre, unit = 0.5 * (left + right), 0.5 * (right - left)
+        low, high = np.arcsinh((ends - centre) / unit).tolist()
+        # In eights, so that studies alike share the splines.
+        size = 8 * int(np.ceil((high - low) / step / 8.0)) + 1
+        axes.append(Axis(float(centre), float(unit), low, high, size, log=family == "lognormal"))
+    return axes[0], axes[1]
 
 
 def _law(
-    density: Array,
-    batches: Array,
-    axes: tuple[Axis, Axis],
-    mean: Array,
-    covariance: Array,
-    family: Family,
-    shares: Array,
+    batches: Array, shares: Array, axes: tuple[Axis, Axis], mean: Array, covariance: Array, family: Family
 ) -> PairLaw:
     """Put densities of the standard coordinates on the axes' own, each summing to one."""
-    rates = np.multiply.outer(*(np.cosh(axis.grid) for axis in axes))
-    (du, dv), density = (1.0 / (axis.size - 1) for axis in axes), density * rates
+    batches = batches * np.multiply.outer(*(np.cosh(axis.grid) for axis in axes))
+    du, dv = (1.0 / (axis.size - 1) for axis in axes)
+    density = batches.sum(axis=0)
     over_k = CubicSpline(np.linspace(0.0, 1.0, axes[0].size), density).integrate(0.0, 1.0)
     density /= CubicSpline(np.linspace(0.0, 1.0, axes[1].size), over_k).integrate(0.0, 1.0)
-    batches = batches * rates
     sums = np.asarray(np.trapezoid(np.trapezoid(batches, dx=du, axis=1), dx=dv, axis=1))
     batches /= sums[:, None, None]
-    return PairLaw(family, mean, covariance, axes, density, batches, shares)
+    return PairLaw(family, mean, covariance, axes, density, batches[: shares.size], shares)
 
 
 def confidence_law(stiffness: ArrayLike, damping: ArrayLike, *, kind: str, family: Family) -> PairLaw:
@@ -236,19 +218,14 @@ def confidence_law(stiffness: ArrayLike, damping: ArrayLike, *, kind: str, famil
     if not (np.diagonal(covariance) > 0).all():
         raise RefusalError("all subjects adjusted alike: there is no scatter to draw from.")
     covariance *= 1.0 / n if kind == "mean" else 1.0 + 1.0 / n
-    sd = np.sqrt(np.diagonal(covariance))
-
-    def quantile(p: int, tail: float) -> tuple[float, float]:
-        out = -float(special.stdtrit(n - 1, tail)) * sd[p]
-        return mean[p] - out, mean[p] + out
-
-    axes = _axes(covariance, quantile, family)
+    out = -special.stdtrit(n - 1, np.array(_TAILS))[:, None] * np.sqrt(np.diagonal(covariance))
+    axes = _axes(covariance, np.stack([mean - out, mean + out], axis=1), family)
     own, spread, slope, left = _by_regression(mean[None], covariance[None], axes)
     x, y = np.meshgrid(*(np.sinh(axis.grid) for axis in axes), indexing="ij")
     off = y - own[1]
     square = (x - own[0] - slope * off) ** 2 / left + off**2 / spread
     density = (1.0 + square / (n - 1.0)) ** (-0.5 * (n + 1.0))
-    return _law(density, np.empty((0, *density.shape)), axes, mean, covariance, family, np.empty(0))
+    return _law(density[None], np.empty(0), axes, mean, covariance, family)
 
 
 def steps(place: Array, count: int) -> tuple[NDArray[np.intp], Array]:

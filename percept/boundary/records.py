@@ -43,8 +43,8 @@ class Boundary(NotebookRecord):
     coupled : ndarray, shape (M,), or None
         abs(Z_h) of the reference through the virtual coupling (Eq. 11), N·s/m.
     errors : ndarray, shape (2, M), or None
-        Monte Carlo standard errors of log lower and log upper, from batches of posterior draws. None for a
-        boundary around a region, and for a classical law, which is not drawn.
+        Monte Carlo standard errors of log lower and log upper, from batches of posterior draws; None where
+        nothing is drawn.
     error, largest_error : float or None
         Typical (root mean square over log omega) and largest of `errors`, as a fraction of half the band's
         width in logarithms. None without errors, and without width.
