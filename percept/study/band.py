@@ -84,17 +84,15 @@ def with_band(
     `no_share` says that a posterior would have to give a law of kind share, and cannot.
     """
     banded = [Banded(p, {e: reference[p, e] for e in environments}) for p in parameters]
+    what = "its reference"
     if is_impedance(parameters):
         size = {e: float(np.hypot(reference["b", e], reference["k", e] / omega)) for e in environments}
-        banded = [Banded(None, size, omega)]
+        banded, what = [Banded(None, size, omega)], "the impedance of its reference"
     for one in banded:
-        name = size_name(one.parameter)
-        what = "the impedance of its reference" if one.parameter is None else "its reference"
-        of = "" if len(banded) == 1 else f" of {one.parameter}"
+        name, of = size_name(one.parameter), "" if len(banded) == 1 else f" of {one.parameter}"
         kept = {environment: value for environment, value in one.size.items() if value > 0}
-        for environment in one.size:
-            if environment not in kept:
-                yield Skipped(f"band{of} of {environment}", f"{what} is zero")
+        for environment in (e for e in one.size if e not in kept):
+            yield Skipped(f"band{of} of {environment}", f"{what} is zero")
         if kept:
             yield one._replace(size=kept)
         if len(environments) < 2:

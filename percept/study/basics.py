@@ -102,7 +102,6 @@ class Stream(enum.IntEnum):
     CLASSICAL_BANDS = 107
     POSTERIOR_BANDS = 108
     PAIRS = 110
-    PREDICTIVE = 113
     CHECKED_STATISTICS = 127
     PRIOR = 131
 

@@ -215,15 +215,6 @@ def within_model(sessions: Sessions, parameter: str, scene: Scene, levels: tuple
     )
 
 
-def contrast_priors(scene: Scene) -> list[dict[str, Any]]:
-    """Priors that the model of two levels adds to the study's own, with their meaning."""
-    from percept.inference.hierarchy.priors import Priors
-    from percept.study.fit import prior_rows
-
-    priors = Priors(**scene.model.priors)
-    return prior_rows({"lambda_sd": priors.lambda_sd, "psi_sd": priors.psi_sd})
-
-
 def _bayesian(sessions: Sessions, scene: Scene, pair: _Pair, **how: Any) -> Iterator[Row | Skipped]:
     """Yield the rows of a model of its own, whose SDs of subjects hold at both levels."""
     from percept.inference.hierarchy.density import ConditionalMoments

@@ -162,19 +162,15 @@ def design_by_method(
     """Map the couplings that are stable and realistic, by the limits of kind user of each method."""
     found = {}
     for method in ("classical", "bayesian"):
-        of_user = {
-            r.environment: r
+        wanted = (method, "user", family, "marginal")
+        boxes = {
+            r.environment: r.limits
             for r in regions
-            if (r.method, r.kind, r.family, r.joint) == (method, "user", family, "marginal")
+            if (r.method, r.kind, r.family, r.joint) == wanted and r.limits is not None
         }
-        if of_user.keys() != setup.references.keys():
-            continue
-        limits = [
-            EnvironmentBoundary(reference, *box)
-            for name, reference in setup.references.items()
-            if (box := of_user[name].limits) is not None
-        ]
-        found[method] = design_couplings(setup.device, limits, within, setup.period, hold=setup.hold)
+        if boxes.keys() == setup.references.keys():
+            limits = [EnvironmentBoundary(own, *boxes[name]) for name, own in setup.references.items()]
+            found[method] = design_couplings(setup.device, limits, within, setup.period, hold=setup.hold)
     return found
 
 

@@ -50,16 +50,11 @@ class Setup:
 
     def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
         """abs(Z_h) of a reference at frequencies (M,), rad/s, without or through the coupling, N·s/m."""
-        return np.abs(
-            haptics.perceived_impedance(
-                omega,
-                self.device,
-                self.references[environment],
-                self.period,
-                coupling=self.coupling if coupled else None,
-                hold=self.hold,
-            )
+        own, through = self.references[environment], self.coupling if coupled else None
+        found = haptics.perceived_impedance(
+            omega, self.device, own, self.period, coupling=through, hold=self.hold
         )
+        return np.abs(found)
 
     def outline(self, region: Region, shape: Shape, omega: Array) -> tuple[Array, Array]:
         """Lower and upper curve of abs(Z_h) around a region at frequencies, rad/s, N·s/m."""

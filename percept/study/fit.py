@@ -250,21 +250,17 @@ def modelled_together(parameters: tuple[str, ...], named: tuple[str, ...] | None
 
 def _side_by_side(models: list[Prepared]) -> Prepared:
     """Put models of different parameters together, the cells of each in a row."""
-    first = models[0]
+    origin, unit = (np.concatenate([getattr(m.scale, name) for m in models]) for name in ("origin", "unit"))
     why = "two are modelled together at most; [inference] together names them"
-    scale = ResponseScale(
-        first.scale.log, *(np.concatenate([getattr(m.scale, n) for m in models]) for n in ("origin", "unit"))
-    )
+    skipped = [Skipped("correlations of more than two parameters", why)]
+    skipped += dict.fromkeys(part for m in models for part in m.skipped)
     return Prepared(
         Product([m.model for m in models]),
-        scale,
+        ResponseScale(models[0].scale.log, origin, unit),
         np.concatenate([m.counts for m in models]),
         any(m.repeats for m in models),
-        quantities=first.quantities,
-        skipped=(
-            Skipped("correlations of more than two parameters", why),
-            *dict.fromkeys(part for m in models for part in m.skipped),
-        ),
+        quantities=models[0].quantities,
+        skipped=tuple(skipped),
     )
 
 

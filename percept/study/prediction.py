@@ -27,6 +27,8 @@ from percept.study.responses import ResponseScale, refuse_no_ratio
 if TYPE_CHECKING:
     from percept.study.study import Study
 
+#: Name of the environment.
+_NEW = "new"
 # Spreads of the new environment per posterior draw.
 _REPEATS = 4
 #: Why a reference of zero cannot be predicted from, nor for.
@@ -73,9 +75,6 @@ def predict(
     stiffness: float | None = None,
     damping: float | None = None,
     at: Mapping[str, float] | None = None,
-    name: str = "new",
-    kinds: tuple[Kind, ...] | None = None,
-    curves: bool = True,
 ) -> Prediction:
     """Predict intervals and boundaries of an untested environment.
 
@@ -87,12 +86,6 @@ def predict(
         Of the environment, N/m and N·s/m; each where the study analyses it.
     at : mapping of str to float, optional
         References by the name of their quantity, in its unit.
-    name : str
-        Of the environment.
-    kinds : tuple of str, optional
-        Of the intervals; the study's by default.
-    curves : bool
-        Whether boundaries are wanted.
 
     Returns
     -------
@@ -118,12 +111,11 @@ def predict(
         )
     reference = np.array([_positive(quantities[p], given.get(p)) for p in study.parameters])
     refuse_no_ratio(study.reference, quantities, why=_NO_PLACE)
-    fit, kinds = _fit(study), kinds or asked.kinds
-    log = np.log10(reference)
+    fit, log = _fit(study), np.log10(reference)
     tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
     x = log - tested.mean(axis=1)
     expected = expected_users(fit, x, asked)
-    limits = {kind: _limits(fit, expected, kind, asked) for kind in kinds}
+    limits = {kind: _limits(fit, expected, kind, asked) for kind in asked.kinds}
     if max(float(one.errors.max()) for one in limits.values()) > asked.tolerance:
         # The fit's draws were enough for the environments tested: sample until they are for this one.
         target = NewEstimands(estimands_of(fit.model, asked), x, _REPEATS, asked.seed)
@@ -131,24 +123,22 @@ def predict(
         if run.gate.passed:
             fit = dataclasses.replace(fit, run=run)
             expected = expected_users(fit, x, asked)
-            limits = {kind: _limits(fit, expected, kind, asked) for kind in kinds}
             # The run's own limits and errors rest on all draws that it kept.
             ends, errors = (v.reshape(len(asked.kinds), 2, -1) for v in (run.estimates.value, run.errors))
-            own = {kind: _Limits.of(ends[i, 0], ends[i, 1], errors[i]) for i, kind in enumerate(asked.kinds)}
-            limits |= {kind: found for kind, found in own.items() if kind in kinds}
+            limits = {k: _Limits.of(ends[i, 0], ends[i, 1], errors[i]) for i, k in enumerate(asked.kinds)}
     scale = ResponseScale.of(reference, asked.family)
-    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits, name))
+    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
     boundaries: tuple[Boundary, ...] = ()
-    if curves and study.setup is not None and is_impedance(study.parameters):
-        laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked, name))
+    if study.setup is not None and is_impedance(study.parameters):
+        laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked))
         environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
-        setup = dataclasses.replace(study.setup, references={name: environment})
+        setup = dataclasses.replace(study.setup, references={_NEW: environment})
         drawing = Drawing(setup, regions_of(intervals, laws, None, asked), laws, study.scene.frequency)
-        boundaries = drawing.at(None, [name], kinds)
+        boundaries = drawing.at(None, [_NEW], asked.kinds)
     beyond = np.maximum(log - tested.max(axis=1), 0.0) + np.minimum(log - tested.min(axis=1), 0.0)
     far = np.hypot.reduce(tested - log[:, None], axis=0)
     return Prediction(
-        environment=name,
+        environment=_NEW,
         decades=dict(zip(study.parameters, x.tolist(), strict=True)),
         beyond=dict(zip(study.parameters, beyond.tolist(), strict=True)),
         nearest=fit.environments[int(far.argmin())],
@@ -215,7 +205,6 @@ def _rows(
     scale: ResponseScale,
     asked: InferenceTable,
     limits: Mapping[Kind, _Limits],
-    name: str,
 ) -> Iterator[dict[str, Any]]:
     """Yield a row for every kind and parameter."""
     rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": fit.approximate}
@@ -223,15 +212,13 @@ def _rows(
         with np.errstate(over="ignore", under="ignore"):
             ends = scale.native(np.stack([found.lower, found.upper, expected.laws.mean.mean(axis=0)]))
         for p, parameter in enumerate(fit.parameters):
-            cell, unit = (parameter, name), fit.quantities[parameter].unit
+            cell, unit = (parameter, _NEW), fit.quantities[parameter].unit
             low, high, centre = ends[:, p].tolist()
             row = bayesian_row(asked, kind, cell, (low, high, centre), float(scale.origin[p]), unit, **rest)
             yield row | {"monte_carlo": float(found.errors[p])}
 
 
-def _laws(
-    fit: Fit, expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable, name: str
-) -> Iterator[Law]:
+def _laws(fit: Fit, expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable) -> Iterator[Law]:
     """Yield the laws of the average and the next user of the environment."""
     batch, n = np.repeat(fit.run.batches(), _REPEATS), int(fit.counts.max())
     every: Mapping[LawKind, int] = {"mean": _REPEATS, "user": 1}
@@ -240,4 +227,4 @@ def _laws(
             # The average does not depend on the spread, which takes the repeats.
             covariance = expected.covariance + (expected.population if kind == "user" else 0.0)
             drawn = expected.mean[::step], covariance[::step], batch[::step]
-            yield posterior_law(name, kind, scale, *drawn, n, asked)
+            yield posterior_law(_NEW, kind, scale, *drawn, n, asked)

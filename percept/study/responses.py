@@ -104,20 +104,17 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, par
     complete = sessions.table[columns].notna().all(axis=1)
     table = sessions.table[complete]
     if dropped := int((~complete).sum()):
-        lacking, present = (
-            " or ".join(sessions.quantities[p].label for p in parameters),
-            set(table["environment"]),
+        lacking = " or ".join(sessions.quantities[p].label for p in parameters)
+        there = set(table["environment"])
+        needed = "both parameters" if len(columns) == 2 else lacking
+        lack = "it lacks" if dropped == 1 else "they lack"
+        skipped.append(
+            Skipped(f"{counted(dropped, 'trial')}, in the hierarchical model", f"{lack} {lacking}")
         )
-        lack, needed = (
-            "it lacks" if dropped == 1 else "they lack",
-            "both parameters" if len(columns) == 2 else lacking,
-        )
-        what = f"{counted(dropped, 'trial')}, in the hierarchical model"
-        skipped.append(Skipped(what, f"{lack} {lacking}"))
         skipped += [
             Skipped(f"Bayesian intervals of {environment}", f"no trial there has {needed}")
             for environment in sessions.environments
-            if environment not in present
+            if environment not in there
         ]
     lognormal = scene.inference.family == "lognormal"
     low = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(sort=False)

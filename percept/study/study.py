@@ -200,9 +200,11 @@ class Study(StudyViews):
             return None
         found = self.fit.diagnostics
         if self.sessions.factor is not None:
-            from percept.study.contrasts import contrast_priors
+            from percept.inference.hierarchy.priors import Priors
+            from percept.study.fit import prior_rows
 
-            found["priors"] += contrast_priors(self.scene)
+            priors = Priors(**self.scene.model.priors)
+            found["priors"] += prior_rows({"lambda_sd": priors.lambda_sd, "psi_sd": priors.psi_sd})
         return found
 
     @cached_property
