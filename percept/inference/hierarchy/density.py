@@ -114,7 +114,7 @@ class CollapsedDensity:
             value = value - 0.5 * (squares + determinants)
         if self.information is None:
             return value + self._by_regression(scales)
-        found = Information(self.information, scales, self._kinds(scales))
+        found = self._by_information(self.information, scales)
         if not found.sound.all():
             lost = np.flatnonzero(~found.sound)
             found.log_density[lost] = self._by_regression(scales[lost])
@@ -136,7 +136,7 @@ class CollapsedDensity:
     def locations(self, scales: Scales) -> Regression | Information:
         """Law of beta given W sets of scales and the data: exactly Gaussian."""
         if self.information is not None:
-            found = Information(self.information, scales, self._kinds(scales))
+            found = self._by_information(self.information, scales)
             if found.sound.all():
                 return found
         return Regression(self.regression, scales, self.cell_blocks(scales))
@@ -156,19 +156,15 @@ class CollapsedDensity:
 
     def cell_blocks(self, scales: Scales) -> list[Block]:
         """Covariance of one cell mean about the subject's effect, per pattern, entries (E, W)."""
-        trial = self.trial_block(scales)
-        return [self._cells(scales, trial, p.environments, p.trials) for p in self.statistics.patterns]
+        return [self._cells(scales, p.environments, p.trials) for p in self.statistics.patterns]
 
-    def _kinds(self, scales: Scales) -> Block:
-        """Covariance of a cell mean about the subject's effect for each kind of cell, entries (K, W)."""
-        assert self.information is not None
-        kinds = self.information
-        return self._cells(scales, self.trial_block(scales), kinds.environment, kinds.trials)
+    def _by_information(self, problem: InformationProblem, scales: Scales) -> Information:
+        """Locations by their information, whose digits may not do."""
+        return Information(problem, scales, self._cells(scales, problem.environment, problem.trials))
 
-    def _cells(
-        self, scales: Scales, trial: Block | None, environments: NDArray[np.intp], trials: Array
-    ) -> Block:
-        cell = scales.between[environments]
+    def _cells(self, scales: Scales, environments: NDArray[np.intp], trials: Array) -> Block:
+        """Covariance of cell means about the subject's effect, entries (E, W)."""
+        cell, trial = scales.between[environments], self.trial_block(scales)
         if self.resolution.between is not None:
             cell = cell.plus_diagonal(tuple(self.resolution.between[:, environments, None]))
         if trial is not None:

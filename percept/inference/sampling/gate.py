@@ -33,16 +33,16 @@ class Settings:
     most_steps: int = 20_000  # Steps per ensemble at which the run ends, whatever its error
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.tolerance < 1.0:
-            raise UsageError("must lie in (0, 1).", key="tolerance", value=self.tolerance)
-        if self.ensembles < 4:
-            raise UsageError("must be at least 4.", key="ensembles", value=self.ensembles)
-        if self.seed < 0:
-            raise UsageError("must be zero or positive.", key="seed", value=self.seed)
-        if self.most_steps < 1:
-            raise UsageError("must be at least 1.", key="most_steps", value=self.most_steps)
-        if self.walkers is not None and self.walkers < 64:
-            raise UsageError("must be at least 64.", key="walkers", value=self.walkers)
+        walkers = self.walkers is None or self.walkers >= 64
+        for key, holds, rule in (
+            ("tolerance", 0.0 < self.tolerance < 1.0, "must lie in (0, 1)."),
+            ("ensembles", self.ensembles >= 4, "must be at least 4."),
+            ("seed", self.seed >= 0, "must be zero or positive."),
+            ("most_steps", self.most_steps >= 1, "must be at least 1."),
+            ("walkers", walkers, "must be at least 64."),
+        ):
+            if not holds:
+                raise UsageError(rule, key=key, value=getattr(self, key))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,6 @@ needed: walkers live at z.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from typing import Protocol, Self
 
 import numpy as np
@@ -175,7 +174,7 @@ class Transport:
         log_jacobian = np.full(z.shape[1], np.log(np.diag(self.factor)).sum())
         for k, i in enumerate(self.drivers):
             known = 2 * k + 1
-            m, s = self._by_driver[k] @ features[:known]
+            m, s = np.stack([self.mean[i, :known], self.log_scale[i, :known]]) @ features[:known]
             log_jacobian += s
             np.exp(s, out=s)
             s *= z[i]
@@ -183,7 +182,8 @@ class Transport:
             driving = np.minimum(np.maximum(y[i], -_CLIP), _CLIP, out=features[known])
             np.multiply(driving, driving, out=features[known + 1])
             features[known + 1] -= 1.0
-        m, s = np.split(self._of_others @ features, 2)
+        others = np.concatenate([self.mean[self.others], self.log_scale[self.others]])
+        m, s = np.split(others @ features, 2)
         log_jacobian += s.sum(axis=0)
         np.exp(s, out=s)
         s *= self.factor @ z[self.others]
@@ -191,19 +191,6 @@ class Transport:
         y[self.others] = s
         x, log_slope = self.spline(y)
         return x[:, :count].T, (log_jacobian + log_slope)[:count]
-
-    @functools.cached_property
-    def _by_driver(self) -> list[Array]:
-        """Coefficients of each driver's mean and log spread on what comes before it, (2, 2 k + 1)."""
-        return [
-            np.stack([self.mean[i, : 2 * k + 1], self.log_scale[i, : 2 * k + 1]])
-            for k, i in enumerate(self.drivers)
-        ]
-
-    @functools.cached_property
-    def _of_others(self) -> Array:
-        """Coefficients of the others' means, then of their log spreads."""
-        return np.concatenate([self.mean[self.others], self.log_scale[self.others]])
 
 
 def _features(driving: Array) -> Array:
