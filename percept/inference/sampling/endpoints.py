@@ -86,18 +86,18 @@ def _rows(draws: Array) -> Array:
     return np.ascontiguousarray(draws.T)
 
 
-def _sparse(*parts: Array) -> list[Array]:
-    """Some of the draws of quantities (Q, S)."""
-    return [np.ascontiguousarray(part[:, ::_SPARSE]) for part in parts]
+def _sparse(draws: Array) -> Array:
+    """Keep some of the draws of quantities (Q, S)."""
+    return np.ascontiguousarray(draws[:, ::_SPARSE])
 
 
 def _quantile(mean: Array, sd: Array, tail: float, exact: float) -> tuple[Array, Array, Array, Array]:
     """Upper quantile, and near it each component's probability beyond, its mean, and the mean density."""
     z = -special.ndtri(tail)
     if mean.shape[1] > _MANY:
-        some = _sparse(mean, sd)
-        x = _quantile(*some, tail, _EXACT_OF_START)[0]
-        spread = np.sqrt(some[0].var(axis=1) + (some[1] ** 2).mean(axis=1))
+        some, sd_of_some = _sparse(mean), _sparse(sd)
+        x = _quantile(some, sd_of_some, tail, _EXACT_OF_START)[0]
+        spread = np.sqrt(some.var(axis=1) + (sd_of_some**2).mean(axis=1))
     else:
         spread = np.sqrt(mean.var(axis=1) + (sd * sd).mean(axis=1))
         x = mean.mean(axis=1) + z * spread
@@ -291,7 +291,9 @@ def _half_width(
     high = least + np.abs(mean - centre[:, None])
     high -= special.ndtri(1e-3 * (1 - confidence)) * sd
     if mean.shape[1] > _MANY:
-        h, _ = _half_width(centre, *_sparse(mean, sd, spread), share, confidence, _EXACT_OF_START)
+        h, _ = _half_width(
+            centre, _sparse(mean), _sparse(sd), _sparse(spread), share, confidence, _EXACT_OF_START
+        )
     else:
         h = np.quantile(least, confidence, axis=1)
     aim = special.ndtri(confidence)
