@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.boundary.law import mixture_law
-from percept.boundary.limits import Limits, Magnitude
+from percept.boundary.limits import Magnitude
 from percept.haptics import Device
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.statistics import Statistics, from_trials
@@ -119,11 +119,8 @@ def _propagation(along: str, size: int) -> Task:
     covariance, batch = np.tile(0.01 * np.eye(2), (draws, 1, 1)), np.arange(draws) % 32
     omega = np.geomspace(0.1, 100.0, omegas)
 
-    def limits() -> Limits:
-        law = mixture_law(mean, covariance, batch, "lognormal")
-        return Magnitude(law, Device(1.0, 5.0), 1e-3, omega).limits(0.99)
-
-    return limits
+    given = Device(1.0, 5.0), 1e-3, omega
+    return lambda: Magnitude(mixture_law(mean, covariance, batch, "lognormal"), *given).limits(0.99)
 
 
 def _rows(name: str, along: str, tasks: Mapping[int, Task], rounds: int) -> list[Growth]:

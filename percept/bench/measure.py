@@ -47,8 +47,7 @@ def in_a_process(module: str, task: Any, *, timeout: float | None = None) -> dic
     output = python_output("-m", module, json.dumps(task), timeout=timeout)
     # Some libraries print to standard output, around the result.
     *_, line = (line for line in output.splitlines() if line.startswith("{"))
-    result: dict[str, Any] = json.loads(line)
-    return result
+    return dict(json.loads(line))
 
 
 def print_result(result: Mapping[str, Any]) -> None:
@@ -82,19 +81,17 @@ def measurement(
 ) -> dict[str, Any]:
     """Collect what a part measured; `notes` say what follows from all rows."""
     about, columns = described(type(records[0]))
-    document: dict[str, Any] = plain(
-        {
-            "schema": SCHEMA,
-            "part": part,
-            "about": about,
-            "columns": [{"names": [name], "meaning": meaning} for name, meaning in columns.items()],
-            "made": made_by(command),
-            "notes": notes,
-            "machine": machine(loads, seconds),
-            "rows": [dataclasses.asdict(record) for record in records],
-        }
-    )
-    return document
+    document = {
+        "schema": SCHEMA,
+        "part": part,
+        "about": about,
+        "columns": [{"names": [name], "meaning": meaning} for name, meaning in columns.items()],
+        "made": made_by(command),
+        "notes": notes,
+        "machine": machine(loads, seconds),
+        "rows": [dataclasses.asdict(record) for record in records],
+    }
+    return dict(plain(document))
 
 
 def measurement_markdown(document: Mapping[str, Any]) -> str:

@@ -55,11 +55,13 @@ def savings(rounds: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[Saving, 
     """Reduce rounds of every scene's work; the first scene leaves nothing out."""
     seconds = {scene: median(works[scene]["seconds"] for works in rounds) for scene in rounds[0]}
     whole = next(iter(seconds.values()))
-    found = []
-    for scene, work in rounds[0].items():
-        took, imports, stages = seconds[scene], tuple(work["imports"]), tuple(work["stages"])
-        found.append(Saving(scene, took, took / whole, imports, stages, work["coordinates"]))
-    return tuple(found)
+    return tuple(
+        Saving(
+            scene, seconds[scene], seconds[scene] / whole, tuple(work["imports"]), tuple(work["stages"]),
+            work["coordinates"],
+        )
+        for scene, work in rounds[0].items()
+    )  # fmt: skip
 
 
 def work_of(scene: str, *, tolerance: float = 0.05, method: str = "both") -> dict[str, Any]:

@@ -169,21 +169,12 @@ def averaged(plan: CoveragePlan, judged: list[dict[str, Any]]) -> pd.DataFrame:
     claims = pd.DataFrame([row for study in judged for row in study["judged"]], columns=[*LABELS, "held"])
     rows = []
     for labels, group in claims.groupby(LABELS, sort=False):
-        held, named = group["held"].to_numpy(), dict(zip(LABELS, labels, strict=True))
-        stated = plan.confidence if named["kind"] == "share" else plan.level
-        if named["claim"] in ("withheld", "refused"):
+        held, (claim, kind, *_) = group["held"].to_numpy(), labels
+        stated = plan.confidence if kind == "share" else plan.level
+        if claim in ("withheld", "refused"):
             held, stated = np.append(held, np.zeros(len(judged) - held.size)), math.nan
-        rows.append(
-            {
-                **named,
-                "subjects": plan.subjects,
-                "truth": plan.truth,
-                "stated": stated,
-                "held": float(held.mean()),
-                "error": standard_error(held),
-                "studies": held.size,
-            }
-        )
+        counted = plan.subjects, plan.truth, stated, held.mean(), standard_error(held), held.size
+        rows.append((*labels, *counted))
     return pd.DataFrame(rows, columns=[*LABELS, *_COUNTED])
 
 

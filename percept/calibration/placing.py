@@ -33,19 +33,14 @@ _REFERENCES = np.array([[10.0, 0.1], [1e3, 1.0], [1e4, 10.0], [2.5e4, 25.0], [5e
 _BY_PARAMETER = ("s", "s_e", "kappa", "kappa_e", "omega", "omega_e", "sigma_u", "tau")
 
 
-def _missing() -> Design:
-    """Eight subjects in four environments: two miss some environments, one repeats one."""
-    trials = np.ones((8, 4), dtype=np.int64)
-    trials[0, 1] = trials[2, 0] = trials[2, 3] = 0
-    trials[5, 1:] = 0
-    return Design(_REFERENCES[:4], trials)
-
-
+#: Trials of eight subjects in four environments: two miss some, and one sees a single one.
+_GAPS = np.ones((8, 4), dtype=np.int64)
+_GAPS[[0, 2, 2, 5, 5, 5], [1, 0, 3, 1, 2, 3]] = 0
 #: The kinds of study that are calibrated. Their order decides their seeds.
 SBC_DESIGNS: dict[str, Design] = {
     "balanced": Design.balanced(_REFERENCES, subjects=10),
     "trials": Design.balanced(_REFERENCES[:3], subjects=8, trials=3),
-    "missing cells": _missing(),
+    "missing cells": Design(_REFERENCES[:4], _GAPS),
     "one parameter": Design.balanced(_REFERENCES[:4, :1], subjects=8, parameters=("k",)),
     "one environment": Design.balanced(_REFERENCES[2:3], subjects=8),
     "three subjects": Design.balanced(_REFERENCES[:3], subjects=3),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import math
 import os
 import time
@@ -13,7 +14,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from percept.bench.measure import machine
-from percept.bench.peers.engines import ENGINES, STUDIES, engine, missing_packages
+from percept.bench.peers.engines import ENGINES, STUDIES, engine
 from percept.bench.peers.processes import (
     COMMANDS,
     LONGEST,
@@ -69,7 +70,7 @@ def run_benchmark(
     whole: list[Whole] = []
     if repeats:
         commands = {name: words for name, words in COMMANDS.items() if not quick or name not in LONGEST}
-        if missing_packages(("pymc",)):
+        if importlib.util.find_spec("pymc") is None:
             del commands["import pymc"]
             left_out["import pymc"] = ("pymc",)
         log("whole commands")
@@ -139,26 +140,22 @@ def build_document(
 ) -> dict[str, Any]:
     """Collect a run; what was left out comes with the packages it misses."""
     times, compared = reached(measured), comparisons(whole)
-    aims = _aims(measured, times)
-    names = {row.engine for row in measured}
+    aims, present = _aims(measured, times), {row.engine for row in measured}
+    studies = [
+        {
+            "name": name, "about": STUDIES.get(name, name), "limits": one.value.size, "runs": one.runs,
+            "effective": one.effective, "scatter": one.scatter,
+            "relative_error": one.relative_error(one.value + one.error),
+        }
+        for name, one in references.items()
+    ]  # fmt: skip
     document = {
         "schema": SCHEMA,
         "made": made,
         "machine": at,
-        "studies": [
-            {
-                "name": name,
-                "about": STUDIES.get(name, name),
-                "limits": one.value.size,
-                "runs": one.runs,
-                "effective": one.effective,
-                "scatter": one.scatter,
-                "relative_error": one.relative_error(one.value + one.error),
-            }
-            for name, one in references.items()
-        ],
+        "studies": studies,
         "engines": [
-            {"name": one.name, "title": one.title, "unit": one.unit} for one in ENGINES if one.name in names
+            {"name": one.name, "title": one.title, "unit": one.unit} for one in ENGINES if one.name in present
         ],
         "left_out": [{"name": name, "missing": missing} for name, missing in (left_out or {}).items()],
         "measured": measured,
@@ -168,8 +165,7 @@ def build_document(
         "aims": aims,
         "losses": _losses(times, aims, compared),
     }
-    collected: dict[str, Any] = plain(document)
-    return collected
+    return dict(plain(document))
 
 
 def _aims(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[str, Any]]:

@@ -61,12 +61,7 @@ class Engine:
     @property
     def missing(self) -> tuple[str, ...]:
         """Packages that are not installed."""
-        return missing_packages(self.packages)
-
-
-def missing_packages(packages: tuple[str, ...]) -> tuple[str, ...]:
-    """Return those that are not installed."""
-    return tuple(name for name in packages if importlib.util.find_spec(name) is None)
+        return tuple(name for name in self.packages if importlib.util.find_spec(name) is None)
 
 
 def study_statistics(name: str) -> Statistics:
@@ -82,8 +77,7 @@ def study_statistics(name: str) -> Statistics:
 
     parameters = ("k",) if name == "published-k" else ("k", "b")
     model: Any = prepare(read_sessions(dataset("hbfd_sessions.csv")), Scene(), parameters).model
-    statistics: Statistics = model.statistics
-    return statistics
+    return model.statistics
 
 
 def percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:

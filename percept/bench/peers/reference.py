@@ -93,8 +93,7 @@ def make_references(
 
         def run(seed: int, study: str = study, statistics: Any = statistics) -> dict[str, Any]:
             log(f"{study}: run {seed + 1} of {runs}")
-            fitted: dict[str, Any] = plain(percept_run(statistics, _TOLERANCE, seed))
-            return fitted
+            return dict(plain(percept_run(statistics, _TOLERANCE, seed)))
 
         kept = Checkpoint(folder / "runs.jsonl", f"{study} {_TOLERANCE}", what="reference")
         found[study] = Reference.pooled(kept.complete(run, runs))
