@@ -59,7 +59,7 @@ def test_a_display_far_away_is_real_to_nobody() -> None:
 
 def test_a_draw_that_no_search_decides_is_in_the_error() -> None:
     """A spring alone departs evenly: at the tolerance itself rounding hides on which side it is."""
-    k, count = 1000.0, 400
+    k, count = 1000.0, 100
     off = ON_LIMIT + np.linspace(-2e-15, 2e-15, count)
     for shift, undecided in ((0.0, True), (-1e-12, False)):
         users = Boxes((np.full(count, 900.0), k * np.exp(-off - shift)), (np.zeros(count), np.zeros(count)))

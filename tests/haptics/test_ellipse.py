@@ -208,7 +208,8 @@ def test_log_ellipse_finds_the_extreme_to_every_digit():
             return float(perceived_magnitude(omega, device, k, b, T))
 
         angles = np.linspace(0, 2 * np.pi, 2001)
-        seen = np.array([distance(angle) for angle in angles])
+        edge = np.exp(centre[:, None] + 1.5 * sd[:, None] * np.array([np.cos(angles), np.sin(angles)]))
+        seen = perceived_magnitude(omega, device, *edge, T)
         lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, 1.5, T, log=True)
         for value, sign in ((lower, 1), (upper, -1)):
             if value == 0:
