@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from percept.boundary.records import Boundary
+from percept.boundary.curves import Boundary
 from percept.haptics import corner_curves, magnitude_envelope
 
 __all__ = ["Boundary", "corner_curves", "magnitude_envelope"]

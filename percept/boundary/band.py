@@ -27,7 +27,7 @@ _GRID = 61
 _GONE = 0.1
 # Log of the factor a law may be off by and still be said to predict anything.
 _OF_NO_USE = math.log(10.0)
-# ConditionalMoments within this factor in leave-one-out error are called equal.
+# Laws within this factor in leave-one-out error are called equal.
 _ALIKE = 1.25
 # Impedances within this share of each other leave an exponent to rounding.
 _EQUAL = 1e-9
@@ -42,33 +42,35 @@ class Estimate(NotebookRecord):
     upper: float
 
 
-@dataclasses.dataclass(frozen=True)
-class BandLaw(NotebookRecord):
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Whose(NotebookRecord):
+    """Whose bands are spoken of."""
+
+    method: str
+    kind: str
+    family: str
+    parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BandLaw(_Whose):
     """A law fitted to bands over environments."""
 
-    method: str  # Whose bands
-    kind: str  # Whose bands
-    family: str  # Whose bands
     model: str  # "weber": band = w |Z|
     parameters: dict[str, Estimate]  # By name
     level: float  # Of the parameters' intervals: of posterior draws, or of a parametric bootstrap
     sentence: str  # What the law says
-    left_out_error: float | None = None
-    best: float | None = None  # Share of the draws in which this law has the smallest such error of the three
+    left_out_error: float
+    best: float  # Share of the draws in which this law has the smallest such error of the three
     carried_by: str | None = None  # The one environment without which the offset all but vanishes
-    parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
 
 
-@dataclasses.dataclass(frozen=True)
-class BandStatement(NotebookRecord):
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BandStatement(_Whose):
     """A statement on bands, with the probability that it is true."""
 
-    method: str  # Whose bands
-    kind: str  # Whose bands
-    family: str  # Whose bands
     statement: str  # In words
     probability: float  # Share of the posterior draws, or of the bootstrap's
-    parameter: str | None = None  # As in `BandLaw`
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

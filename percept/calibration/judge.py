@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.records import Boundary
+from percept.boundary.curves import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Device
 from percept.haptics.perceived import perceived_magnitude

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from percept.haptics import Device
-from percept.haptics.ellipse import magnitude_envelope_ellipse
+from percept.haptics.envelope import magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
 from percept.reproduce.published import LOOKED_AT, Evidence, Published
 from percept.reproduce.squares import VARIABLE, crossings, felt_square

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.boundary.curves import drawing_grid
+from percept.boundary.curves import Boundary, Shape, drawing_grid
 from percept.boundary.limits import Calibration, Limits, Magnitude, relative_error
-from percept.boundary.records import Boundary, Shape
 from percept.errors import UsageError
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array, Skipped

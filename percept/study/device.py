@@ -10,11 +10,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from percept import haptics
-from percept.boundary.records import Shape
+from percept.boundary.curves import Shape
 from percept.errors import UsageError
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice
 from percept.haptics.containment import ON_LIMIT, Boxes, departures
-from percept.haptics.ellipse import magnitude_envelope_ellipse
+from percept.haptics.envelope import magnitude_envelope_ellipse
 from percept.haptics.forms import Display
 from percept.haptics.limits import passivity_damping
 from percept.haptics.records import AnyDevice

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from percept import haptics
-from percept.boundary.records import Boundary
+from percept.boundary.curves import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.hierarchy.new_environment import NewEnvironment, NewEstimands, new_environment

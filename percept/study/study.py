@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from percept import haptics
 from percept.boundary.band import BandStudy
-from percept.boundary.records import Boundary
+from percept.boundary.curves import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice

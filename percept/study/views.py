@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from percept.boundary.records import Boundary
+from percept.boundary.curves import Boundary
 from percept.errors import counted
 from percept.html import fields_html
 from percept.scene import Scene

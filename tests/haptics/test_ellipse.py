@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from percept.haptics import Device, Environment, corner_curves, magnitude_envelope, perceived_impedance
-from percept.haptics.ellipse import magnitude_envelope_ellipse
+from percept.haptics.envelope import magnitude_envelope_ellipse
 from percept.haptics.perceived import perceived_magnitude
 
 T = 1e-3

@@ -27,7 +27,7 @@ from percept.haptics import (
     stability_margin,
 )
 from percept.haptics.arrays import complex_from
-from percept.haptics.ellipse import magnitude_envelope_ellipse
+from percept.haptics.envelope import magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance, warp
 from percept.haptics.limits import stiffness_limits
 from percept.haptics.perceived import perceived_magnitude

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
-from percept.boundary.records import Boundary
+from percept.boundary.curves import Boundary
 from percept.haptics import Device, Environment, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.regions import ellipse_region
