@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import special
@@ -69,93 +70,64 @@ def plan_mean(
     family: Family = "normal",
 ) -> Plan:
     """Find the n for which the t-interval of the mean has a wanted half-width."""
-    _positive(half_width=half_width, sd=sd)
+    for name, value in (("half_width", half_width), ("sd", sd)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise UsageError(f"{name} must be a positive number.", value=value)
     check_option("family", family, ("normal", "lognormal"))
-    half_tail = tail_of(level) / 2.0
-    if family == "lognormal":
-        wanted, sigma = float(np.log1p(half_width)), float(np.sqrt(np.log1p(sd**2)))
-    else:
-        wanted, sigma = half_width, sd
-
-    def factor(n: int) -> float:
-        return float(-special.stdtrit(n - 1.0, half_tail) / np.sqrt(n))
-
-    n, reached, expected = _smallest(factor, wanted, sigma, assurance)
-    return Plan(
-        kind="mean",
-        n=n,
-        assurance=reached,
-        expected=float(np.expm1(expected)) if family == "lognormal" else expected,
-        wanted=half_width,
-        level=level,
-        family=family,
+    half_tail, log = tail_of(level) / 2.0, family == "lognormal"
+    found = _smallest(
+        lambda n: -special.stdtrit(n - 1.0, half_tail) / np.sqrt(n),
+        float(np.log1p(half_width)) if log else half_width,
+        float(np.sqrt(np.log1p(sd**2))) if log else sd,
+        assurance,
     )
+    if log:
+        found["expected"] = float(np.expm1(found["expected"]))
+    return Plan(kind="mean", wanted=half_width, level=level, family=family, **found)
 
 
 def plan_user(ratio: float, *, level: float = 0.99, assurance: float = 0.8) -> Plan:
     """Find the n for which the prediction interval is close to the population's own."""
-    _above_one(ratio)
     half_tail = tail_of(level) / 2.0
-
-    def factor(n: int) -> float:
-        return float(-special.stdtrit(n - 1.0, half_tail) * np.sqrt(1.0 + 1.0 / n))
-
-    n, reached, expected = _smallest(factor, ratio, -1.0 / float(special.ndtri(half_tail)), assurance)
-    return Plan(kind="user", n=n, assurance=reached, expected=expected, wanted=ratio, level=level)
+    found = _smallest_ratio(
+        lambda n: -special.stdtrit(n - 1.0, half_tail) * np.sqrt(1.0 + 1.0 / n), ratio, half_tail, assurance
+    )
+    return Plan(kind="user", wanted=ratio, level=level, **found)
 
 
 def plan_share(
     ratio: float, *, share: float = 0.99, confidence: float = 0.95, assurance: float = 0.8
 ) -> Plan:
     """Find the n for which the tolerance interval is close to the population's own."""
-    _above_one(ratio)
     beta = tail_of(share, "share")
     alpha = tail_of(confidence, "confidence")
-
-    def factor(n: int) -> float:
-        return float(factor_of_tails(n, beta, alpha))
-
-    n, reached, expected = _smallest(factor, ratio, -1.0 / float(special.ndtri(beta / 2.0)), assurance)
-    return Plan(
-        kind="share",
-        n=n,
-        assurance=reached,
-        expected=expected,
-        wanted=ratio,
-        level=confidence,
-        share=share,
-    )
+    found = _smallest_ratio(lambda n: factor_of_tails(n, beta, alpha), ratio, beta / 2.0, assurance)
+    return Plan(kind="share", wanted=ratio, level=confidence, share=share, **found)
 
 
-def _smallest(
-    factor: Callable[[int], float], wanted: float, sigma: float, assurance: float
-) -> tuple[int, float, float]:
+def _smallest_ratio(
+    factor: Callable[[int], Any], ratio: float, half_tail: float, assurance: float
+) -> dict[str, Any]:
+    """Plan for a width over that of a known population, whose SD is taken as the unit."""
+    if not (np.isfinite(ratio) and ratio > 1.0):
+        raise UsageError("ratio must be above 1, to which it tends with ever more subjects.", value=ratio)
+    return _smallest(factor, ratio, -1.0 / float(special.ndtri(half_tail)), assurance)
+
+
+def _smallest(factor: Callable[[int], Any], wanted: float, sigma: float, assurance: float) -> dict[str, Any]:
     """Return the smallest n with P(factor·SD ≤ wanted) ≥ assurance, that probability, and E factor·SD."""
     if not 0.0 < assurance < 1.0:
-        raise UsageError(
-            "assurance must lie strictly between 0 and 1.", value=assurance, hint="80 percent is written 0.8."
-        )
+        hint = "80 percent is written 0.8."
+        raise UsageError("assurance must lie strictly between 0 and 1.", value=assurance, hint=hint)
 
     def reached(n: int) -> float:
         half = (n - 1.0) / 2.0
         return float(special.gammainc(half, half * (wanted / sigma / factor(n)) ** 2))
 
-    few = bisect.bisect_left(range(2, _MOST_SUBJECTS + 1), assurance, key=reached)
-    if (n := 2 + few) > _MOST_SUBJECTS:
-        raise RefusalError(
-            f"More than {_MOST_SUBJECTS} subjects would be needed.", hint="Ask for a wider interval."
-        )
+    n = 2 + bisect.bisect_left(range(2, _MOST_SUBJECTS + 1), assurance, key=reached)
+    if n > _MOST_SUBJECTS:
+        hint = "Ask for a wider interval."
+        raise RefusalError(f"More than {_MOST_SUBJECTS} subjects would be needed.", hint=hint)
     half = (n - 1.0) / 2.0
     mean_sd = float(special.poch(half, 0.5) / np.sqrt(half))  # of a sample of unit variance
-    return n, reached(n), factor(n) * mean_sd * sigma
-
-
-def _positive(**values: float) -> None:
-    for name, value in values.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise UsageError(f"{name} must be a positive number.", value=value)
-
-
-def _above_one(ratio: float) -> None:
-    if not (np.isfinite(ratio) and ratio > 1.0):
-        raise UsageError("ratio must be above 1, to which it tends with ever more subjects.", value=ratio)
+    return {"n": n, "assurance": reached(n), "expected": float(factor(n)) * mean_sd * sigma}

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
-from functools import cache
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from percept.provenance import commit_of_code
@@ -41,13 +39,9 @@ def render_page(
             return _NO_NUMBER
         return Markup('<data value="{}" data-at="{}">{}</data>').format(shown.exact, pointer, shown.text)
 
-    nouns = {name: tuple(both) for name, both in document["data"]["words"].items()}
-    environment = _environment(_PACKAGE, nouns=tuple(nouns.items())).overlay()
-
-    def said(text: str) -> Markup:
-        return _symbols(worded(text, nouns))
-
-    environment.filters = {**environment.filters, "embedded": _embedded, "symbols": said}
+    nouns = document["data"]["words"]
+    environment = _environment(_PACKAGE, nouns=nouns)
+    environment.filters["symbols"] = lambda text: _symbols(worded(text, nouns))
     return environment.get_template("page.html.j2").render(
         document=document,
         words=document["provenance"]["scene"]["report"],
@@ -81,52 +75,42 @@ def render_standalone(
             return _NO_NUMBER
         return Markup('<data value="{}">{}</data>').format(value, rounded(float(value), digits))
 
-    environment = _environment(package, _PACKAGE).overlay()
-    environment.filters = {**environment.filters, "symbols": symbols}
+    environment = _environment(package, _PACKAGE)
+    environment.filters["symbols"] = symbols
     style = _asset(_PACKAGE, "page.css") + Markup("").join(_asset(package, name) for name in styles)
     return environment.get_template(template).render(plots=plots, n=written, style=style, **values)
 
 
-class _Worded(PackageLoader):
-    """Templates whose text, beside tags and expressions, is in the study's own words."""
+def _environment(*packages: str, nouns: Mapping[str, Sequence[str]] | None = None) -> Environment:
+    """Return the templates of packages, looked for in this order.
 
-    def __init__(self, package: str, nouns: Mapping[str, tuple[str, ...]]) -> None:
-        super().__init__(package)
-        self._nouns = nouns
+    Their text, between tags and expressions, is put into a study's words; names that come from the data are
+    not in it.
+    """
 
-    def get_source(
-        self, environment: Environment, template: str
-    ) -> tuple[str, str, Callable[[], bool] | None]:
-        """Return a template's source; names that come from the data are not in it."""
-        source, file, current = super().get_source(environment, template)
+    def load(name: str) -> str | None:
+        files = (resources.files(package).joinpath("templates", name) for package in packages)
+        source = next((file.read_text(encoding="utf-8") for file in files if file.is_file()), None)
+        if source is None or nouns is None:
+            return source
         parts = _MARKUP.split(source)
-        parts[::2] = [worded(text, self._nouns) for text in parts[::2]]
-        return "".join(parts), file, current
+        parts[::2] = [worded(text, nouns) for text in parts[::2]]
+        return "".join(parts)
 
-
-@cache
-def _environment(*packages: str, nouns: tuple[tuple[str, tuple[str, ...]], ...] = ()) -> Environment:
-    """Return the templates of packages, looked for in this order, in a study's words if it has any."""
-    loaders = [_Worded(package, dict(nouns)) if nouns else PackageLoader(package) for package in packages]
-    return Environment(
-        loader=ChoiceLoader(loaders),
+    environment = Environment(
+        loader=FunctionLoader(load),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "separators": (",", ":")}
+    return environment
 
 
-@cache
 def _asset(package: str, name: str) -> Markup:
     """Return a style sheet or script of a package's templates, as it stands."""
     return Markup(resources.files(package).joinpath("templates", name).read_text(encoding="utf-8"))
-
-
-def _embedded(value: Any) -> Markup:
-    """Write JSON that cannot end the script element it stands in."""
-    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"))
-    return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028"))
 
 
 def _symbols(text: str) -> Markup:
