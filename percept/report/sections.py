@@ -66,8 +66,7 @@ def intervals(document: Record) -> Section | None:
     matrices = [
         _matrix(matching(marginal, parameter=name), families_of(document), quantities[name]) for name in names
     ]
-    panels = [f"intervals_{name}" for name in names]
-    values = {"matrices": matrices, "panels": panels, "sentences": _sentences(rows)}
+    values = {"matrices": matrices, "sentences": _sentences(rows)}
     return Section("intervals", "Intervals of the adjustments", values)
 
 

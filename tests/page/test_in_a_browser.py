@@ -87,7 +87,7 @@ def test_the_theme_button_turns_the_page(open_tab):
 
 
 def test_figures_follow_the_theme(open_tab):
-    line = "getComputedStyle(document.querySelector('#figure-intervals_k svg [style*=classical]')).stroke"
+    line = "getComputedStyle(document.querySelector('#figure-overview_k svg [style*=classical]')).stroke"
     assert open_tab().evaluate(line) != open_tab(dark=True).evaluate(line)
 
 
@@ -99,7 +99,7 @@ def test_unticking_a_kind_or_method_hides_it_everywhere(open_tab):
     assert tab.evaluate(rows) > 0
     assert tab.evaluate(cells) > 0
     marks = (
-        "[...document.querySelectorAll('#figure-intervals_k g[data-kind=user]')]"
+        "[...document.querySelectorAll('#figure-overview_k g[data-kind=user]')]"
         ".filter(e => getComputedStyle(e).display !== 'none').length"
     )
     assert tab.evaluate(marks) > 0

@@ -30,7 +30,6 @@ from percept.report.figures.from_document import (
 )
 from percept.report.figures.marks import Bar, Widths, beyond_range, draw_band, draw_design, draw_intervals
 from percept.report.figures.output import STYLE, draw_all, drawn
-from percept.report.select import KINDS
 
 SVG = "{http://www.w3.org/2000/svg}"
 HOSTILE = '<script>alert("$x$")</script>'
@@ -55,7 +54,7 @@ def file(drawing, form="svg"):
 
 def test_there_is_a_figure_of_everything_with_data(found):
     curves = {"boundaries", "boundaries_close", "ratios", "stability", "design"}
-    assert found.keys() == curves | {"overview_k", "overview_b", "intervals_k", "intervals_b", "band"}
+    assert found.keys() == curves | {"overview_k", "overview_b", "band"}
 
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
@@ -96,7 +95,7 @@ def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
 
 
 def test_the_page_s_svg_takes_its_colours_from_the_page(found):
-    drawing = found["intervals_k"]
+    drawing = found["overview_k"]
     text = inline(drawing)
     assert "var(--classical)" in text
     assert "var(--bayesian)" in text
@@ -139,7 +138,7 @@ def renamed(document, names):
 )
 def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apart(both, pattern):
     names = {name: pattern.format(name) for name in ("VE1", "VE2", "VE4")}
-    drawing, _ = interval_drawings(renamed(both, names), "intervals", KINDS)
+    drawing, _ = interval_drawings(renamed(both, names))
     with rc_context(STYLE):
         figure = Figure(figsize=[side / 25.4 for side in drawing.size])
         drawing.draw(figure)
@@ -157,14 +156,14 @@ def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apa
 
 
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
-    _, two = interval_drawings(both, "intervals", KINDS)
+    _, two = interval_drawings(both)
     assert " Each classical bar stands above the Bayesian one. Ticks: the subjects. " in two.description
     assert " Classical limits are lognormal." in two.description
     document = copy.deepcopy(classical)
     for row in (*document["intervals"], *document["data"]["cells"]):
         if (row["environment"], row["parameter"]) == ("VE1", "b"):
             row["reference"] = 0.0
-    k, b = interval_drawings(document, "intervals", KINDS)
+    k, b = interval_drawings(document)
     assert "Bayesian" not in k.description
     assert "reference is 0" not in k.description
     assert "Only in the tables, since their reference is 0: VE1." in b.description
@@ -173,7 +172,7 @@ def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     (legend,) = figure.legends
     # The first environment, which has no bars, is not the one that names them.
     assert [text.get_text() for text in legend.get_texts()] == [
-        "classical", "average user", "next user", "share of users", "one subject",
+        "classical", "average user", "next user", "one subject",
     ]  # fmt: skip
 
 

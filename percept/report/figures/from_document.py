@@ -54,13 +54,13 @@ _LEAST_MARGIN, _MOST_MARGIN = 12.0, 26.0
 # Between a label and the axis, and to the edge of the figure, mm; other viewers' lettering may be wider.
 _MARGIN_BESIDE = 4.0
 _COLUMNS = 6  # most panels side by side
+_OVERVIEW = ("mean", "user")
 
 
 def drawings(document: Record) -> list[Drawing]:
     """Return every figure of a document in the order of the page; nothing is drawn yet."""
     return [
-        *interval_drawings(document, "overview", ("mean", "user")),
-        *interval_drawings(document, "intervals", KINDS),
+        *interval_drawings(document),
         *boundary_drawings(document),
         *stability_drawings(document["coupling"]),
         *design_drawings(document),
@@ -68,48 +68,38 @@ def drawings(document: Record) -> list[Drawing]:
     ]
 
 
-def interval_drawings(document: Record, name: str, kinds: Sequence[str]) -> list[Drawing]:
-    """Return a figure per quantity: kinds and methods in the study's family over the reference.
-
-    With every kind it shows each subject too.
-    """
+def interval_drawings(document: Record) -> list[Drawing]:
+    """Return a figure per quantity: the average and the next user over the reference, and each subject."""
     return [
-        _interval_drawing(document, parameter, name, bars, subjects="share" in kinds)
+        _interval_drawing(document, parameter, bars)
         for parameter in distinct(document["intervals"], "parameter")
-        if (bars := bars_of(document, parameter, kinds))
+        if (
+            bars := bars_of(document, parameter, ("mean", "user")) or bars_of(document, parameter, ("share",))
+        )
     ]
 
 
-def _interval_drawing(
-    document: Record, parameter: str, name: str, bars: list[Bar], *, subjects: bool
-) -> Drawing:
+def _interval_drawing(document: Record, parameter: str, bars: list[Bar]) -> Drawing:
     rows = matching(document["intervals"], parameter=parameter, joint="marginal")
     environments, families = distinct(rows, "environment"), families_of(document)
-    values = [values_of(document, one, parameter) for one in environments] if subjects else []
-    subject = document["data"]["words"]["subject"][0]
-    kinds, methods = ({getattr(bar, field) for bar in bars} for field in ("kind", "method"))
-    columns = len(kinds) + len(methods) + any(some.size for some in values)
-    columns = columns if columns < 5 else 3
+    values = [values_of(document, one, parameter) for one in environments]
+    groups = len({(bar.kind, bar.method) for bar in bars})
 
     def draw(figure: Figure) -> None:
         labels = row_labels(environments, most=_MOST_MARGIN)
         width = LETTER * max(map(len, labels))
-        bottom = 12.0 + 4.2 * (2 if subjects else 1)
-        (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), bottom=bottom)
-        log = families[0] == "lognormal"
+        (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), bottom=20.4)
+        log, subject = families[0] == "lognormal", document["data"]["words"]["subject"][0]
         draw_intervals(ax, environments, bars, values, log=log, labels=labels, subject=subject)
         ax.set_title(quantities_of(document)[parameter].head, loc="left")
         ax.set_xlabel("adjusted / reference")
-        legend(ax, ncols=columns)
+        legend(ax, ncols=3)
 
-    row = 0.7 + 1.7 * len(kinds) * len(methods) + 2.1 * subjects
     return Drawing(
-        f"{name}_{parameter}",
-        "Every kind of interval, and each subject"
-        if subjects
-        else "What users set, divided by the reference",
+        f"overview_{parameter}",
+        "What users set, divided by the reference",
         _interval_caption(rows, bars, values, families),
-        (86.0, 26.0 + max(row, 5.5) * len(environments)),
+        (86.0, 29.0 + (2.8 + 1.7 * groups) * len(environments)),
         draw,
     )
 
