@@ -44,10 +44,8 @@ GROUPS = {
     },
 }
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
-# What argparse says of a word that is none of an option's choices or no number, and of one that is lacking.
+# What argparse says of a word that is none of an option's choices.
 _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*)' \(choose from (.*)\)")
-_NUMBER = re.compile(r"argument (\S+): invalid (int|float) value: '(.*)'")
-_REQUIRED = "the following arguments are required: "
 #: Modules of `percept.commands` that hold commands of other names.
 _MODULES = {
     "design": ("plan", "calibrate", "sbc"),
@@ -74,11 +72,6 @@ class _Parser(argparse.ArgumentParser):
             option, word, choices = found[1], found[2], found[3].replace("'", "")
             near = did_you_mean(word, choices.split(", "))
             message = f"{option} is one of {choices}, not {word!r}.{near}".removesuffix(".")
-        elif found := _NUMBER.fullmatch(message):
-            kind = {"int": "a whole number", "float": "a number"}[found[2]]
-            message = f"{found[1]} must be {kind}, not {found[3]!r}"
-        elif message.startswith(_REQUIRED):
-            message = f"{message.removeprefix(_REQUIRED)} is missing"
         end = "" if message.endswith("?") else "."
         self.exit(2, f"{self.prog}: {message}{end} See {self.prog} --help.\n")
 
@@ -124,24 +117,22 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
     return parser
 
 
-def _see(command: str | None) -> str:
-    return f"See {' '.join(filter(None, ('percept', command)))} --help."
-
-
 def _parsed(words: Sequence[str]) -> argparse.Namespace:
     """Parse the words of a command line; what percept does not know it refuses, with what is like it."""
     # The first word that is no option is the command: no option before it takes a value.
     first = next((word for word in words if not word.startswith("-")), None)
     if first is not None and first not in COMMANDS:
-        raise UsageError(f"there is no command {first!r}.{did_you_mean(first, COMMANDS)}", hint=_see(None))
+        hint = "See percept --help."
+        raise UsageError(f"there is no command {first!r}.{did_you_mean(first, COMMANDS)}", hint=hint)
+    hint = f"See percept {first} --help." if first else "See percept --help."
     parser = build_parser([first] if first else [])
     parsed, unknown = parser.parse_known_args(words)
     for word in unknown:
         if not word.startswith("-"):
-            raise UsageError("there is one argument too many.", value=word, hint=_see(first))
+            raise UsageError("there is one argument too many.", value=word, hint=hint)
         option = word.partition("=")[0]
         options = getattr(parsed, "parser", parser)._option_string_actions
-        raise UsageError(f"there is no option {option}.{did_you_mean(option, options)}", hint=_see(first))
+        raise UsageError(f"there is no option {option}.{did_you_mean(option, options)}", hint=hint)
     return parsed
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 import platform
 import re
 from importlib import metadata
@@ -73,7 +72,7 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
 
 def _cache(arguments: argparse.Namespace) -> None:
-    """Print the folder, its size and entries, or clear it."""
+    """Print the folder, how many posteriors it keeps and their size, or clear it."""
     from percept.cache import PosteriorCache, cache_folder
 
     folder = cache_folder()
@@ -90,9 +89,6 @@ def _cache(arguments: argparse.Namespace) -> None:
     entries = cache.entries()
     megabytes = sum(entry.size for entry in entries) / 1e6
     print(f"{folder}: {counted(len(entries), 'posterior')}, {megabytes:.1f} of {cache.limit / 1e6:.0f} MB")
-    for entry in reversed(entries):
-        used = datetime.datetime.fromtimestamp(entry.used / 1e9).isoformat(" ", "minutes")
-        print(f"  {entry.key[:16]}  {entry.size / 1e6:8.1f} MB  last used {used}")
 
 
 def _completion(arguments: argparse.Namespace) -> None:

@@ -31,10 +31,13 @@ def comparison(document: Record) -> Section | None:
     rows = document["comparison"]
     if not rows:
         return None
+    quantities = quantities_of(document).values()
     values = {
         "families": distinct(rows, "family"),
         "methods": METHODS,
-        "units": units_said(document),
+        "units": listed(
+            [f"{q.symbol} in {q.unit or 'its own unit'}" for q in quantities_of(document).values()]
+        ),
         "sentence": _apart(rows),
         "ladder": document["ladder"],
         "rows": rows,
@@ -146,14 +149,6 @@ def data(document: Record) -> Section:
     counts = [{"what": what, "pointer": f"/data/counts/{escaped(what)}"} for what in record["counts"]]
     values = {"data": record, "counts": counts, "cells": pointed(record["cells"], "/data/cells")}
     return Section("data", "Data", values)
-
-
-def units_said(document: Record) -> str:
-    """Name the unit of each quantity: "N/m (k) and N·s/m (b)"."""
-    quantities = list(quantities_of(document).values())
-    if len(quantities) == 1:
-        return quantities[0].unit or "its own unit"
-    return " and ".join(f"{q.unit or 'its own unit'} ({q.symbol})" for q in quantities)
 
 
 _CLASSICAL = {

@@ -138,29 +138,15 @@ def design_of(study: Study) -> dict[str, Any] | None:
     designs = study.coupling_design
     if not designs:
         return None
-    return {
-        "kind": "user",
-        "family": study.scene.inference.family,
-        "stable": _stable_edge(study),
-        "maps": [
-            {
-                "method": method,
-                "damping": plain(design.common.damping),
-                "environments": [
-                    {
-                        "name": name,
-                        "intervals": plain(region.intervals),
-                        "largest": plain(region.largest),
-                        "softest": plain(region.softest),
-                    }
-                    for name, region in zip(
-                        (*study.environments, None), (*design.each, design.common), strict=True
-                    )
-                ],
-            }
-            for method, design in designs.items()
-        ],
-    }
+    fields = ("intervals", "largest", "softest")
+    maps = []
+    for method, design in designs.items():
+        regions = zip((*study.environments, None), (*design.each, design.common), strict=True)
+        environments = [{"name": name} | {f: plain(getattr(r, f)) for f in fields} for name, r in regions]
+        damping = plain(design.common.damping)
+        maps.append({"method": method, "damping": damping, "environments": environments})
+    family = study.scene.inference.family
+    return {"kind": "user", "family": family, "stable": _stable_edge(study), "maps": maps}
 
 
 def _stable_edge(study: Study) -> dict[str, Any] | None:

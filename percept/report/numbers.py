@@ -77,7 +77,7 @@ def number(document: Any, pointer: str, *, digits: int = 5, style: str = "plain"
 
 
 def _written(value: float, digits: int, style: str) -> str:
-    """Write a number: "fixed" keeps zeros at the end, "short" the digits that somebody chose."""
+    """Write a number: "short" keeps the digits that somebody chose."""
     if style == "count":
         return f"{value:,}".replace(",", "\u202f")
     if style == "short":
@@ -90,8 +90,7 @@ def _written(value: float, digits: int, style: str) -> str:
         return percentage(value, digits)
     if style == "error":
         return f"{bare(rounded(100 * value, 1))}\u202f%"
-    text = rounded(float(value), digits)
-    return text if style == "fixed" else bare(text)
+    return bare(rounded(float(value), digits))
 
 
 def digits_of(value: float | str | None, lower: float | str | None, upper: float | str | None) -> int:

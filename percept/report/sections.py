@@ -256,19 +256,14 @@ def design(document: Record) -> Section | None:
     record = document["design"]
     if not record:
         return None
-    couplings = {
-        by_method["method"]: [
-            {
-                "name": region["name"],
-                "pointer": region["pointer"],
-                "found": region["largest"] is not None,
-                "binds": ", ".join(_BINDS[one] for one in (region["largest"] or {"binds": []})["binds"]),
-            }
-            for region in pointed(by_method["environments"], f"{by_method['pointer']}/environments")
-        ]
-        for by_method in pointed(record["maps"], "/design/maps")
-    }
-    couplings = {method: couplings[method] for method in METHODS[::-1] if method in couplings}
+    couplings = {}
+    for by_method in pointed(record["maps"], "/design/maps")[::-1]:  # the Bayesian first
+        regions = pointed(by_method["environments"], f"{by_method['pointer']}/environments")
+        for region in regions:
+            found = region["largest"]
+            region |= {"found": found is not None}
+            region |= {"binds": ", ".join(_BINDS[one] for one in found["binds"]) if found else ""}
+        couplings[by_method["method"]] = regions
     return Section("design", "Admissible couplings", {"family": record["family"], "couplings": couplings})
 
 

