@@ -35,9 +35,7 @@ def comparison(document: Record) -> Section | None:
     values = {
         "families": distinct(rows, "family"),
         "methods": METHODS,
-        "units": listed(
-            [f"{q.symbol} in {q.unit or 'its own unit'}" for q in quantities_of(document).values()]
-        ),
+        "units": listed([f"{q.symbol} in {q.unit or 'its own unit'}" for q in quantities]),
         "sentence": _apart(rows),
         "ladder": document["ladder"],
         "rows": rows,
