@@ -110,9 +110,7 @@ class Information:
         self.log_density = problem.constant - 0.5 * (determinants + distance) - np.log(pivots).sum(axis=1)
 
     def _normal_equations(self, precision: Array, left: Block | None) -> tuple[Array, Array, Array]:
-        """Precision of the latents (delta/tau, then alpha and gamma over their prior SDs), its right-hand
-        side, and its diagonal before anything was subtracted.
-        """  # noqa: D205
+        """Precision of the latents (delta, alpha, gamma), right side, and the diagonal before subtraction."""
         problem, size = self._problem, self._size
         width = precision.shape[-1]
         count = size * self._environments

@@ -93,7 +93,7 @@ class Whitened:
     target: Array  # (M, W) Whitened pattern means
     log_determinant: Array  # (W,) log det of the noise covariance that was whitened away
     columns: list[Vector]  # What each latent adds to the means, per parameter
-    locations: list[Vector]  # What the first latents add to the locations
+    locations: list[Vector]  # What each adds to the locations
     summed: tuple[Block, Vector] | None  # Noise and mean of the one pattern, its own biases summed out
 
 
@@ -162,9 +162,10 @@ class LocationProblem:
             _rows([spread.whiten(_stack([*columns, mean], shape))], len(columns) + 1), axis=1
         )
         log_determinant = spread.log_determinant().sum(axis=0)
-        return Whitened(
-            whitened[:-1], whitened[-1], log_determinant, columns, self._trend_columns, (noise, mean)
-        )
+        # The subject effect moves the means and not the locations.
+        apart = [(np.zeros(1),) * self._size] * (len(columns) - len(self._trend_columns))
+        locations = [*self._trend_columns, *apart]
+        return Whitened(whitened[:-1], whitened[-1], log_determinant, columns, locations, (noise, mean))
 
 
 def _stack(columns: list[Vector], shape: tuple[int, int]) -> Vector:
@@ -195,15 +196,10 @@ class Regression:
 
     @cached_property
     def _on_latents(self) -> tuple[list[Array], list[Array], Block | None]:
-        """Columns of beta on the latents (Q, J, W) per parameter, what does not depend on them, and the
-        covariance of each environment's own part.
-        """  # noqa: D205
+        """Columns of beta on the latents (Q, J, W), the rest of its mean, the covariance of its own parts."""
         problem, scales, shape = self._whitened, self._scales, self._shape
         columns = list(_stack(problem.locations, shape))
         constant = [np.zeros(shape) for _ in columns]
-        extra = len(problem.columns) - len(problem.locations)
-        if extra:
-            columns = [np.concatenate([rows, np.zeros((extra, *shape))]) for rows in columns]
         if problem.summed is None or scales.tau is None:
             return columns, constant, None
         noise, mean = problem.summed
