@@ -151,11 +151,8 @@ def draw_hyperparameters(design: Design, priors: Priors, rng: np.random.Generato
     repeats = float(design.repeated)
     pair = float(count == 2)
 
-    def normal(sd: float) -> Array:
-        return sd * rng.standard_normal(count)
-
-    def half_normal(scale: float) -> Array:
-        return scale * np.abs(rng.standard_normal(count))
+    def normal(sd: float, mean: float = 0.0) -> Array:
+        return rng.normal(mean, sd, count)
 
     def correlation() -> float:
         return 2 * rng.beta(priors.rho_shape, priors.rho_shape) - 1
@@ -163,16 +160,16 @@ def draw_hyperparameters(design: Design, priors: Priors, rng: np.random.Generato
     return Hyperparameters(
         alpha=normal(priors.alpha_sd),
         gamma=several * normal(priors.gamma_sd),
-        tau=several * half_normal(priors.tau_scale),
-        sigma_u=several * half_normal(priors.sigma_u_scale),
+        tau=several * abs(normal(priors.tau_scale)),
+        sigma_u=several * abs(normal(priors.sigma_u_scale)),
         rho_u=several * pair * correlation(),
-        s=np.exp(priors.log_s_mean + normal(priors.log_s_sd)),
+        s=np.exp(normal(priors.log_s_sd, priors.log_s_mean)),
         kappa=several * normal(priors.kappa_sd),
-        omega=several * half_normal(priors.omega_scale),
+        omega=several * abs(normal(priors.omega_scale)),
         rho_w=pair * correlation(),
-        s_e=repeats * np.exp(priors.log_s_e_mean + normal(priors.log_s_e_sd)),
+        s_e=repeats * np.exp(normal(priors.log_s_e_sd, priors.log_s_e_mean)),
         kappa_e=repeats * several * normal(priors.kappa_e_sd),
-        omega_e=repeats * several * half_normal(priors.omega_e_scale),
+        omega_e=repeats * several * abs(normal(priors.omega_e_scale)),
         rho_e=repeats * pair * correlation(),
     )
 
