@@ -27,8 +27,6 @@ _FEWEST = 3
 _FEW = 0.05
 #: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
 _ENOUGH = 4
-#: Gross errors that are named one by one.
-_NAMED = 5
 
 
 def settle_references(
@@ -117,16 +115,12 @@ def tell_duplicates(
 
 
 def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
-    """Notice ids that differ only in leading zeros, case or surrounding space, and padded ids."""
-    bare = {name: name.strip("\ufeff \t\r\n\xa0") for name in ids}
+    """Notice ids that differ only in leading zeros, case or surrounding space."""
     same: dict[str, list[str]] = {}
-    for name, text in bare.items():
-        same.setdefault(text.casefold().lstrip("0"), []).append(name)
+    for name in ids:
+        same.setdefault(name.strip("\ufeff \t\r\n\xa0").casefold().lstrip("0"), []).append(name)
     alike = [names for names in same.values() if len(names) > 1]
-    notices = [Notice(f"{what}s {shown(names)} look alike and are kept apart") for names in alike]
-    if padded := [name for name, text in bare.items() if text != name]:
-        notices.append(Notice(f"{what}s {shown(padded)} begin or end with space, which is kept"))
-    return notices
+    return [Notice(f"{what}s {shown(names)} look alike and are kept apart") for names in alike]
 
 
 def repeats_over_sessions(table: pd.DataFrame) -> list[Notice]:
@@ -249,18 +243,15 @@ def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator
     typical = by_environment[column].transform("median")
     enough = by_environment["subject"].transform("nunique") >= _FEWEST
     far = (positive[column] > _GROSS * typical) | (positive[column] < typical / _GROSS)
-    found = positive.assign(typical=typical)[enough & far]
-    for index, row in zip(found.index.tolist(), found[:_NAMED].to_dict("records"), strict=False):
-        yield Notice(
-            f"subject {shown([row['subject']])} set {parameter} to {row[column]:.6g} in "
-            f"{shown([row['environment']])}, {row[column] / row['typical']:.2g} times the median of "
-            f"{row['typical']:.6g} there: a slip?",
-            column=column,
-            **place(index),
-        )
-    if len(found) > _NAMED:
-        rest = counted(len(found) - _NAMED, "more value")
-        yield Notice(f"and {rest} of {parameter} as far from the median there", column=column)
+    found = positive.assign(median=typical)[enough & far]
+    if len(found):
+        columns = found[["subject", "environment", column, "median"]].itertuples(index=False)
+        named = [
+            f"{who} at {where}: {value:.6g}, median {median:.6g}" for who, where, value, median in columns
+        ]
+        text = f"{counted(len(found), 'value')} of {parameter} far from the median of the environment, here "
+        text += f"the first: a slip? Subjects {shown(named)}"
+        yield Notice(text, column=column, **place(found.index[0]))
 
 
 def _without_logarithm(table: pd.DataFrame, parameter: str, place: Place, family: str) -> Iterator[Notice]:

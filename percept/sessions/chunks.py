@@ -42,13 +42,8 @@ class Reduced:
         In the order the scene lists, then by reference: `environment`, `k_ref` (N/m), `b_ref` (N·s/m).
     family : {"lognormal", "normal"}
         A response is log(adjusted/reference), or (adjusted − reference)/reference.
-    sources : tuple of Source
-    notices : tuple of Notice
-    warnings : tuple of Notice
-        As of :class:`Sessions`, found in the first trial of every subject, session and environment.
-    counts : mapping of str to int
-        Rows by what became of them.
-    quantities : mapping of str to Quantity
+    sources, notices, warnings, counts, quantities
+        As of :class:`Sessions`; warnings of the first trial of every subject, session and environment.
     """
 
     cells: pd.DataFrame

@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 
-from percept.errors import UsageError
+from percept.errors import UsageError, did_you_mean
 from percept.sessions.options import KEPT_COLUMNS, SUMMARY, ColumnRule, ReadOptions, canonical_columns
 from percept.sessions.quantities import Quantities, numbers_of, with_mass
 from percept.sessions.records import NoDataError, shown
@@ -77,9 +76,8 @@ def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str
         stem = stem.rpartition(".")[0]
         if stem in header:
             return ColumnRule(name=stem, unit=rule.unit, path=rule.name[len(stem) + 1 :])
-    close = get_close_matches(rule.name, header, n=3)
     message = f"[columns] names {rule.name!r} for {canonical}, and no column has that name."
-    hint = f"Did you mean {shown(close)}?" if close else f"The columns are {shown(header)}."
+    hint = f"The columns are {shown(header)}.{did_you_mean(rule.name, header)}"
     raise UsageError(message, file=file, row=1, column=rule.name, hint=hint)
 
 

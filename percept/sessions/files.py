@@ -17,13 +17,11 @@ from functools import partial
 from pathlib import Path, PurePath
 from typing import IO, BinaryIO, TextIO
 
-from percept.errors import UsageError, counted
+from percept.errors import UsageError
 from percept.sessions.records import NoDataError, Notice
 
 #: What tells a folder of results from one of sessions.
 _RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.parquet")
-#: Suffixes of files of other kinds that are named.
-_KINDS = 6
 _PACKED = (".csv", ".tsv", ".tab", ".txt")
 _SUFFIXES = (*_PACKED, ".gz", ".zip", ".parquet", ".xlsx")
 #: R's files; their compression may hide what is in them.
@@ -103,8 +101,12 @@ def expand(
             raise UsageError(f"a path is text, not {type(given).__name__}.", hint=hint)
         text = str(given)
         if is_folder := Path(text).is_dir():
-            found, left_out = _wanted(Path(text), wants)
-            notices += left_out
+            tables, results = _inside(Path(text))
+            if not tables:
+                message = f"the folder holds no table ({', '.join(_SUFFIXES)})."
+                raise UsageError(message, file=text, hint="Check the path.")
+            found = [name for name in tables if wants(name)]
+            notices += [Notice("a folder of results is not read", file=name) for name in results]
         elif Path(text).exists():
             found = [text]
         elif is_pattern(text):
@@ -127,23 +129,6 @@ def expand(
     return files, notices
 
 
-def _wanted(folder: Path, wants: Callable[[str], bool]) -> tuple[list[str], list[Notice]]:
-    """Give the tables of a folder that are wanted, and say what else it holds."""
-    tables, others, results = _inside(folder)
-    if not tables:
-        message = f"the folder holds no table ({', '.join(_SUFFIXES)})."
-        raise UsageError(message, file=str(folder), hint="Check the path.")
-    notices = [Notice("a folder of results is not read", file=name) for name in results]
-    if others:
-        kinds = sorted({path.suffix or path.name for path in others})[:_KINDS]
-        text = f"{counted(len(others), 'file')} of other kinds in the folder not read ({', '.join(kinds)})"
-        notices.append(Notice(text))
-    found = [name for name in tables if wants(name)]
-    if left := len(tables) - len(found):
-        notices.append(Notice(f"{counted(left, 'file')} in the folder left out by [sessions.files]"))
-    return found, notices
-
-
 def is_pattern(text: str) -> bool:
     """Whether a path is a glob pattern: it has a sign of one, and nothing is called so."""
     return any(sign in text for sign in "*?[") and not Path(text).exists()
@@ -162,14 +147,14 @@ def may_be_study(path: str) -> bool:
     return found.suffix.lower() in _SUFFIXES
 
 
-def _inside(folder: Path) -> tuple[list[str], list[Path], list[str]]:
-    """Look for tables, other files and folders of results in a folder and those below it."""
+def _inside(folder: Path) -> tuple[list[str], list[str]]:
+    """Look for tables and folders of results in a folder and those below it."""
     filled = {p.parent for name in _RESULTS for p in folder.rglob(name)} - {folder}
-    paths = [path for path in sorted(folder.rglob("*")) if path.is_file() and filled.isdisjoint(path.parents)]
-    paths = [path for path in paths if not _hidden(path.relative_to(folder))]
-    tables = [str(path) for path in paths if path.suffix.lower() in _SUFFIXES]
-    others = [path for path in paths if path.suffix.lower() not in _SUFFIXES]
-    return tables, others, sorted(map(str, filled))
+    paths = [
+        path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES and path.is_file()
+    ]
+    paths = [path for path in paths if filled.isdisjoint(path.parents)]
+    return [str(path) for path in paths if not _hidden(path.relative_to(folder))], sorted(map(str, filled))
 
 
 def _hidden(path: PurePath) -> bool:

@@ -120,7 +120,7 @@ class ReadError(UsageError):
             return str(self.problems[0])
         lines = [
             f"{self.total} problems:",
-            *(f"  {line}" for line in summarised(self.problems, str)[:_LISTED]),
+            *(f"  {line}" for line in summarised(self.problems)[:_LISTED]),
         ]
         if self.total > _LISTED:
             lines.append("  percept validate lists them by kind")
@@ -131,14 +131,14 @@ class NoDataError(UsageError):
     """A file without trials, as an aborted run or a tracker leaves; it is left out where others have them."""
 
 
-def summarised(problems: Sequence[PerceptError], line: Callable[[PerceptError], str]) -> list[str]:
+def summarised(problems: Sequence[PerceptError]) -> list[str]:
     """Give a line per problem; of a kind in one column of a file, three and how many more there are."""
     kinds: dict[tuple[object, ...], list[PerceptError]] = {}
     for problem in problems:
         kinds.setdefault((problem.file, problem.column, problem.message), []).append(problem)
     lines = []
     for alike in kinds.values():
-        lines += [line(problem) for problem in alike[:_ALIKE]]
+        lines += map(str, alike[:_ALIKE])
         if more := alike[_ALIKE:]:
             where = f"{more[0].file}, column {more[0].column!r}, rows {more[0].row} to {more[-1].row}"
             lines.append(f"{where}: {len(more)} more of this kind")

@@ -61,8 +61,7 @@ class FileTable:
         self.numbered = "trial" in self._rules or any(slot.trial for slot in self.found.slots)
         self.declared_units = {c for c, rule in self._rules.items() if rule.unit is not None}
         self.parameters: set[str] = set()
-        decimal = options.sessions.decimal
-        self._mark = None if decimal is None else values.DecimalMark(decimal)
+        self._mark = options.sessions.decimal
         if self.form == "trials":
             check_columns(header, self.found, options, named, file=name)
             self.parameters = {p for p in options.quantities if f"{p}_adj" in self._rules}
@@ -191,7 +190,7 @@ class FileTable:
             or (self._mark is None and block.dialect.delimiter != "," and "," in block.text)
         ):
             return None
-        cells = block.plain(sorted(texts), sorted(numbers), self._mark.sign if self._mark else ".")
+        cells = block.plain(sorted(texts), sorted(numbers), self._mark or ".")
         if cells is not None:
             self.counts["rows read"] += len(cells)
         return cells

@@ -108,7 +108,7 @@ def _understood(sessions: Sessions) -> Iterator[dict[str, Any]]:
 
 
 def format_validation(found: Mapping[str, Any], *, say: Callable[[str], str] = str) -> str:
-    """Plain text of a validation, one finding per line, each beginning with its file:row:column.
+    """Plain text of a validation, one finding per line, each beginning with its file and row.
 
     Parameters
     ----------
@@ -135,19 +135,11 @@ def format_validation(found: Mapping[str, Any], *, say: Callable[[str], str] = s
     lines += [f"notice: {Notice(**notice)}" for notice in found["notices"]]
     lines += ["left out: {file}:{row}: subject {who}, {what}: {why}".format(**e) for e in found["exclusions"]]
     problems, total = [PerceptError(**problem) for problem in found["problems"]], found["problems_total"]
-    lines += summarised(problems, _problem)
+    lines += summarised(problems)
     if total > len(problems):
         lines.append(f"and {total - len(problems)} more problems")
     verdicts = ("read without problems", "read, but no analysis is possible", counted(total, "problem"))
     return "\n".join(map(printable, [*lines, verdicts[found["exit_code"]]]))
-
-
-def _problem(problem: PerceptError) -> str:
-    parts = (problem.file, problem.row, problem.column, problem.key)
-    place = ":".join(str(part) for part in parts if part is not None)
-    value = f" (found {problem.value!r})" if problem.value is not None else ""
-    hint = f" {problem.hint}" if problem.hint else ""
-    return f"{place + ': ' if place else ''}{problem.message}{value}{hint}"
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +14,6 @@ import numpy.typing as npt
 from percept.sessions.records import Problems
 
 Mark = Literal[".", ","]
-_Cell = tuple[int, str, str]  # Row, column, text
 
 _MISSING = frozenset({"", "nan", "na", "null", "none", "-"})
 _SPACE = " \t\xa0"
@@ -44,40 +42,31 @@ def is_missing(cell: str) -> bool:
     return cell.strip(_SPACE).lower() in _MISSING
 
 
-@dataclass(frozen=True)
-class DecimalMark:
-    """The decimal mark of a file."""
-
-    sign: Mark
-    evidence: str = ""  # Where cells disagree: how many have this mark, and one of them
-
-
 def decimal_mark(
     columns: Sequence[tuple[str, Sequence[str]]],
     rows: npt.NDArray[np.int64],
     *,
     file: str,
     problems: Problems,
-) -> DecimalMark | None:
+) -> Mark | None:
     """Find the decimal mark from all the number cells that are used; None where no cell has one."""
     commas = _with_mark(",", columns, rows)
     if not commas:
-        return DecimalMark(".") if any("." in cell for _, cells in columns for cell in cells) else None
-    points = _with_mark(".", columns, rows)
-    if points:
+        return "." if any("." in cell for _, cells in columns for cell in cells) else None
+    if points := _with_mark(".", columns, rows):
         # Cells with one reading go before more numerous ones with two.
-        return max(map(_settled, (points, commas)), key=lambda one: one[0])[1]
-    if all(_TWO_READINGS.fullmatch(cell) for _, _, cell in commas):
+        return "," if _weight(commas) > _weight(points) else "."
+    if _weight(commas)[0] == 0:
         hint = 'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write them '
         hint += "without it)."
         for row, name, cell in commas:
             problems.add(f"{_readings(cell)}.", file=file, row=row, column=name, value=cell, hint=hint)
-    return DecimalMark(",")
+    return ","
 
 
 def _with_mark(
-    sign: str, columns: Sequence[tuple[str, Sequence[str]]], rows: npt.NDArray[np.int64]
-) -> list[_Cell]:
+    sign: Mark, columns: Sequence[tuple[str, Sequence[str]]], rows: npt.NDArray[np.int64]
+) -> list[tuple[int, str, str]]:
     """Row, column and text of each number that has a mark."""
     return [
         (int(row), name, text)
@@ -87,14 +76,9 @@ def _with_mark(
     ]
 
 
-def _settled(cells: Sequence[_Cell]) -> tuple[tuple[int, int], DecimalMark]:
-    """Return how much cells say for their mark, and the mark with one of them."""
-    sure = [cell for cell in cells if not _TWO_READINGS.fullmatch(cell[2])]
-    row, name, cell = (sure or cells)[0]
-    sign: Mark = "," if "," in cell else "."
-    count = f"{len(cells)} cells have" if len(cells) > 1 else "1 cell has"
-    evidence = f"{count} a decimal {_WORDS[sign]}, as row {row} in column {name!r} ({cell!r})"
-    return (len(sure), len(cells)), DecimalMark(sign, evidence)
+def _weight(cells: Sequence[tuple[int, str, str]]) -> tuple[int, int]:
+    """How much cells say for their mark: how many have one reading, and how many there are."""
+    return sum(not _TWO_READINGS.fullmatch(cell) for _, _, cell in cells), len(cells)
 
 
 def _readings(cell: str) -> str:
@@ -104,14 +88,14 @@ def _readings(cell: str) -> str:
 def parse_numbers(
     cells: Sequence[str],
     rows: npt.NDArray[np.int64],
-    mark: DecimalMark | None,
+    mark: Mark | None,
     problems: Problems,
     mend: str = "Correct the cell.",
     **place: Any,
 ) -> npt.NDArray[np.float64]:
     """Convert cells to the nearest doubles."""
-    mark = mark or DecimalMark(".")
-    out, is_number = np.full(len(cells), np.nan), _NUMBER[mark.sign].fullmatch
+    mark = mark or "."
+    out, is_number = np.full(len(cells), np.nan), _NUMBER[mark].fullmatch
     for at, cell in enumerate(cells):
         text = cell.strip(_SPACE)
         if is_number(text):
@@ -127,15 +111,15 @@ def parse_numbers(
     return out
 
 
-def _diagnosis(text: str, mark: DecimalMark) -> tuple[str, str]:
+def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
     """Say what is wrong with a cell that is no number, and what to do if that is more than to correct it."""
-    other = "," if mark.sign == "." else "."
+    other: Mark = "," if mark == "." else "."
     if _NUMBER[other].fullmatch(text):
         found = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
-        why = mark.evidence or f"the file is read with the decimal mark {mark.sign!r}"
-        hint = f"Write it with a decimal {_WORDS[mark.sign]}, and thousands without a separator"
-        hint += "." if mark.evidence else ", or set [sessions] decimal to the mark the file has."
-        return f"{found}; {why}.", hint
+        hint = (
+            f"Write it with a decimal {_WORDS[mark]}, and thousands without a separator, or set [sessions] "
+        )
+        return f"{found}; the file is read with the decimal mark {mark!r}.", f"{hint}decimal."
     return next((what, hint) for pattern, what, hint in _NO_NUMBERS if re.fullmatch(pattern, text))
 
 

@@ -337,8 +337,8 @@ def test_blocks_warn_of_what_the_first_trials_show(tmp_path):
     ]
     reduced = reduce_sessions(write(tmp_path / "f.csv", records, header=f"{HEAD},group"))
     texts = [notice.text for notice in reduced.warnings]
-    assert [text.partition(" ")[0] for text in texts] == ["subject", "subject", "1", "2"]
-    assert texts[0].startswith("subject '001' set k to 1e+09 in 'VE0'")
+    assert [text.partition(" ")[0] for text in texts] == ["1", "subject", "1", "2"]
+    assert "'001 at VE0: 1e+09, median " in texts[0]
     assert (reduced.warnings[0].row, reduced.warnings[0].file) == (47, str(tmp_path / "f.csv"))
     assert texts[1].startswith("subject '003' left b at the reference in every trial")
     assert texts[2] == "1 cell has no trial: '002 at VE1'"

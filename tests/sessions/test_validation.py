@@ -66,11 +66,11 @@ def test_a_conflict_is_one_line(tmp_path):
     lines = format_validation(validate(file)).splitlines()
     assert len(lines) == 3
     assert lines[0].startswith(
-        f"{file}:3:k_ref: environment 'a' has the reference 10.0 in an earlier row; 2 rows have another, "
-        "here the first. (found 12.0)"
+        f"{file}:3, column 'k_ref', value 12.0: environment 'a' has the reference 10.0 in an earlier row; "
+        "2 rows have another, here the first. "
     )
     assert lines[1].startswith(
-        f"{file}:6:k_ref: environment 'b' has the reference 10.0 in an earlier row. (f"
+        f"{file}:6, column 'k_ref', value 11.0: environment 'b' has the reference 10.0 in an earlier row. "
     )
     assert lines[2] == "2 problems"
 
@@ -95,7 +95,7 @@ def test_problems_have_places(tmp_path):
     record = validate(file)
     assert record["exit_code"] == 2
     lines = format_validation(record).splitlines()
-    assert lines[0].startswith(f"{file}:2:k_adj: not a number. (found 'x')")
+    assert lines[0].startswith(f"{file}:2, column 'k_adj', value 'x': not a number.")
     assert lines[-1] == "2 problems"
     problem = record["problems"][1]
     assert (problem["row"], problem["column"], problem["value"]) == (3, "k_adj", "y")

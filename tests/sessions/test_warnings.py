@@ -31,15 +31,16 @@ def test_ordinary_studies_raise_none(tmp_path):
     ("value", "said"),
     [
         (71900.0, None),
-        (72100.0, "set k to 72100 in 'hard', 30 times the median of 2400 there: a slip?"),
+        (72100.0, "4 at hard: 72100, median 2400"),
         (77.0, None),
-        (76.0, "set k to 76 in 'hard', 0.033 times the median of 2300 there: a slip?"),
+        (76.0, "4 at hard: 76, median 2300"),
     ],
 )
 def test_a_value_far_from_all_others_of_its_environment(tmp_path, value, said):
     # The median of 2200, 2400, 2400 and a large value is 2400, that with a small one 2300.
     rows = [f"{s},hard,2000,10,{k},{9 + s}" for s, k in ((1, 2200), (2, 2400), (3, 2400), (4, value))]
-    assert warnings_of(tmp_path, rows) == ([f"s.csv:5:k_adj: subject '4' {said}"] if said else [])
+    text = "1 value of k far from the median of the environment, here the first: a slip? Subjects"
+    assert warnings_of(tmp_path, rows) == ([f"s.csv:5:k_adj: {text} '{said}'"] if said else [])
 
 
 def test_two_subjects_say_nothing_of_each_other(tmp_path):
@@ -87,12 +88,11 @@ def test_validate_says_them(tmp_path):
 
 
 def test_of_many_slips_the_first_are_named(tmp_path):
-    rows = [f"{s},hard,2000,10,{100_000 + s if s > 22 else 2200 + s},{9 + s / 40}" for s in range(1, 31)]
-    found = warnings_of(tmp_path, rows)
-    assert [text.partition(": ")[0] for text in found] == [f"s.csv:{row}:k_adj" for row in range(24, 29)] + [
-        "k_adj"
-    ]
-    assert found[-1] == "k_adj: and 3 more values of k as far from the median there"
+    rows = [f"{s},hard,2000,10,{100_000 + s if s > 16 else 2200 + s},{9 + s / 40}" for s in range(1, 34)]
+    rows += [f"{s},hard,2000,10,{2200 + s},{9 + s / 40}" for s in range(34, 50)]
+    (text,) = warnings_of(tmp_path, rows)
+    assert text.startswith("s.csv:18:k_adj: 17 values of k far from the median")
+    assert text.endswith("'28 at hard: 100028, median 2242' and 5 more")
 
 
 def test_many_subjects_are_looked_up_once(tmp_path):
@@ -120,7 +120,7 @@ def test_sessions_put_together_by_hand_have_no_places(tmp_path):
     names = ["subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"]
     (slip,) = Sessions(pd.DataFrame(rows, columns=names), "trials").warnings
     assert (slip.file, slip.row, slip.column) == (None, None, "k_adj")
-    assert slip.text.startswith("subject '0' set k to 90000 in 'A', ")
+    assert slip.text.endswith("Subjects '0 at A: 90000, median 104'")
 
 
 def zeros(tmp_path, values, reference="100", family="lognormal"):
