@@ -152,7 +152,9 @@ def _typed_rows(data: bytes, file: str, sheet: str | None) -> list[Sequence[Any]
         book = pd.ExcelFile(io.BytesIO(data), engine="openpyxl")
         page = book.sheet_names[0] if sheet is None else sheet
         known = page in book.sheet_names
-        frame = book.parse(page, header=None, dtype=object, na_filter=False) if known else pd.DataFrame()
+        frame = pd.DataFrame()
+        if known:
+            frame = pd.read_excel(book, sheet_name=page, header=None, dtype=object, na_filter=False)
         rows = frame.to_numpy().tolist()
     except ImportError:
         hint = "Install what reads it: pip install 'percept[tables]'."
