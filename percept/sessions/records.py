@@ -136,7 +136,7 @@ def summarised(problems: Sequence[PerceptError]) -> list[str]:
     kinds: dict[tuple[object, ...], list[PerceptError]] = {}
     for problem in problems:
         kinds.setdefault((problem.file, problem.column, problem.message), []).append(problem)
-    lines = []
+    lines: list[str] = []
     for alike in kinds.values():
         lines += map(str, alike[:_ALIKE])
         if more := alike[_ALIKE:]:
