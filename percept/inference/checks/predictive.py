@@ -9,33 +9,27 @@ from numpy.typing import NDArray
 
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.priors import draws_first
+from percept.inference.hierarchy.priors import Named, draws_first
 from percept.inference.hierarchy.scales import Layout
 
 Array = NDArray[np.float64]
-Named = dict[str, tuple[tuple[str, ...], Array]]
 STATISTICS = ("mean", "sd", "farthest")
-
-
-def prior_layout(density: CollapsedDensity) -> Layout:
-    """Layout of the same model without data, in which every coordinate is standard normal a priori."""
-    statistics = density.statistics
-    # Only the observed scatter sets the coordinates of log sigma off their prior.
-    blank = dataclasses.replace(
-        statistics, sd=np.zeros_like(statistics.sd), trial_rows=np.zeros_like(statistics.trial_rows)
-    )
-    return Layout(blank, density.priors, density.layout.options)
 
 
 def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) -> tuple[Named, Array, Array]:
     """Draw scales, population means and new users before any data."""
-    layout, priors = prior_layout(density), density.priors
+    statistics, priors = density.statistics, density.priors
+    # Without observed scatter every coordinate of log sigma is standard normal a priori, like the rest.
+    blank = dataclasses.replace(
+        statistics, sd=np.zeros_like(statistics.sd), trial_rows=np.zeros_like(statistics.trial_rows)
+    )
+    layout = Layout(blank, priors, density.layout.options)
     scales = layout.scales(rng.standard_normal((layout.dimension, draws)))
     size, environments = layout.parameters, layout.environments
     beta = np.repeat(priors.alpha_sd * rng.standard_normal((size, 1, draws)), environments, axis=1)
     if scales.tau is not None:
         gamma = priors.gamma_sd * rng.standard_normal((size, 1, draws))
-        beta += gamma * density.statistics.x[..., None]
+        beta += gamma * statistics.x[..., None]
         beta += np.stack(scales.tau)[:, None] * rng.standard_normal(beta.shape)
     user = beta.copy()
     for column in scales.between.factor_columns():

@@ -14,10 +14,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
 from percept.inference.classical.moments import check_option, fitted, plain, subject_counts, tails
@@ -28,7 +28,7 @@ _NEGLIGIBLE = 1e-17  # of 1 − γ: what lies beyond the last node
 _REMEMBERED = 4096  # requests: environments, families and studies ask for the same few
 _NEWTON_STEPS = 60
 
-Array: TypeAlias = NDArray[np.float64]
+_legendre = cache(np.polynomial.legendre.leggauss)
 
 
 def tolerance_factor(
@@ -84,7 +84,7 @@ def factor_of_tails(n: ArrayLike, beta: ArrayLike, alpha: ArrayLike, *, sided: s
 @lru_cache(_REMEMBERED)
 def _two_sided(n: float, beta: float, alpha: float) -> float:
     half = (n - 1.0) / 2.0
-    node, weight = _legendre()
+    node, weight = _legendre(_NODES)
     edge = -special.ndtri(alpha * _NEGLIGIBLE) / 2.0
     z = edge * (1.0 + node)
     weight = edge * weight * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * z**2)
@@ -129,9 +129,3 @@ def _newton(
         if np.all(np.abs(step) <= 1e-15 * np.maximum(1.0, np.abs(x))):
             break
     return x
-
-
-@cache
-def _legendre() -> tuple[Array, Array]:
-    node, weight = np.polynomial.legendre.leggauss(_NODES)
-    return node, weight
