@@ -33,8 +33,6 @@ _MOST_PIECES = 2048
 # whose square would leave too few digits to compare.
 _DEEP, _DEEPEST = 12.0 * float(np.log(10.0)), -3.0 * float(np.log(10.0))
 
-Verdict = Literal["inside", "marginal", "outside"]
-
 
 @dataclass(frozen=True)
 class Plane:
@@ -95,7 +93,7 @@ class Departures:
     omega: FloatArray  # Where, rad/s
     bound: FloatArray  # No ω departs by more; inf where the search ended undecided
 
-    def verdict(self, n: int = 0) -> Verdict:
+    def verdict(self, n: int = 0) -> Literal["inside", "marginal", "outside"]:
         """Judge one of them; within rounding, or where the bound decides nothing, it is marginal."""
         if self.largest[n] > ON_LIMIT:
             return "outside"

@@ -20,7 +20,7 @@ from percept.haptics.forms import Display
 from percept.haptics.impedance import device_impedance, device_parts, environment_impedance, warp
 from percept.haptics.impedance import hold as zero_order_hold
 from percept.haptics.limits import stable_stiffness
-from percept.haptics.records import AnyDevice, Coupling, Environment, refuse_arrays
+from percept.haptics.records import AnyDevice, Coupling, Environment
 from percept.haptics.search import Gaps, search_grid, section_minimum, where_positive
 from percept.haptics.stability import demands
 from percept.html import NotebookRecord
@@ -95,7 +95,6 @@ def design_couplings(
     these leave at a few ω is checked at all, and each ω that shows a coupling outside joins them. `damping`
     are the lines of b_c, N·s/m, by default some 160 of them up to the largest that is stable.
     """
-    refuse_arrays(device, Coupling(0.0, 0.0))
     lines = _usual_lines(device, period, hold) if damping is None else np.asarray(damping, dtype=np.float64)
     walls = [_Wall(device, boundary, frequencies, period, hold) for boundary in boundaries]
     groups = [[wall] for wall in walls] + ([walls] if len(walls) > 1 else [])

@@ -149,7 +149,7 @@ class Squares:
                 ]
             )
         highest = max(len(form) for row in rows for form in row)
-        scale = np.array([[float(comb(highest - 1, i))] for i in range(highest)])
+        scale = _binomials(highest - 1)
         shape = (highest, omega.shape[1])
         tables = [[np.broadcast_to(elevated(form, highest) / scale, shape) for form in row] for row in rows]
         found = [np.array(part) for part in zip(*tables, strict=True)]

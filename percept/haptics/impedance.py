@@ -281,10 +281,7 @@ def coupling_impedance(
 def coupling_admittance(
     omega: ArrayLike, coupling: Coupling, period: float, *, discretization: str = "backward"
 ) -> ComplexArray:
-    """Return 1/Z_c(jω), m/(N·s), the p22 of Eq. 4, whose real part Eq. 10 bounds from below.
-
-    It is 0 at DC where there is stiffness, and infinite where there is no coupling at all.
-    """
+    """Return 1/Z_c(jω), m/(N·s), the p22 of Eq. 4; infinite where there is no coupling at all."""
     z_c = coupling_impedance(omega, coupling, period, discretization=discretization)
     size = np.hypot(z_c.real, z_c.imag)
     # Dividing twice by the modulus keeps its square from leaving the range of a double.

@@ -174,10 +174,7 @@ def stability_margin(
 def coupling_bound(
     omega: ArrayLike, device: AnyDevice, period: float, *, hold: str = "average"
 ) -> FloatArray:
-    """Return the right-hand side of Eq. 10, the lower bound of Re 1/Z_c that Fig. 4 draws, m/(N·s).
-
-    It is inf where the device dissipates nothing.
-    """
+    """Return the lower bound of Re 1/Z_c, m/(N·s), in Eq. 10 and Fig. 4; inf where nothing is dissipated."""
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
     viscous, _ = demands(grid, hold)

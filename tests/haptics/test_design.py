@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
     Device,
@@ -228,8 +227,3 @@ def test_where_a_polynomial_is_positive(a):
     found = where_positive(np.full(half_b.shape, a), half_b, c).reshape(-1, 2, 2, 1)
     inside = ((found[:, :, 0] < k) & (k < found[:, :, 1])).any(axis=1)
     np.testing.assert_array_equal(inside, positive)
-
-
-def test_a_design_is_for_one_device():
-    with pytest.raises(UsageError, match="one device"):
-        design_couplings(Device(1.0, [1.0, 2.0]), BOUNDARIES, RANGE, T)
