@@ -83,8 +83,8 @@ def test_curves_are_the_boundaries_row_by_row():
     study.scene = study.scene.with_tables(frequency={"lower": 1.0, "upper": 50.0, "points": 7})
     table, start = study.curves, 0
     for boundary in study.boundaries:
-        part = table.iloc[start : start + boundary.points]
-        start += boundary.points
+        part = table.iloc[start : start + boundary.omega.size]
+        start += boundary.omega.size
         for name in ("omega", "lower", "upper", "reference", "coupled"):
             np.testing.assert_array_equal(part[name], getattr(boundary, name))
         for name in ("environment", "kind", "method", "family", "joint", "shape", "level"):
