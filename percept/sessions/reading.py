@@ -151,11 +151,13 @@ def _typed_rows(data: bytes, file: str, sheet: str | None) -> list[Sequence[Any]
             return [table.column_names, *zip(*(column.to_pylist() for column in table.columns), strict=True)]
         book = pd.ExcelFile(io.BytesIO(data), engine="openpyxl")
         page = book.sheet_names[0] if sheet is None else sheet
-        known = page in book.sheet_names
-        frame = pd.DataFrame()
-        if known:
-            frame = pd.read_excel(book, sheet_name=page, header=None, dtype=object, na_filter=False)
+        if page not in book.sheet_names:
+            names = ", ".join(map(str, book.sheet_names))
+            raise UsageError(f"no such sheet; there are {names}.", file=file, value=sheet)
+        frame = pd.read_excel(book, sheet_name=page, header=None, dtype=object, na_filter=False)
         rows = frame.to_numpy().tolist()
+    except UsageError:
+        raise
     except ImportError:
         hint = "Install what reads it: pip install 'percept[tables]'."
         message = f"such a file needs {'pyarrow' if parquet else 'openpyxl'}."
@@ -164,9 +166,6 @@ def _typed_rows(data: bytes, file: str, sheet: str | None) -> list[Sequence[Any]
     except Exception as error:  # noqa: BLE001
         hint = "Write it again, or as CSV."
         raise UsageError(f"a broken file: {str(error).rstrip('.')}.", file=file, hint=hint) from None
-    if not known:
-        names = ", ".join(map(str, book.sheet_names))
-        raise UsageError(f"no such sheet; there are {names}.", file=file, value=sheet)
     if not rows:
         raise UsageError("the sheet is empty.", file=file, hint="Name another with [sessions] sheet.")
     named = max((at + 1 for at, name in enumerate(rows[0]) if name != ""), default=0)
