@@ -53,9 +53,9 @@ class Boundary(NotebookRecord):
     errors : ndarray, shape (2, M), or None
         Monte Carlo standard errors of log lower and log upper, from batches of posterior draws; None where
         nothing is drawn.
-    error, largest_error : float or None
-        Typical (root mean square over log omega) and largest of `errors`, as a fraction of half the band's
-        width in logarithms. None without errors, and without width.
+    error : float or None
+        Typical `errors` (root mean square over log omega), as a fraction of half the band's width in
+        logarithms. None without errors, and without width.
     pointwise_level, pointwise_level_error : float or None
         Of a Bayesian simultaneous boundary: the level of its limits at each omega, and its Monte Carlo error.
     """
@@ -74,7 +74,6 @@ class Boundary(NotebookRecord):
     coupled: Array | None = None
     errors: Array | None = None
     error: float | None = None
-    largest_error: float | None = None
     pointwise_level: float | None = None
     pointwise_level_error: float | None = None
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from percept.errors import UsageError
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
 from percept.haptics.forms import Display
 from percept.html import NotebookRecord
@@ -36,8 +35,6 @@ def realism(display: Display, populations: Boxes, lower: float, upper: float) ->
     the error counts too.
     """
     draws = populations.size
-    if not draws:
-        raise UsageError("probabilities need at least one posterior draw.")
     plane = plane_departures(display, populations, lower, upper)[0] <= 0.0
     # Inside in stiffness and damping is inside in magnitude: only the others need a search.
     magnitude, rest, undecided = plane.copy(), np.flatnonzero(~plane), 0

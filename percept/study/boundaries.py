@@ -134,9 +134,9 @@ class Drawing:
         return Magnitude(law.pair, setup.device, setup.period, omega, mass=mass, hold=setup.hold)
 
     def _limits(self, law: Law, shape: Shape, limits: Limits, shared: dict[str, Any]) -> Boundary:
-        error, largest = relative_error(shared["omega"], limits) or (None, None)
         return Boundary(
-            lower=limits.lower, upper=limits.upper, errors=limits.errors, error=error, largest_error=largest,
+            lower=limits.lower, upper=limits.upper, errors=limits.errors,
+            error=relative_error(shared["omega"], limits),
             shape=shape, joint="joint", **(shared | law.labels),
         )  # fmt: skip
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from percept.boundary.realism import realism
-from percept.errors import UsageError
 from percept.haptics import Coupling, Device, Environment, effective_impedance, magnitude_envelope
 from percept.haptics import perceived_impedance as perceived
 from percept.haptics.containment import ON_LIMIT, Boxes
@@ -67,9 +66,3 @@ def test_a_draw_that_no_search_decides_is_in_the_error() -> None:
         binomial = np.sqrt(found.magnitude_throughout * (1 - found.magnitude_throughout) / count)
         assert (found.magnitude_error > max(binomial, 1 / count)) == undecided
         assert found.plane_error == 1 / count
-
-
-def test_realism_needs_draws() -> None:
-    nothing = (np.empty(0), np.empty(0))
-    with pytest.raises(UsageError, match="at least one posterior draw"):
-        realism(Display(DEVICE, Environment(1e3, 1.0), PERIOD), Boxes(nothing, nothing), LOWER, UPPER)
