@@ -26,20 +26,19 @@ _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
 _REFITTED = {"classical": "the classical method", "bayesian": "the Bayesian one to a tolerance of {:g} %"}
 _HEAD = """# Coverage
 
-All studies behind this table are simulated: with the references of {paths}, {trials},
-and {source}, refitted by {methods}.{curves}
+All studies behind this table are simulated: with the references of {paths}, {trials}, and {source}, refitted
+by {methods}.{curves}
 Of the scene's other settings level, share, confidence, family, method and seed are kept; `[model]`,
 modes and hold are not.
 
-`stated` is what a row claims. `real` is the fraction of the claims that were true, over
-environments and parameters together. ± is its standard error over the studies, which is the binomial one
-where a study has one claim. Normal intervals of lognormal users, and the other way round, show what
-the wrong family costs. A study of normal users in which a value is not positive has no lognormal row, so
-`studies` can be few.
+`stated` is what a row claims, `real` the fraction of its claims that were true, over environments and
+parameters together, and ± its standard error over the studies. Normal intervals of lognormal users, and the
+other way round, show what the wrong family costs. A study of normal users in which a value is not positive
+has no lognormal row, so `studies` can be few.
 
 """
-_CURVES = """ Curves belong to a device of {0[0]:g} kg and
-{0[1]:g} N·s/m at a period of {1:g} s, at {2[2]} frequencies from {2[0]:g} to {2[1]:g} rad/s."""
+_CURVES = """ Curves belong to a device of {0[0]:g} kg and {0[1]:g} N·s/m at a period of {1:g} s, at
+{2[2]} frequencies from {2[0]:g} to {2[1]:g} rad/s."""
 
 
 def _plan(arguments: argparse.Namespace) -> None:

@@ -32,14 +32,15 @@ _WARNINGS = 4  # the summary repeats the reader's first warnings
 
 def findings(document: Mapping[str, Any]) -> dict[str, Any]:
     """Work out what the first screen says from the rest of the document."""
-    intervals = document["intervals"]
+    intervals, gate = document["intervals"], (document.get("diagnostics") or {}).get("gate")
+    missed = [gate["error_reached"]] if gate and gate["passed"] and not gate["tolerance_met"] else []
     return {
         "overview": overview(document),
         "references": list(_references(intervals)),
         "cautions": [
             *_levels(document.get("contrast")),
             *_left_out(document.get("skipped") or ()),
-            *_inaccurate(document.get("diagnostics")),
+            *missed,
             *_few(intervals),
             *_below_zero(intervals, document["data"]),
             *_active(document["passivity"]),
@@ -290,12 +291,6 @@ def _left_out(skipped: Sequence[Record]) -> Iterator[str]:
             yield f"The hierarchical model leaves out {row['what'].partition(',')[0]}: {row['why']}."
         elif row["what"] == "Bayesian intervals":
             yield f"There are no Bayesian intervals: {row['why']}"
-
-
-def _inaccurate(diagnostics: Record | None) -> Iterator[str]:
-    gate = diagnostics["gate"] if diagnostics else None
-    if gate and gate["passed"] and not gate["tolerance_met"]:
-        yield gate["error_reached"]
 
 
 def _few(intervals: list[Record]) -> Iterator[str]:

@@ -180,7 +180,6 @@ def draw_band(ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str
 #: The axes of a map show at most this many times what qualifies.
 _BEYOND = 4.0
 
-
 Segments = Sequence[FloatArray]  # Per line of coupling damping: (n, 2) intervals of stiffness, N/m
 
 
@@ -217,21 +216,11 @@ def draw_design(
     if coupling is not None:
         x, y = coupling[0] / 1e3, coupling[1]
         at = (min(x, right), min(y, top))
-        form: _Style = {
-            "markersize": 5,
-            "color": COLOURS["warn"],
-            "label": "coupling in use",
-            "clip_on": False,
-        }
-        ax.plot([at[0]], [at[1]], "X", **form)
+        form: _Style = {"color": COLOURS["warn"], "label": "coupling in use", "clip_on": False}
+        ax.plot([at[0]], [at[1]], "X", markersize=5, **form)
         if at != (x, y):
-            place: _Style = {
-                "xytext": (-6, -4),
-                "textcoords": "offset points",
-                "ha": "right",
-                "va": "top",
-            }
-            ax.annotate(f"at {x:.4g} kN/m,\n{y:.4g} N·s/m", at, fontsize=6, **place)
+            place: _Style = {"textcoords": "offset points", "ha": "right", "va": "top", "fontsize": 6}
+            ax.annotate(f"at {x:.4g} kN/m,\n{y:.4g} N·s/m", at, xytext=(-6, -4), **place)
     ax.set_xlim(0, right)
     ax.set_ylim(0, top)
     ax.set_xlabel("coupling stiffness (kN/m)")
