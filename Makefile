@@ -73,8 +73,8 @@ reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)
 	@cp build/hbfd/report.html reports/example/report.html
 	@$(BIN)/percept reproduce --out reports/hbfd --quiet
 
-digits: $(STAMP)  ## digits, growth and skipping of reports/benchmark (half an hour)
-	@for part in digits growth skipping; do \
+digits: $(STAMP)  ## digits, propagation, growth and skipping of reports/benchmark (half an hour)
+	@for part in digits propagation growth skipping; do \
 	    $(BIN)/percept bench $$part --out reports/benchmark || exit 1; \
 	done
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -43,7 +44,8 @@ SETTINGS = (
 STUDY = (
     SESSIONS,
     *SETTINGS,
-    argument("--write-scene", "FILE", "write the mapping proposed for unknown column names as a scene"),
+    flag("--accept", "go on with the mapping proposed for unknown column names"),
+    argument("--write-scene", "FILE", "write that mapping as a scene"),
     flag("--no-cache", "sample again, and keep no posterior (see percept cache)"),
 )
 #: As `percept.workers.open_mapper` takes them.
@@ -83,7 +85,7 @@ def open_study(
     arguments: argparse.Namespace, progress: Working | None = None, *, groups: Sequence[str] = ()
 ) -> Study:
     """Read the sessions and the scene, put them together, and say what the reader noticed."""
-    from percept.sessions import read_sessions
+    from percept.sessions import ReadOptions, read_sessions
     from percept.study import Study
 
     scene, options = read_scene(arguments)
@@ -92,9 +94,11 @@ def open_study(
         sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
     except UsageError as error:
         # Row 1 is the header: of cells no mapping makes anything else.
-        if error.row == 1:
-            _propose_mapping(arguments, options, error)
-        raise
+        if error.row != 1:
+            raise
+        scene = _with_mapping(arguments, scene, options, error)
+        options = ReadOptions.from_mapping(dict(scene))
+        sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)
         for notice in notices[:_NOTICES]:
@@ -107,15 +111,25 @@ def open_study(
     return study
 
 
-def _propose_mapping(arguments: argparse.Namespace, options: ReadOptions, error: UsageError) -> None:
-    """Say what percept would make of unknown columns, and write it where that is asked for."""
+def _with_mapping(
+    arguments: argparse.Namespace, scene: Scene, options: ReadOptions, error: UsageError
+) -> Scene:
+    """Say what percept makes of unknown columns: it goes on with that or writes it only where told."""
+    from percept.scene import Scene
     from percept.sessions import propose_columns
 
     proposal = propose_columns(arguments.sessions[0], options=options)
     if not proposal.guessed:
-        return
+        raise error
+    if arguments.accept and not proposal.missing:
+        print(f"notice: columns are read as follows\n{proposal.text}", file=sys.stderr)
+        own, tables = scene.model_dump(exclude_none=True), tomllib.loads(proposal.text)
+        if scene.quantities == Scene().quantities:
+            # Stiffness and damping are what a scene without quantities means, not a part of this one.
+            del own["quantities"]
+        return scene.with_tables(**{name: own.get(name, {}) | table for name, table in tables.items()})
     lacking = f" It lacks {', '.join(proposal.missing)}." if proposal.missing else ""
-    hint = f"Add --write-scene scene.toml to write it.{lacking}"
+    hint = f"Add --write-scene scene.toml to write it, or --accept to go on with it.{lacking}"
     if arguments.write_scene:
         write_new(arguments.write_scene, proposal.text)
         hint = f"It is written: look through it, then give --scene {arguments.write_scene}.{lacking}"

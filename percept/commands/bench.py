@@ -77,11 +77,21 @@ def _digits(arguments: argparse.Namespace) -> list[Any]:
     return rows + _bench("digits_haptics", "haptics_digits")(arguments.cases)
 
 
+def _propagation(_: argparse.Namespace) -> Any:
+    """Measure on the simulated sessions like the published ones."""
+    from percept import Scene, Study, read_sessions
+    from percept.reproduce.published import dataset
+
+    study = Study(read_sessions(dataset("hbfd_sessions.csv")), Scene.load(dataset("hbfd.toml")))
+    return _bench("propagation", "study_propagation")(study)
+
+
 _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
     "designs": lambda given: _bench("designs", "design_costs")(
         given.rows, seeds=given.seeds, peer=not given.no_peer, out=given.out, log=_log
     ),
     "digits": _digits,
+    "propagation": _propagation,
     "skipping": lambda _: _bench("skipping", "skipping_cost")(),
     "growth": lambda _: _bench("growth", "growth")(log=_log),
 }

@@ -41,31 +41,30 @@ def test_nothing_is_read_under_a_mapping_that_nobody_accepted(tmp_path, capsys):
     assert 'k_ref = { name = "stiffness standard [N/mm]", unit = "N/mm" }  # 2 different: 0.3, 0.9' in said
     assert 'trial = "order"  # 10 rows of 20 repeat a subject and environment, without numbers' in said
     assert '# not used: "rt": ' in said
-    assert "Add --write-scene scene.toml to write it." in said
+    assert "--write-scene scene.toml to write it, or --accept to go on with it." in said
     assert not (tmp_path / "out").exists()
 
 
-def test_a_written_mapping_is_followed(tmp_path, capsys):
-    path, scene = study(tmp_path), str(tmp_path / "written.toml")
-    assert fit(path, "--write-scene", scene) == 2
-    assert fit(path, "--scene", scene) == 0
+def test_an_accepted_mapping_is_followed_and_said(tmp_path, capsys):
+    path = study(tmp_path)
+    assert fit(path, "--accept") == 0
+    assert "notice: columns are read as follows" in capsys.readouterr().err
     found = json.loads((tmp_path / "out" / "fit.json").read_text())["intervals"]
     plain = study(tmp_path, "subject,environment,k_ref,k_adj,rt")
-    own = tmp_path / "own.toml"
-    own.write_text(
+    scene = tmp_path / "own.toml"
+    scene.write_text(
         '[columns]\nk_ref = { name = "k_ref", unit = "N/mm" }\nk_adj = { name = "k_adj", unit = "N/mm" }\n'
         '[sessions]\ntrial = "order"\n'
     )
-    assert fit(plain, "--scene", str(own)) == 0
+    assert fit(plain, "--scene", str(scene)) == 0
     assert json.loads((tmp_path / "out" / "fit.json").read_text())["intervals"] == found
 
 
-def test_a_proposed_quantity_stands_alone(tmp_path):
-    path, scene = tmp_path / "s.csv", str(tmp_path / "scene.toml")
+def test_an_accepted_quantity_stands_alone(tmp_path):
+    path = tmp_path / "s.csv"
     rows = [f"{p},{ms},{ms + 10 * p}" for p in range(1, 6) for ms in (400, 800)]
     path.write_text("\n".join(["Participant ID,standard (ms),response (ms)", *rows]) + "\n")
-    assert fit(path, "--write-scene", scene) == 2
-    assert fit(path, "--scene", scene) == 0
+    assert fit(path, "--accept") == 0
     document = json.loads((tmp_path / "out" / "fit.json").read_text())
     assert list(document["provenance"]["scene"]["quantities"]) == ["duration"]
 
@@ -90,15 +89,15 @@ def test_a_scene_that_is_there_stays_and_is_named(tmp_path, capsys):
 def test_what_is_not_found_is_not_made_up(tmp_path, capsys):
     path = tmp_path / "s.csv"
     path.write_text("participant,colour,match\n1,red,3\n2,red,4\n")
-    assert fit(path) == 2
+    assert fit(path, "--accept") == 2
     said = capsys.readouterr().err
     assert "It lacks environment, response_ref." in said
     assert '# environment = ""  # not found: fill in the name of its column' in said
     path.write_text("subject,environment,k_ref,k_adj\n1,a,10,x\n2,a,10,11\n")
-    assert fit(path) == 2
+    assert fit(path, "--accept") == 2
     assert "s.csv:2, column 'k_adj', value 'x': not a number." in capsys.readouterr().err
     path.write_text("a,b\n1,2\n")
-    assert fit(path) == 2
+    assert fit(path, "--accept") == 2
     assert "there is no column for subject and environment and k_adj" in capsys.readouterr().err
 
 
