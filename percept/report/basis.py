@@ -10,10 +10,10 @@ from typing import Any
 
 from percept import __version__
 from percept.report.numbers import bare, percentage, rounded
+from percept.report.overview import misfits
 from percept.report.select import (
     KINDS,
     METHODS,
-    STATISTICS,
     Record,
     Section,
     distinct,
@@ -128,17 +128,8 @@ def checks(document: Record) -> Section | None:
             table = {"caption": caption, "pointer": f"/checks/{steps}", "heads": heads}
             tables.append({**table, "rows": rows})
     bayesian = record.get("loo") is not None
-    values = {"messages": _messages(record) if bayesian else [], "tables": tables, "bayesian": bayesian}
+    values = {"messages": list(misfits(record)) if bayesian else [], "tables": tables, "bayesian": bayesian}
     return Section("checks", "Checks of the model", values)
-
-
-def _messages(record: Record) -> list[str]:
-    unusual = (row for row in record["statistics"] if row["unusual"])
-    return record["loo"]["messages"] + [
-        f"The {STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']} is unusual for "
-        "the model."
-        for row in unusual
-    ]
 
 
 def data(document: Record) -> Section:

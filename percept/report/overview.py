@@ -44,7 +44,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
             *_few(intervals),
             *_below_zero(intervals, document["data"]),
             *_active(document["passivity"]),
-            *_misfits(document.get("checks")),
+            *misfits(document.get("checks")),
             *_warnings(document["data"]["doubts"]),
         ],
     }
@@ -331,7 +331,7 @@ def _active(passivity: list[Record] | None) -> Iterator[str]:
         )
 
 
-def _misfits(checks: Record | None) -> Iterator[str]:
+def misfits(checks: Record | None) -> Iterator[str]:
     """Say what the checks of the model found."""
     if not checks:
         return
