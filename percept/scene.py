@@ -339,50 +339,20 @@ class Scene(DataTables):
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             hint = "Text stands in quotes, and numbers begin with a digit: 0.05."
             raise UsageError(f"is not TOML: {error}.", file=name, hint=hint) from error
-        scene = cls.from_tables(tables, file=name)
+        try:
+            scene = cls(**tables)
+        except UsageError as error:
+            error.file = name
+            raise
         scene._folder = Path(path).parent
         return scene
-
-    @classmethod
-    def from_tables(cls, tables: dict[str, Any], *, file: str | None = None) -> Self:
-        """Build from nested tables, as TOML gives them.
-
-        Parameters
-        ----------
-        tables : dict
-            Table by name.
-        file : str, optional
-            Where they come from, for messages.
-
-        Returns
-        -------
-        Scene
-
-        Raises
-        ------
-        UsageError
-            A key or value is wrong; with its place.
-        """
-        try:
-            return cls(**tables)
-        except UsageError as error:
-            error.file = file
-            raise
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain nested tables with all defaults, without keys and tables that are None."""
         return self.model_dump(mode="json", exclude_none=True)
 
     def _repr_html_(self) -> str:
-        tables = self.to_dict()
-        return fields_html(
-            {
-                f"{table}.{key}": value
-                for table, keys in tables.items()
-                if isinstance(keys, dict)
-                for key, value in keys.items()
-            }
-        )
+        return fields_html(self.to_dict())
 
     def with_inference(self, **changes: Any) -> Scene:
         """Return a copy with keys of `[inference]` replaced and checked; None leaves a key as it is."""
@@ -391,6 +361,6 @@ class Scene(DataTables):
 
     def with_tables(self, **tables: dict[str, Any] | None) -> Scene:
         """Return a copy with whole tables replaced and checked; None leaves one out."""
-        changed = Scene.from_tables(self.model_dump(exclude_none=True) | tables)
+        changed = Scene(**self.model_dump(exclude_none=True) | tables)
         changed._folder = self._folder
         return changed

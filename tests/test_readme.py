@@ -76,7 +76,7 @@ def test_every_block_runs(page, capsys):
             with Path(file[2]).open("w" if file[1] == "Save this as" else "a", encoding="utf-8") as there:
                 there.write(text)
         elif language == "toml":
-            Scene.from_tables(tomllib.loads(text))
+            Scene(**tomllib.loads(text))
         elif language == "sh":
             printed = "".join(run_line(line, capsys) for line in text.splitlines())
         elif language == "python":

@@ -253,7 +253,7 @@ def simulated(design: StudyDesign, seed: int) -> Statistics:
     of_outlier = table["subject"] == plan.subjects[0]
     for name in design.parameters:
         table.loc[of_outlier, f"{name}_adj"] *= design.outlier
-    scene = Scene.from_tables({"inference": {"family": design.family, "parameters": list(design.parameters)}})
+    scene = Scene(inference={"family": design.family, "parameters": list(design.parameters)})
     model: Any = prepare(Sessions.from_frame(table), scene, design.parameters).model
     return model.statistics
 

@@ -115,7 +115,7 @@ def study_without(
         del tables[without]
     if without == "one parameter":
         tables["inference"]["parameters"] = ["k"]
-    scene = Scene.from_tables(tables)
+    scene = Scene(**tables)
     sessions = read_sessions(dataset("hbfd_sessions.csv"))
     if without == "all but one environment":
         table = sessions.table

@@ -205,22 +205,21 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
     table = simulate(truth, design, rng, family=plan.truth)
     lower, upper, points = plan.frequencies
     device = {"mass": plan.device[0], "damping": plan.device[1], "period": plan.period}
-    scene = Scene.from_tables(
-        {
-            **({"device": device} if plan.parameters == PARAMETERS else {"quantities": plan.quantities}),
-            "frequency": {"lower": lower, "upper": upper, "points": points},
-            "model": plan.model,
-            "inference": {
-                "kinds": ["user"] if plan.each else ["mean", "user", "share"],
-                "level": plan.level,
-                "share": plan.level if plan.share is None else plan.share,
-                "confidence": plan.confidence,
-                "family": plan.family,
-                "method": plan.method,
-                "tolerance": plan.tolerance,
-                "seed": int(rng.integers(1 << 31)),
-            },
-        }
+    described = {"device": device} if plan.parameters == PARAMETERS else {"quantities": plan.quantities}
+    scene = Scene(
+        **described,
+        frequency={"lower": lower, "upper": upper, "points": points},
+        model=plan.model,
+        inference={
+            "kinds": ["user"] if plan.each else ["mean", "user", "share"],
+            "level": plan.level,
+            "share": plan.level if plan.share is None else plan.share,
+            "confidence": plan.confidence,
+            "family": plan.family,
+            "method": plan.method,
+            "tolerance": plan.tolerance,
+            "seed": int(rng.integers(1 << 31)),
+        },
     )
     # Without repeats a user's value contains the trial noise.
     cov = truth.cov_u + truth.cov_w + (0.0 if design.repeated else truth.cov_e)

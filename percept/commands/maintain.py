@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 import platform
-import re
 from importlib import metadata
-from typing import NamedTuple
 
 from percept import __version__
-from percept.commands import Command, argument, flag
+from percept.commands import Command, argument
 from percept.errors import UsageError, counted
 
 _CACHE = """Show what posteriors are kept for next time, or clear them.
@@ -19,53 +17,26 @@ posteriors not used for longest go.
 """
 
 
-class Dependency(NamedTuple):
-    """A package percept was installed to work with."""
-
-    name: str  # On the package index
-    version: str | None  # What is installed
-    extra: str | None  # The optional extra it belongs to
-    wanted: str  # The versions that will do, such as ``">=2.0"``
-    fits: bool  # Whether the installed version is one of them
-
-
-def dependency(line: str) -> Dependency:
-    """Read a requirement as metadata writes it, and look up what is installed."""
+def _doctor(_: argparse.Namespace) -> int:
+    """Print the environment; 1 where a dependency that is always needed is missing or of another version."""
     from packaging.requirements import Requirement
 
-    requirement = Requirement(line)
-    extra = re.search(r"extra == .([\w-]+)", str(requirement.marker or ""))
-    try:
-        version = metadata.version(requirement.name)
-    except metadata.PackageNotFoundError:
-        version = None
-    fits = version is not None and requirement.specifier.contains(version, prereleases=True)
-    wanted = ",".join(sorted(map(str, requirement.specifier), reverse=True))
-    return Dependency(requirement.name, version, extra[1] if extra else None, wanted, fits)
-
-
-def _doctor(arguments: argparse.Namespace) -> int:
-    """Print the environment; 1 where a dependency that is always needed is missing or too old."""
     from percept.cache import cache_folder
 
-    packages = [dependency(line) for line in metadata.requires("percept") or ()]
-    needed = [package for package in packages if package.extra is None]
-    broken = [package for package in needed if not package.fits]
     print(f"percept {__version__}, Python {platform.python_version()}, {platform.platform()}")
-    if arguments.all:
-        for package in packages:
-            kind = f"optional ({package.extra})" if package.extra else "needed"
-            print(f"  {package.name:<16}{package.version or 'missing':<14}{kind} {package.wanted}")
-    print(f"needed: {len(needed) - len(broken)} of {len(needed)} packages are here")
-    lacking: dict[str, list[str]] = {package.extra: [] for package in packages if package.extra}
-    for package in packages:
-        if package.extra and not package.fits:
-            lacking[package.extra].append(package.name)
-    extras = [f"{name} lacks {', '.join(lacks)}" if lacks else name for name, lacks in lacking.items()]
-    print(f"extras: {'; '.join(extras)}")
     print(f"cache: {cache_folder() or 'off'}")
-    for package in broken:
-        print(f'Install {package.name}: python -m pip install "{package.name}{package.wanted}"')
+    broken = []
+    for requirement in map(Requirement, metadata.requires("percept") or ()):
+        try:
+            version = metadata.version(requirement.name)
+        except metadata.PackageNotFoundError:
+            version = ""
+        print(f"  {version or 'missing':<14}{requirement}")
+        needed = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+        if needed and not (version and requirement.specifier.contains(version, prereleases=True)):
+            broken.append(f"{requirement.name}{requirement.specifier}")
+    for wanted in broken:
+        print(f'Install {wanted}: python -m pip install "{wanted}"')
     if not broken:
         print("Everything percept needs is here.")
     return int(bool(broken))
@@ -110,8 +81,8 @@ def _completion(arguments: argparse.Namespace) -> None:
 
 DOCTOR = Command(
     "Say what percept runs on: Python, its dependencies and their versions, and the cache.",
-    "percept doctor --all",
-    (flag("--all", "list every dependency with its version"),),
+    "percept doctor",
+    (),
     _doctor,
 )
 CACHE = Command(

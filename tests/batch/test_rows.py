@@ -46,7 +46,7 @@ def test_equal_studies_give_equal_bytes(tmp_path):
 def test_a_study_that_misses_its_tolerance_is_done_and_says_its_error(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text(study_text(1))
-    scene = Scene.from_tables({"inference": {"tolerance": 1e-4, "most_steps": 200}})
+    scene = Scene(inference={"tolerance": 1e-4, "most_steps": 200})
     found = read(analyse(StudySource(str(path), scene, {}).read()).table).to_pandas()
     assert set(found["status"]) == {"done"}
     assert set(found["method"]) == {"classical", "bayesian"}

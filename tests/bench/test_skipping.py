@@ -56,7 +56,7 @@ def test_a_process_imports_only_what_it_needs(scene, method, imports, stages, co
 def coordinates_of(table, **inference):
     tables = Scene.load(dataset("hbfd.toml")).to_dict()
     tables["inference"] |= inference
-    study = Study(Sessions.from_frame(table), Scene.from_tables(tables))
+    study = Study(Sessions.from_frame(table), Scene(**tables))
     return len(prepare(study.sessions, study.scene, study.parameters).model.names)
 
 

@@ -40,7 +40,7 @@ def run(code, path, store):
 
 def document(path, store):
     """Give the bytes of report.json."""
-    study = Study(read_sessions(path), Scene.from_tables(SCENE), store=store)
+    study = Study(read_sessions(path), Scene(**SCENE), store=store)
     return dumps(build_document(study)).encode()
 
 

@@ -42,7 +42,7 @@ def question(path, **model):
             raise StopIteration
 
     inference = model.pop("inference", {})
-    scene = Scene.from_tables({"inference": {"tolerance": 0.2, **inference}, "model": model})
+    scene = Scene(inference={"tolerance": 0.2, **inference}, model=model)
     with pytest.raises(StopIteration):
         _ = Study(read_sessions(path), scene, store=Listening()).fit
     return asked[0]

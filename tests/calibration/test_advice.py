@@ -154,7 +154,7 @@ def test_the_truth_a_method_covers_least_decides(table: pd.DataFrame, text: str)
 
 
 def test_a_study_that_cannot_be_simulated_has_theory_alone() -> None:
-    scene = Scene.from_tables({"inference": {"method": "classical"}})
+    scene = Scene(inference={"method": "classical"})
     one = Study(Sessions.from_frame(table_of(subjects=4)), scene)
     (text,) = recommend(one, "nowhere", "percept calibrate")
     assert text.startswith(

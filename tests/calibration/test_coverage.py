@@ -230,7 +230,7 @@ def durations(**changes: object) -> Study:
         columns=["subject", "environment", "duration_ref", "trial"],
     )
     rows["duration_adj"] = rows["duration_ref"] * np.exp(rng.normal(-0.1, 0.2, len(rows)))
-    scene = Scene.from_tables({"quantities": {"duration": {"unit": "ms"}}, "inference": changes})
+    scene = Scene(quantities={"duration": {"unit": "ms"}}, inference=changes)
     return Study(Sessions.from_frame(rows, options=ReadOptions(quantities=scene.quantities)), scene)
 
 

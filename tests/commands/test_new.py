@@ -57,7 +57,7 @@ def test_every_optional_key_is_understood(tmp_path):
     tables = tomllib.loads(switched_on(path.read_text(encoding="utf-8")))
     for key in INSTEAD:
         del tables["device"][key]
-    scene = Scene.from_tables(tables)
+    scene = Scene(**tables)
     assert scene.device.response == "zd.csv"
     assert scene.report.zoom == {"A": (9.9, 10.1)}
     options = ReadOptions.from_mapping(tables)

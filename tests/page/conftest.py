@@ -57,7 +57,7 @@ def page(tmp_path_factory):
     """Page of the published study, both methods, sampled to a loose accuracy."""
     tables = Scene.load(ROOT / "datasets" / "hbfd.toml").to_dict()
     tables["inference"] |= {"tolerance": 0.05}
-    study = Study(read_sessions(ROOT / "datasets" / "hbfd_sessions.csv"), Scene.from_tables(tables))
+    study = Study(read_sessions(ROOT / "datasets" / "hbfd_sessions.csv"), Scene(**tables))
     return write_report(study, tmp_path_factory.mktemp("page"), date="2026-01-01")
 
 

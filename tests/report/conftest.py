@@ -13,7 +13,7 @@ def scene_of(**inference):
     tables = Scene.load(DATASETS / "hbfd.toml").to_dict()
     tables["frequency"]["points"] = 31
     tables["inference"] |= {"method": "classical", **inference}
-    return Scene.from_tables(tables)
+    return Scene(**tables)
 
 
 @pytest.fixture(scope="session")

@@ -59,7 +59,7 @@ def test_cells_are_the_adjustments(classical):
 
 def test_simulated_input_is_known_by_its_source_column():
     sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
-    scene = Scene.from_tables({"inference": {"method": "classical"}})
+    scene = Scene(inference={"method": "classical"})
     assert build_document(Study(sessions, scene))["data"]["simulated"]
     unmarked = dataclasses.replace(sessions, table=sessions.table.drop(columns="source"))
     assert not build_document(Study(unmarked, scene))["data"]["simulated"]
@@ -106,9 +106,7 @@ def test_what_has_no_reference_or_limit_is_not_counted(classical):
 
 
 def test_a_summary_and_a_scene_without_device_are_documents_too():
-    study = Study(
-        read_sessions(DATASETS / "hbfd_table1.csv"), Scene.from_tables({"inference": {"method": "classical"}})
-    )
+    study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene(inference={"method": "classical"}))
     document = build_document(study)
     assert document["data"]["form"] == "summary"
     assert document["data"]["cells"] == []
@@ -180,7 +178,7 @@ def test_the_map_has_an_edge_for_a_rigid_device_only(classical, classical_study)
     tables["frequency"]["points"] = 5
     table = classical_study.sessions.table
     alone = type(classical_study.sessions).from_frame(table[table["environment"] == "VE1"])
-    modal = Study(alone, type(classical_study.scene).from_tables(tables))
+    modal = Study(alone, type(classical_study.scene)(**tables))
     assert design_of(modal)["stable"] is None
     assert [one["name"] for one in design_of(modal)["maps"][0]["environments"]][-1] is None
 

@@ -224,7 +224,7 @@ def test_without_a_coupling_there_is_the_device_alone():
     tables = scene_of().to_dict()
     del tables["coupling"]
     document = build_document(
-        Study(read_sessions(DATASETS / "hbfd_sessions.csv"), type(scene_of()).from_tables(tables))
+        Study(read_sessions(DATASETS / "hbfd_sessions.csv"), type(scene_of())(**tables))
     )
     assert document["coupling"] is document["design"] is None
     skipped = {entry["what"]: entry["why"] for entry in document["skipped"]}
@@ -250,9 +250,7 @@ def test_a_section_not_needed_is_absent(classical):
     tables = scene.to_dict()
     for name in ("device", "coupling"):
         tables.pop(name)
-    document = build_document(
-        Study(read_sessions(DATASETS / "hbfd_table1.csv"), type(scene).from_tables(tables))
-    )
+    document = build_document(Study(read_sessions(DATASETS / "hbfd_table1.csv"), type(scene)(**tables)))
     assert names_of(document) == ["summary", "intervals", "band", "data", "methods", "provenance", "skipped"]
     page = page_of(document)
     assert "Published limits, or means and standard deviations, of 5 references are the data." in page
@@ -333,7 +331,7 @@ def test_priors_in_force_are_printed_with_their_meaning(both):
 def without_device(**inference):
     scene = scene_of(method="both", **inference)
     tables = {name: table for name, table in scene.to_dict().items() if name not in ("device", "coupling")}
-    return type(scene).from_tables(tables)
+    return type(scene)(**tables)
 
 
 def test_an_error_above_the_tolerance_is_said_beside_the_bayesian_numbers():

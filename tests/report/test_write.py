@@ -14,7 +14,7 @@ from .conftest import DATASETS
 @pytest.fixture
 def quick():
     """A study without device: no curves, nothing to sample."""
-    scene = Scene.from_tables({"inference": {"method": "classical"}})
+    scene = Scene(inference={"method": "classical"})
     return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
 
 

@@ -156,7 +156,7 @@ def test_a_missing_table_is_named(capsys, tmp_path):
 )
 def test_a_scene_that_lacks_something_is_refused(published, tables, says):
     kept = {**published.scene.to_dict(), **{name: t for name, t in tables.items() if t}}
-    scene = Scene.from_tables({name: t for name, t in kept.items() if tables.get(name, t) is not None})
+    scene = Scene(**{name: t for name, t in kept.items() if tables.get(name, t) is not None})
     with pytest.raises(UsageError, match=says):
         Published(published.limits, scene)
 

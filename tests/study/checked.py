@@ -34,4 +34,4 @@ def study_of(table, *, model=None, checks=None, **inference) -> Study:
     tables = {"inference": {k: v for k, v in asked.items() if v is not None}, "model": model or {}}
     if checks is not None:
         tables["checks"] = checks
-    return Study(Sessions.from_frame(table), Scene.from_tables(tables))
+    return Study(Sessions.from_frame(table), Scene(**tables))

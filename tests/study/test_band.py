@@ -74,7 +74,7 @@ def test_bands_of_the_next_user_lie_about_the_drawn_means() -> None:
         points=np.zeros((2, 1)),
         column={("k", "E"): 0, ("b", "E"): 1},
     )
-    scene = Scene.from_tables({"inference": {"kinds": ["mean", "user"], "level": 0.9}})
+    scene = Scene(inference={"kinds": ["mean", "user"], "level": 0.9})
     found = posterior_replicates(fit, scene.inference)
     half = stats.norm.isf(0.05)
     for kind, centre, reach in (("mean", np.zeros(2), half), ("user", drawn[:, 0], 0.1 * half)):
@@ -118,7 +118,7 @@ def scene_of(method: str) -> Scene:
         "family": "normal",
         "tolerance": 0.1,
     }
-    return Scene.from_tables({"inference": asked})
+    return Scene(inference=asked)
 
 
 def simulated(law: str, seed: int) -> Sessions:

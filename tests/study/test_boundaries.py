@@ -127,7 +127,7 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
     table = table[table["environment"] == "VE2"].assign(m_ref=0.7)
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
     scene["device"]["hold"] = hold
-    found = Study(Sessions.from_frame(table), Scene.from_tables(scene))
+    found = Study(Sessions.from_frame(table), Scene(**scene))
     assert found.setup is not None
     omega, setup = np.geomspace(0.5, 300.0, 40), found.setup
     rng = np.random.default_rng(4)
@@ -252,7 +252,7 @@ def test_bonferroni_is_wider_and_leaves_out_half_as_many_draws(fitted: Study) ->
 def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
     tables = fitted.scene.with_inference(method="classical").to_dict()
     tables["frequency"]["points"] = 7
-    few = Study(fitted.sessions, Scene.from_tables(tables))
+    few = Study(fitted.sessions, Scene(**tables))
     for boundary in few.boundaries:
         np.testing.assert_array_equal(boundary.omega, np.geomspace(0.1, 100.0, 7))
 
@@ -332,7 +332,7 @@ def test_own_frequencies_and_choices_are_checked(fitted, omega, chosen, message)
 
 def test_windows_follow_the_scene_and_are_cut_or_left_out():
     asked = {"A": [1, 5], "B": [90, 120], "D": [20, 30]}
-    scene = Scene.from_tables({"frequency": {"lower": 10, "upper": 100}, "report": {"zoom": asked}})
+    scene = Scene(frequency={"lower": 10, "upper": 100}, report={"zoom": asked})
     found = list(zoom_windows(scene, ["A", "B", "C"]))
     assert results(found) == [("B", [90, 100])]
     assert {one.what for one in found if isinstance(one, Skipped)} == {"zoom window of A", "zoom window of D"}
@@ -347,7 +347,7 @@ def study(**tables):
     scene["device"]["modes"] = [MODE]
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
     one = Sessions.from_frame(table[table["environment"] == "VE3"])
-    return Study(one, Scene.from_tables({**scene, **tables}))
+    return Study(one, Scene(**{**scene, **tables}))
 
 
 @pytest.mark.parametrize("points", [None, 41])

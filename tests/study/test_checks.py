@@ -120,9 +120,7 @@ def test_the_tree_says_who_made_it_and_no_time(clean):
 
 
 def test_published_limits_have_no_subjects_to_leave_out():
-    scene = Scene.from_tables(
-        {"inference": {"tolerance": 0.3, "method": "bayesian", "parameters": ["k"]}, "checks": {}}
-    )
+    scene = Scene(inference={"tolerance": 0.3, "method": "bayesian", "parameters": ["k"]}, checks={})
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
     assert isinstance(study.fit.subjects, Skipped)
     assert study.checks is None

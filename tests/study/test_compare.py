@@ -30,7 +30,7 @@ def sessions(prefix, *, trials=1, seed=0):
 
 
 def study(which, **inference):
-    return Study(which, Scene.from_tables({"inference": {"method": "classical", **inference}}))
+    return Study(which, Scene(inference={"method": "classical", **inference}))
 
 
 def scattered(prefix, centre, sd, count, seed):

@@ -164,7 +164,7 @@ def test_factors_that_cannot_be_told_apart_are_refused():
     with pytest.raises(UsageError, match="column 'foot'"):
         Study(
             Sessions.from_frame(frame(trials=1).query("hand == 'left'")),
-            Scene.from_tables({"study": {"factor": "foot"}}),
+            Scene(study={"factor": "foot"}),
         )
     table = read_sessions(DATASETS / "hbfd_table1.csv")
     with pytest.raises(UsageError, match="published limits hold no subjects"):
@@ -174,7 +174,7 @@ def test_factors_that_cannot_be_told_apart_are_refused():
     with pytest.raises(UsageError, match="two cells would have one name"):
         study(mixed)
     with pytest.raises(UsageError, match="a reduced study keeps no levels"):
-        reduced_intervals(None, Scene.from_tables({"study": {"factor": "hand"}}))
+        reduced_intervals(None, Scene(study={"factor": "hand"}))
 
 
 def test_groups_share_subjects_at_references_they_share():

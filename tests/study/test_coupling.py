@@ -101,7 +101,7 @@ def test_a_measured_device_is_stable_with_a_word_on_its_poles() -> None:
 def test_no_grid_moves_a_probability(fitted: Study) -> None:
     coarse = fitted.scene.to_dict()
     coarse["frequency"]["points"] = 5
-    study = Study(fitted.sessions, Scene.from_tables(coarse))
+    study = Study(fitted.sessions, Scene(**coarse))
     study.__dict__["_fitted"] = fitted.fit  # the same posterior, not sampled again
     for key, found in fitted.realism.items():
         assert dataclasses.asdict(study.realism[key]) == dataclasses.asdict(found)

@@ -87,9 +87,7 @@ def scene_of(**tables: dict[str, object] | None) -> Scene:
     """The published scene, classical, with fewer frequencies; tables replaced, or left out for None."""
     given = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
     given["frequency"]["points"] = 31
-    return Scene.from_tables(
-        {name: table for name, table in {**given, **tables}.items() if table is not None}
-    )
+    return Scene(**{name: table for name, table in {**given, **tables}.items() if table is not None})
 
 
 @pytest.fixture(scope="module")

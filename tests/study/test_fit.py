@@ -25,7 +25,7 @@ def test_a_step_counts_relative_to_where_the_subjects_adjusted() -> None:
     """All set 2000 N/m at a reference of 1000: a step of 10 is one of 10/2000, uniform within."""
     table = table_of(("k", "b"), subjects=4)
     table.loc[table["environment"] == "VE2", "k_adj"] = 2000.0
-    scene = Scene.from_tables({"model": {"resolution": {"k": 10.0, "b": 0.1}}})
+    scene = Scene(model={"resolution": {"k": 10.0, "b": 0.1}})
     found = prepare(Sessions.from_frame(table), scene, ("k", "b")).model.resolution
     np.testing.assert_allclose(found.between, [[0, (10 / 2000) ** 2 / 12, 0], [0, 0, 0]], rtol=1e-12)
 
@@ -34,7 +34,7 @@ def test_a_step_counts_relative_to_where_the_subjects_adjusted() -> None:
 def test_published_limits_are_taken_back_to_means_and_sds(family: str) -> None:
     """Relative to the reference, or moments of the logarithm: t limits at 99 %, ten subjects."""
     sessions = read_sessions(DATASETS / "hbfd_table1.csv")
-    scene = Scene.from_tables({"inference": {"family": family}})
+    scene = Scene(inference={"family": family})
     models = prepare(sessions, scene, ("k", "b")).model.models
     for model, parameter in zip(models, "kb", strict=True):
         rows = sessions.table[sessions.table["parameter"] == parameter]

@@ -88,7 +88,7 @@ def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> Non
 def loose(fitted: Study) -> Study:
     """The posterior of the fitted study, with few frequencies and a tolerance that it meets anywhere."""
     tables = fitted.scene.to_dict() | {"frequency": {"lower": 0.1, "upper": 100.0, "points": 9}}
-    study = Study(fitted.sessions, Scene.from_tables(tables).with_inference(tolerance=0.3))
+    study = Study(fitted.sessions, Scene(**tables).with_inference(tolerance=0.3))
     study.__dict__["_fitted"] = fitted.fit
     return study
 
@@ -119,7 +119,7 @@ def test_an_environment_the_fit_does_not_know_has_no_say() -> None:
     table = table[table["environment"].isin(["VE1", "VE2", "VE3"])].copy()
     without = table[table["environment"] != "VE3"]
     table.loc[table["environment"] == "VE3", "b_adj"] = np.nan
-    scene = Scene.from_tables({"inference": {"method": "bayesian", "tolerance": 0.2}})
+    scene = Scene(inference={"method": "bayesian", "tolerance": 0.2})
     found, wanted = (
         predict(Study(Sessions.from_frame(part), scene), stiffness=9e3, damping=9.0)
         for part in (table, without)
@@ -230,7 +230,7 @@ def test_refused(fitted: Study) -> None:
     alone["model"] |= {"pooling": "none", "prior": "reference"}
     alone["inference"] |= {"tolerance": 0.2}
     with pytest.raises(RefusalError, match="environments without pooling say nothing on others"):
-        predict(Study(fitted.sessions, Scene.from_tables(alone)), stiffness=100.0, damping=1.0)
+        predict(Study(fitted.sessions, Scene(**alone)), stiffness=100.0, damping=1.0)
     table = fitted.sessions.table
     one = dataclasses.replace(fitted.sessions, table=table[table["environment"] == "VE3"])
     with pytest.raises(RefusalError, match="one environment says nothing on others"):

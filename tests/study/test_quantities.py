@@ -30,7 +30,7 @@ def frame(references=(400.0, 600.0, 900.0, 1400.0), subjects=6):
 
 
 def study_of(table, tables):
-    scene = Scene.from_tables(tables)
+    scene = Scene(**tables)
     return Study(Sessions.from_frame(table, options=ReadOptions.from_mapping(dict(scene))), scene)
 
 
@@ -136,7 +136,7 @@ def test_the_page_says_the_studys_words_and_none_of_haptics():
 )
 def test_what_is_wrong_with_quantities_is_named(tables, said):
     with pytest.raises(UsageError, match=said):
-        Scene.from_tables(tables)
+        Scene(**tables)
 
 
 def test_references_on_the_command_line_are_read():

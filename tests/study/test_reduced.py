@@ -113,7 +113,7 @@ def test_what_cannot_be_done_is_said(tmp_path):
     reduced = reduce_sessions(study(tmp_path / "s.csv"))
     with pytest.raises(UsageError, match=r"inference\.family.*reduced to .* the family 'lognormal'"):
         reduced_intervals(reduced, scene(family="normal"))
-    unpooled = Scene.from_tables({"model": {"pooling": "none", "prior": "reference"}})
+    unpooled = Scene(model={"pooling": "none", "prior": "reference"})
     with pytest.raises(UsageError, match=r"model\.pooling.*cells that were reduced are pooled"):
         reduced_intervals(reduced, unpooled)
     lone = reduce_sessions(study(tmp_path / "lone.csv", subjects=1))

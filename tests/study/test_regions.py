@@ -39,15 +39,9 @@ def test_ellipses_whose_ends_no_double_holds_are_left_out() -> None:
         "frequency": {"points": 5},
     }
     table = table_of(("k", "b"), subjects=3, s=1.5)
-    ellipses = [
-        r
-        for r in Study(Sessions.from_frame(table), Scene.from_tables(scene)).regions
-        if r.ellipse is not None
-    ]
+    ellipses = [r for r in Study(Sessions.from_frame(table), Scene(**scene)).regions if r.ellipse is not None]
     assert {(r.kind, r.family) for r in ellipses} == {("mean", "normal"), ("user", "normal")}
-    near = Study(
-        Sessions.from_frame(table_of(("k", "b"), subjects=3, s=0.01, sigma_u=0.01)), Scene.from_tables(scene)
-    )
+    near = Study(Sessions.from_frame(table_of(("k", "b"), subjects=3, s=0.01, sigma_u=0.01)), Scene(**scene))
     ellipses = [r for r in near.regions if r.ellipse is not None and r.family == "lognormal"]
     assert {r.kind for r in ellipses} == {"mean", "user"}
 

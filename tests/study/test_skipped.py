@@ -31,7 +31,7 @@ def table(places=PLACES, subjects=6, seed=3):
 
 def study(data, **tables):
     tables.setdefault("inference", {"method": "classical"})
-    return Study(Sessions.from_frame(data), Scene.from_tables(tables))
+    return Study(Sessions.from_frame(data), Scene(**tables))
 
 
 def test_trials_the_pair_of_parameters_leaves_out():
@@ -157,7 +157,7 @@ def test_what_published_limits_do_not_hold_and_windows_below_the_range_are_said(
         "frequency": {"lower": 10, "upper": 100},
         "report": {"zoom": {"VE1": [1, 5], "VE2": [90, 120]}},
     }
-    said = dict(Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene.from_tables(scene)).skipped)
+    said = dict(Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene(**scene)).skipped)
     assert said["subject effects and k-b correlation"] == "published limits do not hold them"
     assert said["zoom window of VE1"] == "it lies outside 10 to 100 rad/s"
     assert "zoom window of VE2" not in said
@@ -196,7 +196,7 @@ def test_published_limits_about_a_reference_without_a_ratio(family, value):
     ]
     columns = ["environment", "parameter", "reference", "lower", "upper", "n", "level"]
     published = Sessions.from_frame(pd.DataFrame(rows, columns=columns))
-    found = Study(published, Scene.from_tables({"inference": {"method": "bayesian", "family": family}}))
+    found = Study(published, Scene(inference={"method": "bayesian", "family": family}))
     with pytest.raises(
         RefusalError, match=f"the reference stiffness of VE1 is {value:g}, which has no ratio"
     ):

@@ -134,7 +134,7 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
 
 
 def test_a_window_on_an_environment_that_is_not_there_is_said():
-    scene = Scene.from_tables({"report": {"zoom": {"VE1": [9.0, 11.0], "VE9": [9.0, 11.0]}}})
+    scene = Scene(report={"zoom": {"VE1": [9.0, 11.0], "VE9": [9.0, 11.0]}})
     study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene.with_inference(method="classical"))
     said = [what for what in study.skipped if what[0].startswith("zoom")]
     assert said == [("zoom window of VE9", "no environment has this name")]
@@ -199,7 +199,7 @@ def test_no_scatter_is_refused_and_resolution_answers():
         _ = Study(sessions, hbfd_scene(method="bayesian")).fit
     assert "resolution.k" in str(caught.value)
     steps = {"k": 10.0, "b": 0.1}
-    scene = Scene.from_tables({"model": {"resolution": steps}, "inference": {"tolerance": 0.1}})
+    scene = Scene(model={"resolution": steps}, inference={"tolerance": 0.1})
     study = Study(sessions, scene)
     # Only where nothing scatters, about what was adjusted: rounding is part of any other cell's scatter.
     resolution = study.fit.model.resolution
@@ -214,7 +214,7 @@ def test_one_parameter_alone():
     scene = hbfd_scene(tolerance=0.2)
     tables = scene.model_dump(exclude_none=True)
     tables["inference"]["parameters"] = ("k",)
-    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene.from_tables(tables))
+    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene(**tables))
     assert set(study.intervals["parameter"]) == {"k"}
     assert study.boundaries == ()
     assert set(study.band.rows["parameter"]) == {"k"}
@@ -223,7 +223,7 @@ def test_one_parameter_alone():
 
 def test_what_no_session_has_is_refused():
     table = frame().drop(columns=["b_ref", "b_adj"])
-    scene = Scene.from_tables({"inference": {"parameters": ["k", "b"]}})
+    scene = Scene(inference={"parameters": ["k", "b"]})
     with pytest.raises(RefusalError, match="the scene asks for damping, which no session has"):
         _ = Study(Sessions.from_frame(table), scene).parameters
     sessions = read_sessions(DATASETS / "hbfd_sessions.csv")

@@ -27,5 +27,5 @@ def frame(subjects=8, trials=2, levels=("left", "right"), seed=3):
 def study(table, family="lognormal", **tables):
     """Classical analysis of a table with the factor "hand"."""
     inference = {"method": "classical", "level": 0.95, "family": family}
-    scene = Scene.from_tables({"study": {"factor": "hand"}, "inference": inference, **tables})
+    scene = Scene(**{"study": {"factor": "hand"}, "inference": inference, **tables})
     return Study(Sessions.from_frame(table, options=ReadOptions.from_mapping(dict(scene))), scene)

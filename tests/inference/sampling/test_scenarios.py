@@ -47,7 +47,7 @@ def table_of(response, *, parameters=("k", "b"), unit=1.0):
 
 def study_of(table, *, model=None, **inference):
     asked = {"method": "bayesian", "tolerance": 0.05, "seed": 1, **inference}
-    return Study(Sessions.from_frame(table), Scene.from_tables({"inference": asked, "model": model or {}}))
+    return Study(Sessions.from_frame(table), Scene(inference=asked, model=model or {}))
 
 
 def answered(study):
