@@ -243,14 +243,3 @@ def bibtex(document: Record) -> str:
         fields = ",\n".join(f"  {name} = {{{value}}}" for name, value in reference["fields"].items())
         entries.append(f"@{reference['entry']}{{{reference['key']},\n{fields}\n}}\n")
     return "\n".join(entries)
-
-
-def provenance(document: Record) -> Section:
-    """Return where the numbers come from: versions, seed, files and every setting of the scene."""
-    return Section("provenance", "Provenance", {"provenance": document["provenance"]})
-
-
-def skipped(document: Record) -> Section | None:
-    """Return what was left out of the analysis, and why."""
-    rows = document["skipped"]
-    return Section("skipped", "Not computed", {"skipped": rows}) if rows else None

@@ -12,8 +12,6 @@ from percept.report.basis import (
     data,
     diagnostics,
     methods,
-    provenance,
-    skipped,
 )
 from percept.report.numbers import digits_of
 from percept.report.overview import summary
@@ -49,11 +47,21 @@ _LAWS = {"weber": "Weber, w·{0}", "offset": "Weber with offset, c + w·{0}", "p
 
 def build_sections(document: Record) -> list[Section]:
     """Return the sections a document needs, in reading order; what it has nothing for is absent."""
-    order = (
-        summary, intervals, contrast, boundaries, direct, coupling, design, device, band, comparison,
-        diagnostics, checks, data, methods, provenance, skipped,
+    passivity, sensitivity = "Passivity without a coupling", "Sensitivity to device mass and damping"
+    sections = (
+        summary(document), intervals(document), contrast(document), boundaries(document),
+        _part(document, "passivity", "direct", passivity), coupling(document), design(document),
+        _part(document, "sensitivity", "device", sensitivity), band(document), comparison(document),
+        diagnostics(document), checks(document), data(document), methods(document),
+        _part(document, "provenance", "provenance", "Provenance"),
+        _part(document, "skipped", "skipped", "Not computed"),
     )  # fmt: skip
-    return [section for build in order if (section := build(document)) is not None]
+    return [section for section in sections if section is not None]
+
+
+def _part(document: Record, part: str, name: str, title: str) -> Section | None:
+    """Return a section that shows a part of the document as it stands."""
+    return Section(name, title, {part: document[part]}) if document[part] else None
 
 
 def intervals(document: Record) -> Section | None:
@@ -72,14 +80,8 @@ def intervals(document: Record) -> Section | None:
 
 def _matrix(rows: list[Record], families: Sequence[str], quantity: Quantity) -> dict[str, Any]:
     """Return a row per environment and a column per kind and method, in the first family each has."""
-    columns = [
-        {"kind": alike[0]["kind"], "method": alike[0]["method"]} for alike in _by_kind_and_method(rows)
-    ]
-    cells = {
-        name: [first(matching(rows, environment=name, **column), family=families) for column in columns]
-        for name in distinct(rows, "environment")
-    }
-    used = {cell["family"] for row in cells.values() for cell in row if cell}
+    columns, lines = _grid(rows, families)
+    used = {cell["family"] for line in lines for cell in line["cells"] if cell}
     return {
         "title": quantity.head,
         "parameter": rows[0]["parameter"],
@@ -88,13 +90,26 @@ def _matrix(rows: list[Record], families: Sequence[str], quantity: Quantity) -> 
         "columns": columns,
         "rows": [
             {
-                "environment": name,
-                "reference": next(f"{cell['pointer']}/reference" for cell in row if cell),
-                "cells": [cell and {**cell, "digits": _digits(cell)} for cell in row],
+                "environment": line["environment"],
+                "reference": next(f"{cell['pointer']}/reference" for cell in line["cells"] if cell),
+                "cells": [cell and {**cell, "digits": _digits(cell)} for cell in line["cells"]],
             }
-            for name, row in cells.items()
+            for line in lines
         ],
     }
+
+
+def _grid(rows: list[Record], families: Sequence[str]) -> tuple[list[dict[str, str]], list[dict[str, Any]]]:
+    """Return a column per kind and method, and a row per environment with its records under them."""
+    columns = [
+        {"kind": alike[0]["kind"], "method": alike[0]["method"]} for alike in _by_kind_and_method(rows)
+    ]
+    lines = []
+    for name in distinct(rows, "environment"):
+        own = matching(rows, environment=name)
+        cells = [first(matching(own, **column), family=families) for column in columns]
+        lines.append({"environment": name, "cells": cells})
+    return columns, lines
 
 
 def _digits(cell: Record) -> list[int]:
@@ -188,12 +203,6 @@ def _short(values: list[Any]) -> list[float | None]:
     return [float(f"{value:.7g}") if math.isfinite(value) else None for value in array(values).tolist()]
 
 
-def direct(document: Record) -> Section | None:
-    """Return what damping passivity asks of the device for each reference."""
-    rows = pointed(document["passivity"], "/passivity")
-    return Section("direct", "Passivity without a coupling", {"passivity": rows}) if rows else None
-
-
 def coupling(document: Record) -> Section | None:
     """Return the coupling's stability, and whether it feels real."""
     record = document["coupling"]
@@ -223,21 +232,12 @@ def coupling(document: Record) -> Section | None:
     return Section("coupling", "The virtual coupling", values)
 
 
-def _realism(records: list[dict[str, Any]], family: str) -> dict[str, Any] | None:
+def _realism(records: Sequence[Record], family: str) -> dict[str, Any] | None:
     """Return a row per environment, a column per kind and method: exact envelope, the study's family."""
     kept = [row for row in matching(records, shape="envelope", family=family) if each_by_itself(row)]
     if not kept:
         return None
-    columns = [
-        {"kind": alike[0]["kind"], "method": alike[0]["method"]} for alike in _by_kind_and_method(kept)
-    ]
-    rows = [
-        {
-            "environment": name,
-            "cells": [first(matching(kept, environment=name, **column)) for column in columns],
-        }
-        for name in distinct(kept, "environment")
-    ]
+    columns, rows = _grid(kept, [family])
     return {"family": family, "columns": columns, "rows": rows}
 
 
@@ -260,24 +260,10 @@ def design(document: Record) -> Section | None:
     for by_method in pointed(record["maps"], "/design/maps")[::-1]:  # the Bayesian first
         regions = pointed(by_method["environments"], f"{by_method['pointer']}/environments")
         for region in regions:
-            found = region["largest"]
-            region |= {"found": found is not None}
-            region |= {"binds": ", ".join(_BINDS[one] for one in found["binds"]) if found else ""}
+            binds = region["largest"]["binds"] if region["largest"] else ()
+            region["binds"] = ", ".join(_BINDS[name] for name in binds)
         couplings[by_method["method"]] = regions
     return Section("design", "Admissible couplings", {"family": record["family"], "couplings": couplings})
-
-
-def device(document: Record) -> Section | None:
-    """Return how the verdicts move with the device: a row per damping, a column per mass."""
-    sensitivity = document["sensitivity"]
-    if not sensitivity:
-        return None
-    values = {
-        "sensitivity": sensitivity,
-        "kinds": list(sensitivity["inside"]),
-        "own": list(sensitivity["own"]),
-    }
-    return Section("device", "Sensitivity to device mass and damping", values)
 
 
 def band(document: Record) -> Section | None:
@@ -308,7 +294,11 @@ def _band_part(document: Record, record: Record, parameter: str | None) -> dict[
         "unit": "N·s/m" if quantity is None else quantity.unit,
         "rows": _by_method(rows),
         "laws": {name: _LAWS.get(name, name).format(size) for name in distinct(laws, "model")},
-        "law_rows": [_law_row(alike) for alike in _by_kind_and_method(laws)],
+        "law_rows": [
+            {"kind": alike[0]["kind"], "method": alike[0]["method"]}
+            | {"cells": {law["model"]: law for law in alike}}
+            for alike in _by_kind_and_method(laws)
+        ],
         "family": family,
         "statements": [
             {"statement": name, "pointers": [row["pointer"] for row in matching(statements, statement=name)]}
@@ -326,22 +316,3 @@ def _by_kind_and_method(records: Sequence[Record]) -> list[list[Record]]:
     """Group records by kind and method, in the order of the page."""
     groups = (matching(records, kind=kind, method=method) for kind in KINDS for method in METHODS)
     return [group for group in groups if group]
-
-
-def _law_row(laws: Sequence[Record]) -> dict[str, Any]:
-    """Return the laws of one kind and method, each with its parameters and what it says."""
-    return {
-        "kind": laws[0]["kind"],
-        "method": laws[0]["method"],
-        "cells": {
-            law["model"]: {
-                "pointer": law["pointer"],
-                "sentence": law["sentence"],
-                "values": [
-                    {"name": name, "pointer": f"{law['pointer']}/parameters/{name}"}
-                    for name in law["parameters"]
-                ],
-            }
-            for law in laws
-        },
-    }
