@@ -8,7 +8,7 @@ import io
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from percept.cache import digest, numbers_version
 from percept.errors import PerceptError, UsageError
-from percept.files import exclusive, remove_abandoned, whole_file, write_whole
+from percept.files import exclusive, whole_file, write_whole
 from percept.scene import Scene
 from percept.sessions import ReadOptions, read_sessions
 from percept.sessions.files import expand, fitting, is_pattern, may_be_study
@@ -172,22 +172,12 @@ class BatchFolder:
     @classmethod
     @contextmanager
     def opened(cls, out: str | Path) -> Iterator[BatchFolder]:
-        """Hold DIR, made where it does not exist, against other batches; remove what killed ones left."""
+        """Hold DIR, made where it does not exist, against other batches."""
         folder = cls(Path(out))
         if folder.out.exists() and not folder.out.is_dir():
             raise UsageError("a folder is needed here, and this is a file.", file=str(out))
         folder.out.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as held:
-            try:
-                alone = held.enter_context(exclusive(folder.out, wait=False))
-            except BlockingIOError:
-                hint = "Wait for it, or choose another --out."
-                raise UsageError(
-                    "another batch is writing into this folder.", file=str(out), hint=hint
-                ) from None
-            if alone:
-                for inside in (folder.out, *folder.out.glob("studies/*")):
-                    remove_abandoned(inside)
+        with exclusive(folder.out, wait=False):
             yield folder
 
     def verdict(self, key: str) -> tuple[Status, str | None] | None:

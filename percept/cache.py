@@ -19,7 +19,7 @@ import numpy as np
 import platformdirs
 
 import percept
-from percept.files import exclusive, remove_abandoned, write_whole
+from percept.files import exclusive, write_whole
 from percept.inference.sampling.endpoints import Estimates
 from percept.inference.sampling.gate import Gate, Run, Settings
 
@@ -95,15 +95,6 @@ def decode(data: bytes) -> Run:
         )
 
 
-@dataclasses.dataclass(frozen=True)
-class Entry:
-    """One stored run."""
-
-    key: str  # Digest of what it was asked
-    size: int  # Bytes
-    used: int  # When it was last stored or found, ns
-
-
 class PosteriorCache:
     """Runs that were finished before, by what they were asked; safe to share between processes.
 
@@ -118,7 +109,7 @@ class PosteriorCache:
 
     def find(self, asked: tuple[object, ...]) -> Run | None:
         """Return the stored run of what is asked, equal in every digit."""
-        path = self._path_of(asked)
+        path = self._path(asked)
         try:
             run = decode(path.read_bytes())
         except FileNotFoundError:
@@ -138,55 +129,48 @@ class PosteriorCache:
 
     def keep(self, asked: tuple[object, ...], run: Run) -> None:
         """Store the run of what is asked."""
-        path, data = self._path_of(asked), encode(run)
+        path, data = self._path(asked), encode(run)
         if len(data) > self.limit:
             _log.info("posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data))
             return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            with exclusive(self.folder) as held:
-                if held:
-                    remove_abandoned(self.folder)
+            with exclusive(self.folder):
                 write_whole(path, data)
                 _mark_used(path)
-                self._evict(keep=path.stem)
+                self._evict()
         except OSError as error:
             _log.warning("The posterior was not kept for next time in %s: %s.", self.folder, _why(error))
 
-    def entries(self) -> list[Entry]:
-        """Return what is stored, the longest unused first."""
-        found = []
+    def entries(self) -> dict[Path, int]:
+        """Return the files and their sizes in bytes, the longest unused first."""
+        found = {}
         for path in self.folder.glob(f"[!.]*{_SUFFIX}"):
             with suppress(FileNotFoundError):
-                status = path.stat()
-                found.append(Entry(path.stem, status.st_size, status.st_mtime_ns))
-        return sorted(found, key=lambda entry: (entry.used, entry.key))
+                found[path] = path.stat()
+        return {path: found[path].st_size for path in sorted(found, key=lambda path: found[path].st_mtime_ns)}
 
     def clear(self) -> int:
-        """Remove every entry and what killed processes left; return how many entries went."""
+        """Remove every entry; return how many went."""
         if not self.folder.is_dir():
             return 0
-        with exclusive(self.folder) as held:
+        with exclusive(self.folder):
             entries = self.entries()
-            for entry in entries:
-                self._path(entry.key).unlink(missing_ok=True)
-            if held:
-                remove_abandoned(self.folder)
+            for path in entries:
+                path.unlink(missing_ok=True)
         return len(entries)
 
-    def _path_of(self, asked: tuple[object, ...]) -> Path:
-        return self._path(digest(numbers_version("inference"), *asked))
+    def _path(self, asked: tuple[object, ...]) -> Path:
+        return self.folder / f"{digest(numbers_version('inference'), *asked)}{_SUFFIX}"
 
-    def _path(self, key: str) -> Path:
-        return self.folder / f"{key}{_SUFFIX}"
-
-    def _evict(self, *, keep: str) -> None:
+    def _evict(self) -> None:
+        """Remove what is not used for longest: never the newest, which is no larger than the cache."""
         entries = self.entries()
-        total = sum(entry.size for entry in entries)
-        for entry in entries:
-            if total > self.limit and entry.key != keep:
-                self._path(entry.key).unlink(missing_ok=True)
-                total -= entry.size
+        total = sum(entries.values())
+        for path, size in entries.items():
+            if total > self.limit:
+                path.unlink(missing_ok=True)
+                total -= size
 
 
 def _mark_used(path: Path) -> None:

@@ -6,7 +6,6 @@ import argparse
 import importlib
 import io
 import os
-import re
 import shlex
 import sys
 from collections.abc import Collection, Sequence
@@ -16,44 +15,34 @@ from percept import __version__
 from percept.commands import Command
 from percept.errors import PerceptError, UsageError, did_you_mean, printable
 
-#: Commands by what they are for, each with its line in the help.
+#: Commands by what they are for, each with its module of `percept.commands` and its line in the help.
 GROUPS = {
     "analyse": {
-        "report": "analyse sessions and write the report",
-        "fit": "fit the model and print its intervals",
-        "compare": "compare methods, or two studies, groups or devices",
-        "predict": "predict an untested environment",
-        "batch": "fit many studies, on this machine or a cluster",
+        "report": ("fit", "analyse sessions and write the report"),
+        "fit": ("fit", "fit the model and print its intervals"),
+        "compare": ("compare", "compare methods, or two studies, groups or devices"),
+        "predict": ("predict", "predict an untested environment"),
+        "batch": ("batch", "fit many studies, on this machine or a cluster"),
     },
     "design": {
-        "plan": "plan the number of subjects",
-        "calibrate": "simulate, refit and report real coverage",
+        "plan": ("design", "plan the number of subjects"),
+        "calibrate": ("design", "simulate, refit and report real coverage"),
     },
     "data": {
-        "new": "write a commented scene file",
-        "validate": "check session files and say what they hold",
-        "simulate": "simulate sessions like a published table",
-        "reproduce": "reproduce the paper, claim by claim",
+        "new": ("data", "write a commented scene file"),
+        "validate": ("data", "check session files and say what they hold"),
+        "simulate": ("data", "simulate sessions like a published table"),
+        "reproduce": ("data", "reproduce the paper, claim by claim"),
     },
     "maintain": {
-        "doctor": "check the installation",
-        "cache": "show or clear kept posteriors",
-        "completion": "print shell completion",
-        "sbc": "simulation-based calibration of the model and sampler",
-        "bench": "run time against error, and digits kept",
+        "doctor": ("maintain", "check the installation"),
+        "cache": ("maintain", "show or clear kept posteriors"),
+        "completion": ("maintain", "print shell completion"),
+        "sbc": ("design", "simulation-based calibration of the model and sampler"),
+        "bench": ("bench", "run time against error, and digits kept"),
     },
 }
-COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
-# What argparse says of a word that is none of an option's choices.
-_CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*)' \(choose from (.*)\)")
-#: Modules of `percept.commands` that hold commands of other names.
-_MODULES = {
-    "design": ("plan", "calibrate", "sbc"),
-    "data": ("new", "validate", "simulate", "reproduce"),
-    "fit": ("report",),
-    "maintain": ("doctor", "cache", "completion"),
-}
-_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
 #: Commands that keep what is finished when they are interrupted.
 _RESUMED = ("batch", "calibrate", "sbc")
 
@@ -68,21 +57,16 @@ class _Parser(argparse.ArgumentParser):
     """Tells a mistake in a line of percept's own; the help of the whole lists its commands in groups."""
 
     def error(self, message: str) -> NoReturn:
-        if found := _CHOICE.fullmatch(message):
-            option, word, choices = found[1], found[2], found[3].replace("'", "")
-            near = did_you_mean(word, choices.split(", "))
-            message = f"{option} is one of {choices}, not {word!r}.{near}".removesuffix(".")
-        end = "" if message.endswith("?") else "."
-        self.exit(2, f"{self.prog}: {message}{end} See {self.prog} --help.\n")
+        self.exit(2, f"{self.prog}: {message}. See {self.prog} --help.\n")
 
     def format_help(self) -> str:
         if self.prog != "percept":
             return super().format_help()
         wide = max(map(len, COMMANDS))
-        groups = "".join(
-            f"{group}:\n" + "".join(f"  {name:<{wide}}  {line}\n" for name, line in lines.items()) + "\n"
-            for group, lines in GROUPS.items()
-        )
+        groups = ""
+        for group, entries in GROUPS.items():
+            lines = [f"  {name:<{wide}}  {line}\n" for name, (_, line) in entries.items()]
+            groups += "".join([f"{group}:\n", *lines, "\n"])
         options = super().format_help().partition("options:\n")[2]
         return f"usage: percept COMMAND ...\n\n{self.description}\n\n{groups}options:\n{options}"
 
@@ -98,12 +82,11 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
     parser.add_argument("--version", action="version", version=f"percept {__version__}")
     parser.add_argument("--debug", action="store_true", help="show a traceback with an error")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    for name, line in COMMANDS.items():
+    for name, (home, line) in COMMANDS.items():
         if only is not None and name not in only:
             commands.add_parser(name, help=line)
             continue
-        module = importlib.import_module(f"percept.commands.{_HOMES.get(name, name)}")
-        part: Command = getattr(module, name.upper())
+        part: Command = getattr(importlib.import_module(f"percept.commands.{home}"), name.upper())
         command = commands.add_parser(
             name,
             help=line,

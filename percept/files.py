@@ -9,14 +9,16 @@ import secrets
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from percept.errors import UsageError
 
-_SUFFIX = ".part"
 _ASIDE = ".percept-unfinished-"
+# No run holds files aside for longer: what is older was left by one that was killed.
+_SECONDS = 86_400.0
 # Errors of a file system without locks, such as NFS before version 4.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 
@@ -28,16 +30,16 @@ def whole_file(path: Path) -> Iterator[Path]:
     `path` is never seen in part, whatever stops the process or the machine: the bytes go to the disk first.
     """
     path = path.resolve()
-    aside = path.with_name(f".{path.name}-{secrets.token_hex(8)}{_SUFFIX}")
+    _remove_abandoned(path.parent)
+    aside = path.with_name(f"{_ASIDE}{secrets.token_hex(8)}")
     aside.touch(exist_ok=False)  # with the permissions any new file has, which `tempfile` would not give
     try:
         yield aside
         _sync(aside, os.O_RDWR)
         aside.replace(path)
-    except BaseException:
+    finally:
         with suppress(OSError):
-            aside.unlink()
-        raise
+            aside.unlink()  # still there only where it did not take the place
     with suppress(OSError):  # some network file systems, and Windows, refuse it for a folder
         _sync(path.parent, os.O_RDONLY)
 
@@ -48,11 +50,12 @@ def write_whole(path: Path, data: bytes) -> None:
         aside.write_bytes(data)
 
 
-def remove_abandoned(folder: Path) -> None:
-    """Remove what `whole_file` left when its process was killed; for the one who holds the folder alone."""
-    for path in folder.glob(f".*-*{_SUFFIX}"):
+def _remove_abandoned(folder: Path) -> None:
+    """Remove the files and folders that killed runs left aside."""
+    for path in folder.glob(f"{_ASIDE}*"):
         with suppress(OSError):
-            path.unlink()
+            if time.time() - path.stat().st_mtime > _SECONDS:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def _sync(path: Path, mode: int) -> None:
@@ -64,26 +67,27 @@ def _sync(path: Path, mode: int) -> None:
 
 
 @contextmanager
-def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
-    """Hold a folder alone, among those who ask by this function; say whether it can be held at all.
+def exclusive(folder: Path, *, wait: bool = True) -> Iterator[None]:
+    """Hold a folder alone, among those who ask by this function, where the file system has locks.
 
     The operating system locks the folder itself, so the lock ends with the process however that ends.
     """
     if sys.platform == "win32":
-        yield False
+        yield
         return
     import fcntl
 
     handle = os.open(folder, os.O_RDONLY)
     try:
-        held = True
         try:
             fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            hint = "Wait for it, or choose another folder."
+            raise UsageError("another run is writing into it.", file=str(folder), hint=hint) from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise
-            held = False
-        yield held
+        yield
     finally:
         os.close(handle)
 
@@ -102,41 +106,28 @@ def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     if out.exists() and not out.is_dir():
         raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))
     missing = [parent for parent in out.parents if not parent.exists()]
-    with ExitStack() as held:
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            # Only within one file system is a move all or nothing, and a folder may be where another begins.
-            aside = _make_aside(out if out.is_dir() else out.parent, held)
-        except OSError as error:
-            raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
-        try:
-            yield aside
-            out.mkdir(exist_ok=True)
-            with exclusive(out):
-                _move(aside, out, last)
-        except OSError as error:
-            if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
-                raise
-            raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
-            with suppress(OSError):
-                for parent in missing:
-                    parent.rmdir()  # only where nothing came of it: a folder with something in it stays
-
-
-def _make_aside(parent: Path, held: ExitStack) -> Path:
-    """Make a folder in `parent` and hold it; folders of killed runs, which nobody holds, go."""
-    for abandoned in parent.glob(f"{_ASIDE}*"):
-        with suppress(OSError), exclusive(abandoned, wait=False) as alone:
-            if alone:
-                shutil.rmtree(abandoned)
-    while True:
-        aside = Path(tempfile.mkdtemp(prefix=_ASIDE, dir=parent))
-        with suppress(FileNotFoundError):
-            held.enter_context(exclusive(aside))
-            if aside.exists():  # nobody took it for an abandoned one before it was held
-                return aside
+    # Only within one file system is a move all or nothing, and a folder may be where another begins.
+    place = out if out.is_dir() else out.parent
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        _remove_abandoned(place)
+        aside = Path(tempfile.mkdtemp(prefix=_ASIDE, dir=place))
+    except OSError as error:
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+    try:
+        yield aside
+        out.mkdir(exist_ok=True)
+        with exclusive(out):
+            _move(aside, out, last)
+    except OSError as error:
+        if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
+            raise
+        raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+        with suppress(OSError):
+            for parent in missing:
+                parent.rmdir()  # only where nothing came of it: a folder with something in it stays
 
 
 def _move(aside: Path, out: Path, last: str) -> None:

@@ -1,4 +1,5 @@
 import hashlib
+import os
 import subprocess
 import sys
 import threading
@@ -6,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from percept.files import exclusive, filled_folder, remove_abandoned, whole_file, write_whole
+from percept.errors import UsageError
+from percept.files import exclusive, filled_folder, whole_file, write_whole
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
 
@@ -51,16 +53,22 @@ def test_an_error_while_writing_leaves_what_was_there(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_only_leftovers_of_ours_are_removed(tmp_path):
-    for name in (".a.txt-x.part", "mine.part", ".mine"):
+def test_only_old_leftovers_of_ours_are_removed(tmp_path):
+    for name in (".percept-unfinished-old", ".percept-unfinished-new", ".mine"):
         (tmp_path / name).write_text("")
-    remove_abandoned(tmp_path)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [".mine", "mine.part"]
+    for name in (".percept-unfinished-old", ".mine"):
+        os.utime(tmp_path / name, (1e9, 1e9))
+    write_whole(tmp_path / "a.txt", b"x")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".mine", ".percept-unfinished-new", "a.txt"]
 
 
 @posix
 def test_one_holds_a_folder_alone(tmp_path):
-    with exclusive(tmp_path), pytest.raises(BlockingIOError), exclusive(tmp_path, wait=False):
+    with (
+        exclusive(tmp_path),
+        pytest.raises(UsageError, match="another run is writing into it"),
+        exclusive(tmp_path, wait=False),
+    ):
         raise AssertionError("held alone twice")
 
 
@@ -72,8 +80,8 @@ def test_a_lock_ends_with_its_process(tmp_path):
     )
     ran = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
     assert ran.returncode < 0
-    with exclusive(tmp_path, wait=False) as held:
-        assert held
+    with exclusive(tmp_path, wait=False):
+        pass
 
 
 @posix
@@ -102,8 +110,8 @@ def test_a_file_system_without_locks_is_told_and_not_an_error(tmp_path, monkeypa
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    with exclusive(tmp_path, wait=False) as held:
-        assert not held
+    with exclusive(tmp_path, wait=False), exclusive(tmp_path, wait=False):
+        pass
 
 
 def test_what_an_earlier_run_wrote_goes_unless_somebody_changed_it(tmp_path):

@@ -62,14 +62,8 @@ def checks_argument(*, usual: bool) -> Argument:
 
 
 def settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the keys of `[inference]` as `add_setting_arguments` parsed them, None where not given."""
+    """Return the keys of `[inference]` that have a flag, None where it is not given."""
     return {name: getattr(arguments, name) for name in _SETTINGS}
-
-
-def with_checks(scene: Scene, arguments: argparse.Namespace) -> Scene:
-    """Return the scene with or without its checks, as the flags say; without a flag as it is."""
-    asked = getattr(arguments, "checks", None)
-    return scene if asked is None else scene.with_tables(checks={} if asked else None)
 
 
 def read_scene(arguments: argparse.Namespace) -> tuple[Scene, ReadOptions]:
@@ -89,7 +83,9 @@ def open_study(
     from percept.study import Study
 
     scene, options = read_scene(arguments)
-    scene = with_checks(scene.with_inference(**settings(arguments)), arguments)
+    scene = scene.with_inference(**settings(arguments))
+    if (checks := getattr(arguments, "checks", None)) is not None:
+        scene = scene.with_tables(checks={} if checks else None)
     try:
         sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
     except UsageError as error:
@@ -171,16 +167,16 @@ def in_words_of(scene: Scene) -> Callable[[str], str]:
 
 def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
-    fit, say = study.fit, in_words_of(study.scene)
+    fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
-        why = next((why for what, why in study.skipped if what == "Bayesian intervals"), "")
-        print(f"percept: there are no Bayesian intervals: {say(why)}", file=sys.stderr)
-        return RefusalError.exit_code
-    if fit is not None and not fit.run.gate.passed:
-        print(f"percept: Bayesian intervals are withheld: {say(fit.withheld)}", file=sys.stderr)
-        return RefusalError.exit_code
-    tell_error(study)
-    return 0
+        lacking = f"there are no Bayesian intervals: {dict(study.skipped).get('Bayesian intervals', '')}"
+    elif fit is not None and not fit.run.gate.passed:
+        lacking = f"Bayesian intervals are withheld: {fit.withheld}"
+    else:
+        tell_error(study)
+        return 0
+    print(f"percept: {in_words_of(study.scene)(lacking)}", file=sys.stderr)
+    return RefusalError.exit_code
 
 
 def tell_error(*studies: Study) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +15,8 @@ from percept.errors import UsageError
 if TYPE_CHECKING:
     from percept.calibration.judge import CoveragePlan
 
-# By kind: what must be given, the width first, and what may be.
-_OPTIONS = {
-    "mean": (("half_width", "sd"), ("level", "family")),
-    "user": (("ratio",), ("level",)),
-    "share": (("ratio",), ("share", "confidence")),
-}
+_KINDS = ("mean", "user", "share")
+# Options that not every kind has.
 _NAMES = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
 
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
@@ -47,17 +44,18 @@ def _plan(arguments: argparse.Namespace) -> None:
     from percept.report.plain import plain
 
     kind = arguments.kind
+    planner: Any = {"mean": plan_mean, "user": plan_user, "share": plan_share}[kind]
+    taken = inspect.signature(planner).parameters
     given = {name: value for name in _NAMES if (value := getattr(arguments, name)) is not None}
-    needed, useful = _OPTIONS[kind]
+    needed = [name for name, parameter in taken.items() if parameter.default is parameter.empty]
     for says, names in (
         ("needs", [name for name in needed if name not in given]),
-        ("has no use for", [name for name in given if name not in (*needed, *useful)]),
+        ("has no use for", [name for name in given if name not in taken]),
     ):
         if names:
             flags = " and ".join(f"--{name.replace('_', '-')}" for name in names)
             raise UsageError(f"kind {kind} {says} {flags}.")
-    planner: Any = {"mean": plan_mean, "user": plan_user, "share": plan_share}[kind]
-    plan = planner(given.pop(needed[0]), **given, assurance=arguments.assurance)
+    plan = planner(**given, assurance=arguments.assurance)
     if arguments.json:
         print_json({**plain(plan), "covers": plan.covers})
     else:
@@ -169,7 +167,7 @@ PLAN = Command(
     "How many subjects the next study needs for an interval of a wanted width.",
     "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal",
     (
-        argument("--kind", None, "what the interval covers (mean)", choices=_OPTIONS, default="mean"),
+        argument("--kind", None, "what the interval covers (mean)", choices=_KINDS, default="mean"),
         number("--half-width", "X", "kind mean: in the unit of --sd, or as a fraction"),
         number("--sd", "X", "kind mean: SD between users, or their coefficient of variation"),
         argument(

@@ -58,7 +58,7 @@ def _cache(arguments: argparse.Namespace) -> None:
         print(f"{folder}: {counted(cache.clear(), 'posterior')} removed")
         return
     entries = cache.entries()
-    megabytes = sum(entry.size for entry in entries) / 1e6
+    megabytes = sum(entries.values()) / 1e6
     print(f"{folder}: {counted(len(entries), 'posterior')}, {megabytes:.1f} of {cache.limit / 1e6:.0f} MB")
 
 

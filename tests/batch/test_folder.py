@@ -31,23 +31,11 @@ def test_a_failed_study_is_not_finished_until_it_is(tmp_path):
     assert sorted(p.name for p in tmp_path.rglob("*.parquet")) == [f"{KEYS[0]}.parquet"]
 
 
-def test_what_killed_batches_left_is_removed(tmp_path):
-    with BatchFolder.opened(tmp_path) as folder:
-        saved(folder, KEYS[0])
-        saved(folder, KEYS[1], "failed")
-    left = [tmp_path / ".batch.parquet-x.part", tmp_path / "studies/00/.k.parquet-x.part"]
-    for path in left:
-        path.write_bytes(b"half")
-    with BatchFolder.opened(tmp_path) as folder:
-        assert folder.verdict(KEYS[0]) == ("refused", "because")
-    assert not any(path.exists() for path in left)
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
 def test_a_second_batch_is_told_to_wait(tmp_path):
     with (
         BatchFolder.opened(tmp_path),
-        pytest.raises(UsageError, match="another batch is writing into this folder"),
+        pytest.raises(UsageError, match="another run is writing into it"),
         BatchFolder.opened(tmp_path),
     ):
         raise AssertionError("both hold the folder")

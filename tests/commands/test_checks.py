@@ -1,30 +1,34 @@
 """Model checks from the command line: flags, files, words."""
 
-import argparse
 import json
 
 import pytest
 import xarray
 
-from percept.cli import main
-from percept.commands.analysis import checks_argument, with_checks
-from percept.scene import ChecksTable, Scene
+from percept.cli import build_parser, main
+from percept.commands.analysis import open_study
+from percept.scene import ChecksTable
+from tests import DATASETS
 
 
-def parsed(*words):
-    parser = argparse.ArgumentParser()
-    argument = checks_argument(usual=False)
-    parser.add_argument(argument.name, **argument.settings)
-    return parser.parse_args(words)
-
-
-def test_flags_go_before_the_scene():
-    asked = Scene(checks=ChecksTable())
-    for none in (parsed(), argparse.Namespace()):
-        assert with_checks(Scene(), none).checks is None
-        assert with_checks(asked, none).checks == ChecksTable()
-    assert with_checks(Scene(), parsed("--checks")).checks == ChecksTable()
-    assert with_checks(asked, parsed("--no-checks")).checks is None
+@pytest.mark.parametrize(
+    ("command", "flags", "scene", "checked"),
+    [
+        ("fit", [], "", False),
+        ("fit", [], "[checks]", True),
+        ("fit", ["--checks"], "", True),
+        ("fit", ["--no-checks"], "[checks]", False),
+        ("report", [], "", True),
+        ("report", ["--no-checks"], "[checks]", False),
+        ("compare", [], "[checks]", True),
+    ],
+)
+def test_flags_go_before_the_scene(command, flags, scene, checked, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(scene)
+    words = [command, str(DATASETS / "hbfd_sessions.csv"), "--scene", str(path), "--quiet", *flags]
+    study = open_study(build_parser([command]).parse_args(words))
+    assert study.scene.checks == (ChecksTable() if checked else None)
 
 
 @pytest.fixture

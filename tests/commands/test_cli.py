@@ -200,7 +200,9 @@ def test_percept_alone_prints_its_commands_in_groups(capsys):
     assert capsys.readouterr().out == alone
     for group, lines in GROUPS.items():
         listed = alone.partition(f"\n{group}:\n")[2].partition("\n\n")[0].splitlines()
-        assert [tuple(line.split(maxsplit=1)) for line in listed] == list(lines.items())
+        assert [line.split(maxsplit=1) for line in listed] == [
+            [name, line] for name, (_, line) in lines.items()
+        ]
 
 
 def options_of(command):
@@ -244,7 +246,7 @@ def test_a_slip_is_told_with_what_is_like_it(words, said, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--method", "baysian"], "--method is one of both, classical, bayesian, not 'baysian'. Did"),
+        (["--method", "baysian"], "argument --method: invalid choice: 'baysian' (choose from "),
         (["--seed", "1.5"], "argument --seed: invalid int value: '1.5'. See percept fit --help."),
         ([], "the following arguments are required: PATH. See percept fit --help."),
     ],

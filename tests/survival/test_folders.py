@@ -160,14 +160,15 @@ def test_a_folder_on_another_disk_or_of_a_long_name_is_filled(tmp_path):
 
 
 @pytest.mark.parametrize("made", [False, True])
-def test_only_what_nobody_holds_is_removed(tmp_path, made):
-    """What a killed run left is beside a folder that it had still to make, and in one that was there."""
+def test_only_what_is_old_is_removed(tmp_path, made):
+    """What a killed run left is beside a folder that it had still to make, or in one that was there."""
     place = tmp_path / "out" if made else tmp_path
     abandoned = place / ".percept-unfinished-dead"
     foreign = place / ".mine-unfinished-dead"
     for folder in (abandoned, foreign):
         folder.mkdir(parents=True)
         (folder / "half.json").write_text("{")
+        os.utime(folder, (1e9, 1e9))
     with filled_folder(tmp_path / "out", last="a.txt") as first:
         assert not abandoned.exists()
         with filled_folder(tmp_path / "out", last="a.txt") as second:
