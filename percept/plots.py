@@ -107,11 +107,10 @@ def plot_coupling(study: Study, *, ax: Axes | None) -> Axes:
     found = study.coupling
     if found is None:
         raise _nothing("coupling to plot")
-    label = "this coupling"
     with rc_context(_STYLE):
         ax = _axes(ax)
-        binding = {label: found.binding_omega}
-        draw_stability(ax, found.omega, found.bound, {label: found.admittance}, binding=binding)
+        coupling = {"this coupling": (found.admittance, found.binding_omega)}
+        draw_stability(ax, found.omega, found.bound, coupling)
         ax.set_title(f"{found.verdict}, margin {found.margin:.3g}")
         return ax
 

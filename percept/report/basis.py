@@ -70,7 +70,6 @@ _GATE = (
         3,
     ),
 )
-_COUNTS = ("ensembles", "walkers", "steps")
 
 
 def diagnostics(document: Record) -> Section | None:
@@ -85,11 +84,6 @@ def diagnostics(document: Record) -> Section | None:
             {"label": label, "asked": asked, "pointer": f"/diagnostics/gate/{name}", "digits": digits}
             for name, label, asked, digits in _GATE
             if isinstance(gate.get(name), (int, float))
-        ],
-        "counts": [
-            {"label": name, "pointer": f"/diagnostics/{name}"}
-            for name in _COUNTS
-            if isinstance(record.get(name), int)
         ],
         "priors": record.get("priors", []),
     }
@@ -173,7 +167,6 @@ def methods(document: Record) -> Section:
         "pooled": scene.get("model", {}).get("pooling", "partial") == "partial",
         "contrast": document.get("contrast"),
         "subjects": max((row["n"] for row in intervals), default=0),
-        "version": document["provenance"]["versions"]["percept"],
         "references": references,
         "numbers": {reference["key"]: rank for rank, reference in enumerate(references, start=1)},
         "bibtex": bibtex(document),

@@ -28,10 +28,7 @@ _NO_NUMBER = Markup('<span class="none">–</span>')
 def render_page(
     document: Mapping[str, Any], plots: Mapping[str, Drawing], *, date: str, files: Collection[str] = ()
 ) -> str:
-    """Render the page of a document; each of its numbers knows its pointer into report.json.
-
-    Of the files that stand in the page's folder, its tables link to their own.
-    """
+    """Render the page of a document: numbers know their pointers, tables link to their own of the `files`."""
 
     def written(pointer: str, *, digits: int = 5, style: str = "plain") -> Markup:
         shown = number(document, pointer, digits=digits, style=style)
@@ -82,11 +79,7 @@ def render_standalone(
 
 
 def _environment(*packages: str, nouns: Mapping[str, Sequence[str]] | None = None) -> Environment:
-    """Return the templates of packages, looked for in this order.
-
-    Their text, between tags and expressions, is put into a study's words; names that come from the data are
-    not in it.
-    """
+    """Return the templates of packages, looked for in this order, with their own text in a study's words."""
 
     def load(name: str) -> str | None:
         files = (resources.files(package).joinpath("templates", name) for package in packages)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from percept.boundary.band import size_name
 from percept.report.basis import (
     checks,
     comparison,
@@ -285,15 +286,15 @@ def _band_part(document: Record, record: Record, parameter: str | None) -> dict[
         for name in ("rows", "laws", "statements")
     )
     quantity = None if parameter is None else quantities_of(document)[parameter]
-    size = "|Z|" if quantity is None else "reference"
+    symbol = "|Z|" if quantity is None else "reference"
     return {
-        "size": "impedance" if quantity is None else "reference",
-        "symbol": size,
+        "size": size_name(parameter),
+        "symbol": symbol,
         "words": None if quantity is None else quantity.words,
         "name": "band" if parameter is None else f"band_{parameter}",
         "unit": "N·s/m" if quantity is None else quantity.unit,
         "rows": _by_method(rows),
-        "laws": {name: _LAWS.get(name, name).format(size) for name in distinct(laws, "model")},
+        "laws": {name: _LAWS[name].format(symbol) for name in distinct(laws, "model")},
         "law_rows": [
             {"kind": alike[0]["kind"], "method": alike[0]["method"]}
             | {"cells": {law["model"]: law for law in alike}}

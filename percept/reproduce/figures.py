@@ -71,13 +71,13 @@ def _fig4(published: Published) -> Drawing:
         nyquist = np.pi / published.period
         omega = np.geomspace(10.0, nyquist * 0.9999, 401)
         bound = coupling_bound(omega, Device(published.device.mass, needed), published.period)
-        lines, binding = {}, {}
+        lines = {}
         for coupling in (THEORETICAL, published.tuned):
             label = f"{float(coupling.stiffness) / 1e3:g} kN/m"
             admittance = coupling_admittance(omega, coupling, published.period, discretization="backward")
-            lines[label] = np.asarray(admittance).real
-            binding[label] = float(required_damping(coupling, published.period).omega)
-        draw_stability(ax, omega, bound, lines, binding=binding)
+            binds = float(required_damping(coupling, published.period).omega)
+            lines[label] = np.asarray(admittance).real, binds
+        draw_stability(ax, omega, bound, lines)
 
     return Drawing(
         "fig-4",

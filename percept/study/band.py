@@ -79,10 +79,7 @@ def with_band(
     *,
     no_share: bool,
 ) -> Iterator[Banded | Skipped]:
-    """Yield what bands can be set against: the impedance at `omega`, or the reference of each parameter.
-
-    `no_share` says that a posterior would have to give a law of kind share, and cannot.
-    """
+    """Yield what bands can be set against: the impedance at `omega`, or the reference of each parameter."""
     banded = [Banded(p, {e: reference[p, e] for e in environments}) for p in parameters]
     what = "its reference"
     if is_impedance(parameters):
@@ -123,11 +120,7 @@ def classical_replicates(
 
 
 def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
-    """Limits of the central interval given each posterior draw: of the population's mean, or of its users.
-
-    Limits that hold a share of users with a stated confidence belong to the posterior as a whole: there are
-    none given a draw, and no law of theirs.
-    """
+    """Limits of the central interval given each posterior draw: of the population's mean, or of its users."""
     points = fit.points[:: max(1, len(fit.points) // _DRAWS)]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
     laws = fit.model.laws(points)
@@ -142,11 +135,8 @@ def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
 
 
 def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Means and SDs of studies of a population that has these, SDs unbiased in their logarithm.
-
-    Laws are fitted to logarithms over all environments: left in, the bias of each, about -1/(2n), would soon
-    outweigh the error of a law that many environments share.
-    """
+    """Means and SDs of studies of a population that has these, SDs unbiased in their logarithm."""
+    # Over many environments a law's error would soon be less than the bias of each, about -1/(2n).
     n, sd = int(np.asarray(moments.n)), float(moments.sd)
     half = 0.5 * (n - 1)
     mean = float(moments.mean) + sd / np.sqrt(n) * rng.standard_normal(_BOOTSTRAP)
@@ -194,12 +184,7 @@ def band_study(
             redrawn = np.stack([upper - lower for lower, upper in drawn.values()], axis=1)
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's bands.
             fitted = None if method == "bayesian" else bands
-            of: dict[str, Any] = {
-                "method": method,
-                "kind": kind,
-                "family": family,
-                "parameter": one.parameter,
-            }
+            of: dict[str, Any] = {**dict(zip(_LABELS, labels, strict=True)), "parameter": one.parameter}
             laws += band_laws(names, size, fitted, redrawn, level=asked.level, **of)
             statements += band_statements(size, redrawn, **of)
     rows = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()

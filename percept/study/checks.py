@@ -21,7 +21,7 @@ from percept.inference.checks.predictive import (
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.sessions.quantities import Quantities
-from percept.study.basics import Array, Skipped, Stream, generator
+from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is looked at.
@@ -55,24 +55,20 @@ class ModelChecks(NotebookRecord):
     pull: tuple[str, ...]  # How far the prior of the common bias moves the average user, where it does
 
 
-def model_checks(fit: Fit, *, level: float, seed: int) -> ModelChecks | Skipped:
+def model_checks(fit: Fit, subjects: SubjectDensity, *, level: float, seed: int) -> ModelChecks:
     """Check a fit against its data, its priors and its own assumptions."""
-    subjects = fit.subjects
-    if isinstance(subjects, Skipped):
-        return subjects
     loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
     return ModelChecks(
-        loo=subject_tables(fit, loo, predict_left_out(subjects, loo.points, loo.weights)),
+        loo=subject_tables(fit, subjects, loo, predict_left_out(subjects, loo.points, loo.weights)),
         statistics=_statistics(subjects, fit.points, level=level, seed=seed),
         prior=_prior_quantiles(fit, subjects, seed=seed),
         pull=prior_pull(fit, subjects, level=level),
     )
 
 
-def subject_tables(fit: Fit, loo: Loo, predicted: Predicted) -> SubjectChecks:
+def subject_tables(fit: Fit, subjects: SubjectDensity, loo: Loo, predicted: Predicted) -> SubjectChecks:
     """Name the subjects and cells that lie far from what the others predict."""
-    assert isinstance(fit.subjects, SubjectDensity)
-    statistics = fit.subjects.density.statistics
+    statistics = subjects.density.statistics
     table = pd.DataFrame(
         {
             "subject": statistics.subjects,

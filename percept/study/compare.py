@@ -207,11 +207,7 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
 
 
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
-    """Root of the mixture of differences of conditional normals.
-
-    The two posteriors are independent, so every pair of their draws is a draw of both: pairing each draw with
-    several others takes a third to two thirds of the error from quantiles of ratios.
-    """
+    """Root of the mixture of differences of conditional normals."""
     if not (first.fit and second.fit and first.fit.passed and second.fit.passed):
         return
     from percept.inference.sampling.endpoints import mixture_quantile
@@ -220,6 +216,8 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     rng, tail = generator(asked.seed, Stream.PAIRS), 0.5 * (1.0 - asked.level)
     of_a, of_b = (_draws(fit, rng) for fit in (first.fit, second.fit))
     count = min(len(of_a[0]), len(of_b[0]))
+    # The posteriors are independent, so each pair of their draws is a draw of both: pairing each draw with
+    # several others takes a third to two thirds of the error from quantiles of ratios.
     turns = rng.integers(count, size=_TURNS)
     for cell, a in first.fit.column.items():
         if (b := second.fit.column.get(cell)) is None:

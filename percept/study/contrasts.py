@@ -50,10 +50,7 @@ class _Pair:
         overall: bool = False,
         p_value: float | None = None,
     ) -> Row:
-        """Make a row of lower, upper and estimate on the response scale; of spread where there is no kind.
-
-        `environment` is None for subjects' averages over the references.
-        """
+        """Make a row of lower, upper and estimate on the response scale; of spread where there is no kind."""
         asked, share = self.asked, kind == "share"
         log = asked.family == "lognormal"
         with np.errstate(over="ignore"):

@@ -235,7 +235,8 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
     if sessions.form == "summary":
         return _from_limits(sessions, scene, parameters)
     groups = modelled_together(parameters, scene.inference.together)
-    models = [_of_trials(sessions, scene, group) for group in groups]
+    studied = [trials(sessions, scene, p, partial=scene.inference.method == "both") for p in groups]
+    models = [pooled(data.statistics, scene, data.reference, data.scale, data) for data in studied]
     return models[0] if len(models) == 1 else _side_by_side(models)
 
 
@@ -262,12 +263,6 @@ def _side_by_side(models: list[Prepared]) -> Prepared:
         quantities=models[0].quantities,
         skipped=tuple(skipped),
     )
-
-
-def _of_trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
-    """Build the model of parameters that are modelled together."""
-    data = trials(sessions, scene, parameters, partial=scene.inference.method == "both")
-    return pooled(data.statistics, scene, data.reference, data.scale, data)
 
 
 def pooled(

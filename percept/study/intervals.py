@@ -120,10 +120,7 @@ def known_moments(cells: Sequence[Cell], family: Family) -> dict[tuple[str, str]
 def classical_rows(
     cells: Mapping[Family, Sequence[Cell]], asked: InferenceTable, reference: References
 ) -> Iterator[Row | Skipped]:
-    """Yield a row for every classical interval the scene asks for, of cells by family.
-
-    Where there is none, and no other method is asked for, the first cell is named in a refusal.
-    """
+    """Yield a row for every classical interval the scene asks for, of cells by family."""
     if asked.method == "classical" and not any(
         cell.moments for of_family in cells.values() for cell in of_family
     ):

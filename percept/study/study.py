@@ -185,13 +185,12 @@ class Study(StudyViews):
     @cached_property
     def checks(self) -> ModelChecks | None:
         """Checks of the hierarchical model; None without a passed fit that pools sessions."""
-        if self._passed is None:
+        if self._passed is None or isinstance(self._passed.subjects, Skipped):
             return None
         from percept.study.checks import model_checks
 
         asked = self.scene.inference
-        found = model_checks(self._passed, level=asked.level, seed=asked.seed)
-        return None if isinstance(found, Skipped) else found
+        return model_checks(self._passed, self._passed.subjects, level=asked.level, seed=asked.seed)
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:
@@ -342,10 +341,7 @@ class Study(StudyViews):
 
     @cached_property
     def realism(self) -> Realisms:
-        """Probability that each reference feels real, without and through the coupling (True).
-
-        Empty without a device, a passed fit, or both parameters.
-        """
+        """Probability that each reference feels real, directly and coupled (True); empty without a fit."""
         if self.setup is None or self._passed is None:
             return {}
         return study_realism(self.setup, self._passed, self.scene.inference, self.within)

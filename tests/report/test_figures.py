@@ -26,7 +26,6 @@ from percept.report.figures.from_document import (
     design_drawings,
     drawings,
     interval_drawings,
-    law_curve,
 )
 from percept.report.figures.marks import Bar, Widths, beyond_range, draw_band, draw_design, draw_intervals
 from percept.report.figures.output import STYLE, draw_all, drawn
@@ -330,18 +329,6 @@ def test_bands_and_laws_are_drawn_where_they_are():
     assert [text.get_text() for text in ax.texts] == ["A", "B"]
 
 
-def test_a_power_law_is_drawn_with_its_exponent():
-    """c + w · abs(Z)^p, without what a law does not have."""
-    impedance = np.array([2.0, 4.0])
-    for given, wanted in (
-        ({"w": 0.5, "p": 2.0}, [2.0, 8.0]),
-        ({"c": 3.0, "w": 0.5}, [4.0, 5.0]),
-        ({"w": 0.5}, [1.0, 2.0]),
-    ):
-        law = {"parameters": {name: {"value": value} for name, value in given.items()}}
-        np.testing.assert_array_equal(law_curve(law, impedance), wanted)
-
-
 @pytest.mark.parametrize(
     ("kinds", "whom"),
     [
@@ -464,7 +451,7 @@ def by_gid(ax, gid):
 def test_bound_and_couplings_are_drawn_as_given():
     bound, reached = stability_curves()
     ax = axes()
-    draw_stability(ax, RANGE, bound, reached)
+    draw_stability(ax, RANGE, bound, {label: (values, np.inf) for label, values in reached.items()})
     (line,) = by_gid(ax, "bound")
     # At Nyquist the bound is zero, which a log axis cannot show.
     np.testing.assert_array_equal(line.get_ydata()[:-1], bound[:-1])
@@ -481,7 +468,8 @@ def test_binding_frequency_is_marked_and_named():
     bound, reached = stability_curves()
     verdicts = {label: haptics.absolute_stability(DEVICE, c, T) for label, c in COUPLINGS.items()}
     ax = axes()
-    draw_stability(ax, RANGE, bound, reached, binding={k: v.binding_omega for k, v in verdicts.items()})
+    binding = {label: (values, verdicts[label].binding_omega) for label, values in reached.items()}
+    draw_stability(ax, RANGE, bound, binding)
     dots = [dot for label in verdicts for dot in by_gid(ax, f"binding:{label}")]
     assert [dot.get_xdata()[0] for dot in dots] == [v.binding_omega for v in verdicts.values()]
     for dot, coupling in zip(dots, COUPLINGS.values(), strict=True):

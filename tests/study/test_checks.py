@@ -68,7 +68,7 @@ def test_false_alarms_are_shared_among_the_subjects(clean):
     farther = np.array([0.0049, 0.0051, *[0.5] * 8])
     loo = Loo(np.zeros(10), np.zeros(10), 0.7, np.zeros((1, 1)), np.ones((1, 10)))
     predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
-    found = subject_tables(clean.fit, loo, predicted)
+    found = subject_tables(clean.fit, clean.fit.subjects, loo, predicted)
     assert found.subjects["outlier"].tolist() == [True] + [False] * 9
 
 

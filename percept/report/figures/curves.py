@@ -154,20 +154,17 @@ def draw_stability(
     ax: Axes,
     omega: ArrayLike,
     bound: ArrayLike,
-    couplings: Mapping[str, ArrayLike],
-    *,
-    binding: Mapping[str, float] | None = None,
+    couplings: Mapping[str, tuple[ArrayLike, float]],
 ) -> None:
-    """Draw the bound of Eq. 10, the couplings that have to stay above it, and where each binds (Fig. 4)."""
+    """Draw the bound of Eq. 10, and couplings that have to stay above it, each with the ω where it binds."""
     omega, bound = np.asarray(omega, dtype=float), _drawable(bound)
     ax.plot(omega, bound, color=COLOURS["ink"], linewidth=1.4, label="lower bound (Eq. 10)", gid="bound")
     styles = zip(cycle(_DASHES), cycle(_COLOURS), strict=False)
-    for (label, values), (dashes, name) in zip(couplings.items(), styles, strict=False):
+    for (label, (values, at)), (dashes, name) in zip(couplings.items(), styles, strict=False):
         curve, colour = _drawable(values), COLOURS[name]
         style: dict[str, Any] = {"color": colour, "linestyle": dashes, "linewidth": 1.4}
         (line,) = ax.plot(omega, curve, label=label, gid=f"coupling:{label}", **style)
-        at = (binding or {}).get(label)
-        if at is not None and omega[0] <= at <= omega[-1]:
+        if omega[0] <= at <= omega[-1]:
             reached, needed = (_at(at, omega, values) for values in (curve, bound))
             ax.plot([at], [reached], "o", markersize=6, color=colour, gid=f"binding:{label}")
             ax.axvline(at, color=colour, linewidth=0.7, linestyle=":")
@@ -320,14 +317,12 @@ def stability_drawings(coupling: Record | None) -> list[Drawing]:
     """Return the stability criterion over ω (Fig. 4)."""
     if not coupling or not coupling.get("bound"):
         return []
-    label = "this coupling"
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, top=3)
         omega, bound, admittance = (array(coupling[name]) for name in ("omega", "bound", "admittance"))
         # JSON has infinity as text.
-        binding = {label: float(coupling["binding_omega"])}
-        draw_stability(ax, omega, bound, {label: admittance}, binding=binding)
+        draw_stability(ax, omega, bound, {"this coupling": (admittance, float(coupling["binding_omega"]))})
 
     return [
         Drawing(

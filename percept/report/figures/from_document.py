@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from percept.boundary.band import law_band, size_name
 from percept.report.figures.canvas import (
     LETTER,
     WIDE,
@@ -213,7 +214,7 @@ def band_series(
     band = document["band"]
     rows = matching(band["rows"], parameter=parameter)
     kind = next(kind for kind in KINDS if matching(rows, kind=kind))
-    sizes = array([row[_size(row)] for row in rows])
+    sizes = array([row[size_name(parameter)] for row in rows])
     grid = np.geomspace(sizes.min() / 1.5, sizes.max() * 1.5, 80)
     series = [
         _widths(band, row, grid)
@@ -247,29 +248,18 @@ def _band_drawing(document: Record, parameter: str | None) -> Drawing:
     )
 
 
-def _size(row: Record) -> str:
-    """Name what a band lies against."""
-    return "impedance" if row.get("parameter") is None else "reference"
-
-
 def _widths(band: Record, like: Record, grid: FloatArray) -> Widths:
     """Return the bands and laws of the same method, kind and family as a row."""
     labels: dict[str, Any] = {name: like.get(name) for name in ("method", "kind", "family", "parameter")}
-    rows = matching(band["rows"], **labels)
+    rows, laws = matching(band["rows"], **labels), {}
+    for law in matching(band["laws"], **labels):
+        values = [float(fitted["value"]) for fitted in law["parameters"].values()]
+        laws[_LAWS[law["model"]]] = law_band(law["model"], np.array([values]), grid)[0]
     return Widths(
         label=f"{METHOD_NAMES[like['method']]} ({like['family']})",
         method=like["method"],
         environments=tuple(row["environment"] for row in rows),
-        size=array([row[_size(row)] for row in rows]),
+        size=array([row[size_name(row.get("parameter"))] for row in rows]),
         band=array([row["band"] for row in rows]),
-        laws={
-            _LAWS.get(law["model"], str(law["model"])): law_curve(law, grid)
-            for law in matching(band["laws"], **labels)
-        },
+        laws=laws,
     )
-
-
-def law_curve(law: Record, impedance: FloatArray) -> FloatArray:
-    """Return c + w·abs(Z)^p, with what the law leaves out at its neutral value."""
-    values = {name: float(record["value"]) for name, record in law["parameters"].items()}
-    return values.get("c", 0.0) + values.get("w", 1.0) * impedance ** values.get("p", 1.0)
