@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import Protocol
 
 import numpy as np
@@ -95,10 +96,8 @@ class Unpooled:
     def __init__(self, cells: tuple[tuple[str, str], ...], counts: NDArray[np.int64]) -> None:
         if np.any(counts < 2):
             parameter, environment = cells[int(np.argmin(counts))]
-            raise RefusalError(
-                f"{parameter} in {environment} has one subject; the reference prior needs two.",
-                hint='Add subjects, or use pooling = "partial".',
-            )
+            message = f"{parameter} in {environment} has one subject; the reference prior needs two."
+            raise RefusalError(message, hint='Add subjects, or use pooling = "partial".')
         self.cells = cells
         self.names = [f"log sigma[{p},{e}]" for p, e in cells]
         self.priors_in_force: dict[str, float] = {}
@@ -174,7 +173,6 @@ class IntervalEstimands:
         laws = ConditionalMoments.unpack(components)
         for kind in self.kinds:
             lower, upper, influence = self.limits(kind, laws)
-            names = tuple(
-                f"{side} {kind} limit of {p} in {e}" for side in ("lower", "upper") for p, e in self.cells
-            )
+            sides = product(("lower", "upper"), self.cells)
+            names = tuple(f"{side} {kind} limit of {p} in {e}" for side, (p, e) in sides)
             yield Estimates(names, np.r_[lower, upper], np.tile(0.5 * (upper - lower), 2)), influence

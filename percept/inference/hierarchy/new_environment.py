@@ -53,14 +53,11 @@ def new_environment(
         # Uncorrelated parameters.
         return NewEnvironment(mean, *(own[..., None] * np.eye(x.size) for own in variances))
     if not isinstance(model, CollapsedDensity):
-        raise RefusalError(
-            "environments without pooling say nothing on others.",
-            hint='Set pooling = "partial" in [model].',
-        )
+        hint = 'Set pooling = "partial" in [model].'
+        raise RefusalError("environments without pooling say nothing on others.", hint=hint)
     if not model.layout.trend:
-        raise RefusalError(
-            "one environment says nothing on others.", hint="Add sessions with more reference environments."
-        )
+        hint = "Add sessions with more reference environments."
+        raise RefusalError("one environment says nothing on others.", hint=hint)
 
     def given(scales: Scales) -> tuple[Array, Array, Array]:
         return _given_scales(model, scales, x, repeats, rng)

@@ -61,17 +61,12 @@ class Priors:
     psi_sd: float = 0.5
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
+        for name, value in vars(self).items():
             if not math.isfinite(value):
-                raise UsageError("a prior must be finite.", key=field.name, value=value)
-            if not field.name.endswith("_mean") and value <= 0:
-                raise UsageError(
-                    "a prior scale must be positive.",
-                    key=field.name,
-                    value=value,
-                    hint="Leave it out of the scene for its default.",
-                )
+                raise UsageError("a prior must be finite.", key=name, value=value)
+            if not name.endswith("_mean") and value <= 0:
+                hint = "Leave it out of the scene for its default."
+                raise UsageError("a prior scale must be positive.", key=name, value=value, hint=hint)
 
 
 Named = dict[str, tuple[tuple[str, ...], Array]]

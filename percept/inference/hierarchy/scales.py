@@ -45,14 +45,11 @@ class Scales:
     log_prior: Array  # (W,) Prior density of the coordinates
 
     def __getitem__(self, draws: Any) -> Scales:
-        return Scales(
-            self.between[..., draws],
-            None if self.shared is None else self.shared[draws],
-            None if self.trial is None else self.trial[..., draws],
-            None if self.tau is None else tuple(tau[draws] for tau in self.tau),
-            {name: value[..., draws] for name, value in self.named.items()},
-            self.log_prior[draws],
-        )
+        shared = None if self.shared is None else self.shared[draws]
+        trial = None if self.trial is None else self.trial[..., draws]
+        tau = None if self.tau is None else tuple(tau[draws] for tau in self.tau)
+        named = {name: value[..., draws] for name, value in self.named.items()}
+        return Scales(self.between[..., draws], shared, trial, tau, named, self.log_prior[draws])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,9 +83,8 @@ class Layout:
         self.names: list[str] = []
         self._name_coordinates()
         self.dimension = len(self.names)
-        scales = {"omega": priors.omega_scale, "omega_e": priors.omega_e_scale}
-        scales |= {"sigma_u": priors.sigma_u_scale, "tau": priors.tau_scale}
-        self._half_normal = {name: scale for name, scale in scales.items() if name in self._slots}
+        scaled = [name for name in ("omega", "omega_e", "sigma_u", "tau") if name in self._slots]
+        self._half_normal = {name: getattr(priors, f"{name}_scale") for name in scaled}
         self._correlations = [name for name in ("rho_w", "rho_e", "rho_u") if name in self._slots]
         self.limits = np.full(self.dimension, LIMIT)
         standard = np.full(self.dimension, True)
@@ -147,15 +143,10 @@ class Layout:
     @property
     def priors_in_force(self) -> dict[str, float]:
         """Priors the model has a use for, by their names in `Priors`."""
-        names = ["alpha_sd"]
-        names += ["gamma_sd", "tau_scale"] if self.trend else []
-        names += ["sigma_u_scale"] if self.subject_effect else []
-        for e in (level.suffix for level in self._levels):
-            names += [f"log_s{e}_mean", f"log_s{e}_sd"]
-            names += [f"kappa{e}_sd"] if f"kappa{e}" in self._slots else []
-            names += [f"omega{e}_scale"] if f"omega{e}" in self._slots else []
-        names += ["rho_shape"] if self._correlations else []
-        return {name: getattr(self.priors, name) for name in names}
+        used = {"alpha", *self._slots, *("log_s" + level.suffix for level in self._levels)}
+        used |= {"gamma"} if self.trend else set()
+        used |= {"rho"} if self._correlations else set()
+        return {name: v for name, v in vars(self.priors).items() if name.rpartition("_")[0] in used}
 
     def scales(self, coords: Array) -> Scales:
         """Map coordinates to scales."""

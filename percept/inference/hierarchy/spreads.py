@@ -27,13 +27,10 @@ Spreads = tuple[Array, Array, Array]
 class SpreadMap:
     """Map from coordinates to the spreads of one parameter at one level, their trend integrated out.
 
-    log sigma = m + U h + omega e with h and e standard normal: h are the trend's multiples of its two prior
-    SDs (of log s and of kappa), e each cell's own departure. A rough likelihood N(log sigma; l, diag(1/w))
-    makes the law of log sigma given omega, h integrated out, a normal one with some mean and covariance C;
-    the coordinate u is C^(-1/2) times the distance from that mean. Neither a centred nor a non-centred form
-    is good for all data; this one follows the data. The trend is then written by its exact law given log
-    sigma and omega: the data say nothing more of it, so its coordinates are standard normal whatever the
-    rest.
+    log sigma = m + U h + omega e with h (multiples of the trend's prior SDs) and e standard normal. With a
+    rough likelihood N(log sigma; l, diag(1/w)), log sigma given omega is normal with some covariance C, and u
+    is C^(-1/2) times the distance from its mean: neither a centred nor a non-centred form is good for all
+    data. The trend follows its exact law given log sigma and omega, of which the data say nothing more.
     """
 
     def __init__(self, centre: float, loadings: Array, rough_mean: Array, rough_weight: Array) -> None:
@@ -111,11 +108,10 @@ class SpreadMap:
 
 
 class TiedSpreads:
-    """Spreads of one level of one parameter or two, the second's written given the first's.
+    """Spreads of one level of one parameter or two, the second's given the first's.
 
-    Where k and b go together so do their sample SDs: the rough likelihood of log sigma of b is N(l + slope
-    (log sigma of k - its l), (1 - tie²)/w). Near a correlation of one the ratio of the two is known far
-    better than either, and no linear map of separate coordinates follows it.
+    The rough likelihood of log sigma of b is N(l + slope (log sigma of k - its l), (1 - tie²)/w). Near a
+    correlation of one the ratio of the two is known far better than either.
     """
 
     def __init__(
@@ -142,11 +138,10 @@ class TiedSpreads:
 def rough_between(
     statistics: Statistics, loadings: Array, centre: float, own_sd: float, *, subject_effect: bool
 ) -> tuple[Array, Array]:
-    """Return a normal likelihood of log sigma, mean and weight (P, J), that is right near its mode.
+    """Return a normal likelihood of log sigma, mean and weight (P, J), at the mode all cells have together.
 
-    A scatter sd² with df degrees of freedom has the mean sigma² + noise. Where noise explains most of
-    it, a cell by itself says next to nothing, and its chance remainder would put the coordinate
-    anywhere: the likelihood is taken at the mode that all cells have together.
+    A scatter sd² with df degrees of freedom has the mean sigma² + noise. Where noise explains most of it,
+    the mode of a cell by itself is chance.
     """
     sd, df, noise = statistics.sd, statistics.df, _trial_variance(statistics)
     if subject_effect:
