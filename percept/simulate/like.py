@@ -9,6 +9,7 @@ import statistics
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -51,39 +52,30 @@ class PublishedLimits:
         """Take a summary that `read_sessions` checked, and require what can be reproduced of it."""
         table, file = sessions.table, sessions.sources[0].name if sessions.sources else None
         if sessions.form != "summary":
-            raise UsageError(
-                "no table of published limits.",
-                file=file,
-                hint="It needs environment, parameter, reference, lower, upper, n and level.",
-            )
+            hint = "It needs environment, parameter, reference, lower, upper, n and level."
+            raise UsageError("no table of published limits.", file=file, hint=hint)
         for column in ("n", "level"):
-            if other := [value for value in table[column] if value != table[column].iloc[0]]:
-                raise UsageError(
-                    f"all rows must have the same {column}; the first has {table[column].iloc[0]}.",
-                    file=file,
-                    column=column,
-                    value=str(other[0]),
-                )
-        cells = {(row.environment, row.parameter): row for row in table.itertuples()}
+            first, *others = dict.fromkeys(table[column])
+            if others:
+                message = f"all rows must have the same {column}; the first has {first}."
+                raise UsageError(message, file=file, column=column, value=str(others[0]))
+        rows = table[["environment", "parameter", "reference", "lower", "upper"]].itertuples(index=False)
+        # As they were printed, without the last digits of a double.
+        cells = {(e, p): [Decimal(f"{number:.15g}") for number in numbers] for e, p, *numbers in rows}
         environments, parameters = sessions.environments, sessions.parameters
         for e, p in itertools.product(environments, parameters):
             if (e, p) not in cells:
                 raise UsageError(f"there is no row for {e}, {p}, though others have one.", file=file)
-            lower, upper = (_decimal(limit) for limit in (cells[e, p].lower, cells[e, p].upper))
-            if max(len(limit.as_tuple().digits) for limit in (lower, upper)) > _PRINTED_DIGITS:
-                raise UsageError(
-                    f"{e}, {p}: printed limits are needed, and {lower} to {upper} was worked out.",
-                    file=file,
-                    hint="percept fit takes means and standard deviations.",
-                )
+            lower, upper = limits = cells[e, p][1:]
+            if max(len(limit.as_tuple().digits) for limit in limits) > _PRINTED_DIGITS:
+                message = f"{e}, {p}: printed limits are needed, and {lower} to {upper} was worked out."
+                hint = "percept fit takes means and standard deviations."
+                raise UsageError(message, file=file, hint=hint)
             if lower == upper:
                 raise UsageError(f"{e}, {p}: the limits {lower} and {upper} must differ.", file=file)
-        reference, low, high = (
-            tuple(tuple(_decimal(getattr(cells[e, p], column)) for p in parameters) for e in environments)
-            for column in ("reference", "lower", "upper")
-        )
+        parts = (tuple(tuple(cells[e, p][at] for p in parameters) for e in environments) for at in range(3))
         n, level = int(table["n"].iloc[0]), float(table["level"].iloc[0])
-        return cls(environments, parameters, reference, low, high, n, level)
+        return cls(environments, parameters, *parts, n, level)
 
     @property
     def factor(self) -> float:
@@ -95,11 +87,6 @@ class PublishedLimits:
         """Mean and SD of the subjects behind the limits, (J, P)."""
         lower, upper = (np.array(part, dtype=float) for part in (self.lower, self.upper))
         return Moments.from_limits(lower, upper, self.n, level=self.level)
-
-
-def _decimal(value: object) -> Decimal:
-    """Return a number as it is printed, without the last digits of a double."""
-    return Decimal(f"{value:.15g}")
 
 
 def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None) -> pd.DataFrame:
@@ -118,12 +105,8 @@ def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None
         raise UsageError("a seed is a whole number, not negative.", key="seed", value=seed)
     if count < 2:
         raise UsageError("at least two subjects are needed.", key="subjects", value=count)
-    design = Design.balanced(
-        np.array(limits.reference, dtype=float),
-        subjects=count,
-        parameters=limits.parameters,
-        environments=limits.environments,
-    )
+    names: Any = {"parameters": limits.parameters, "environments": limits.environments}
+    design = Design.balanced(np.array(limits.reference, dtype=float), subjects=count, **names)
     environments, parameters = design.references.shape
     rng = np.random.default_rng(seed)
     z = _scores(rng, (count, environments, parameters))
@@ -162,14 +145,11 @@ def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
 def _match(z: Array, mean: float, sd: float, where: str) -> Array:
     """exp(a + c·z) with the given mean and SD."""
     if mean <= 0:
-        raise RefusalError(
-            f"{where}: the limits' middle {mean:g} is not positive, so no positive values have it."
-        )
-    if sd >= math.sqrt(len(z)) * mean:
-        raise RefusalError(
-            f"{where}: no {len(z)} positive values have a standard deviation of {sd / mean:.4g} means; "
-            f"the most is below {math.sqrt(len(z)):.4g}."
-        )
+        message = f"the limits' middle {mean:g} is not positive, so no positive values have it."
+        raise RefusalError(f"{where}: {message}")
+    if sd >= (most := math.sqrt(len(z))) * mean:
+        message = f"no {len(z)} positive values have a standard deviation of {sd / mean:.4g} means"
+        raise RefusalError(f"{where}: {message}; the most is below {most:.4g}.")
     # The largest is 1: no overflow however steep.
     shape = z - z.max()
 
@@ -206,9 +186,8 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     """
     target = Path(path)
     if target.is_file() and not _simulated(target):
-        raise UsageError(
-            "is there already, and was not simulated.", file=str(target), hint="Choose another name."
-        )
+        message = "is there already, and was not simulated."
+        raise UsageError(message, file=str(target), hint="Choose another name.")
     text = table.copy()
     for name in table.select_dtypes("float").columns:
         text[name] = [np.format_float_positional(value, trim="-") for value in table[name]]
