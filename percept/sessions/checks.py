@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 
 import numpy as np
@@ -38,8 +37,6 @@ def settle_references(
     problems: Problems,
 ) -> None:
     """Fill references from the scene or earlier rows, and hold every row of an environment to one reference.
-
-    An environment without a mass has none.
 
     `known` holds the references of earlier blocks, by column and environment; this one's are added.
     """
@@ -140,16 +137,15 @@ def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.fl
 def check_plausible(
     table: pd.DataFrame, quantities: Iterable[Quantity], declared: Set[str], place: Place, problems: Problems
 ) -> list[Notice]:
-    """Refuse adjustments whose median ratio to their references is at least 100, or at most 1/100.
+    """Refuse median ratios of adjustments to references beyond 100, and files a thousand times the others.
 
-    A file whose own ratio is about a thousand times the others' is refused too: one machine wrote N/mm.
     Where the units of both columns are `declared` a notice says so instead.
     """
     notices: list[Notice] = []
     for quantity in quantities:
         adj, ref = f"{quantity.name}_adj", f"{quantity.name}_ref"
-        both = table[(table[adj] > 0) & (table[ref] > 0)]
         rows = np.flatnonzero((table[adj] > 0) & (table[ref] > 0))
+        both = table.iloc[rows]
         ratio = _typical_ratio(both[adj].to_numpy(), both[ref].to_numpy())
         # A slip makes numbers too small where the larger unit was meant. One declared unit is as likely to be
         # the slip as the other column: it settles nothing.
@@ -203,19 +199,17 @@ def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, pro
             problems.add(text, column="reference", value=float(reference[0]), hint=hint, **row)
 
 
-def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> Counter[str]:
+def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> dict[str, int]:
     """Count observations, and the holes of the subject × environment × trial grid."""
     filled = rows.groupby([table["subject"], table["environment"]], sort=False).sum().to_numpy()
     subjects, environments = table["subject"].nunique(), table["environment"].nunique()
-    return Counter(
-        {
-            "observations": int(filled.sum()),
-            "subjects": subjects,
-            "environments": environments,
-            "empty cells (subject × environment)": subjects * environments - len(filled),
-            "missing repeats": int((filled.max() - filled).sum()),
-        }
-    )
+    return {
+        "observations": int(filled.sum()),
+        "subjects": subjects,
+        "environments": environments,
+        "empty cells (subject × environment)": subjects * environments - len(filled),
+        "missing repeats": int((filled.max() - filled).sum()),
+    }
 
 
 def screen(
@@ -245,10 +239,8 @@ def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator
     far = (positive[column] > _GROSS * typical) | (positive[column] < typical / _GROSS)
     found = positive.assign(median=typical)[enough & far]
     if len(found):
-        columns = found[["subject", "environment", column, "median"]].itertuples(index=False)
-        named = [
-            f"{who} at {where}: {value:.6g}, median {median:.6g}" for who, where, value, median in columns
-        ]
+        values = found[["subject", "environment", column, "median"]].to_numpy()
+        named = ["{} at {}: {:.6g}, median {:.6g}".format(*row) for row in values]
         text = f"{counted(len(found), 'value')} of {parameter} far from the median of the environment, here "
         text += f"the first: a slip? Subjects {shown(named)}"
         yield Notice(text, column=column, **place(found.index[0]))
@@ -295,14 +287,11 @@ def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[N
         # Zeros are told already, whatever they come from.
         if values[at] > 0:
             rule = f'{{ column = "{column}", {way} = {float(values[beside])!r}, why = "end of the knob" }}'
-            yield Notice(
-                f"{_counted_share(int(counts.iloc[at]), total, parameter)} the {which} of all, "
-                f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment lies {way} "
-                f"it, and the spread is too small. [sessions] exclude = [{rule}] leaves them out and logs "
-                "them.",
-                column=column,
-                **place(table.index[table[column] == values[at]][0]),
-            )
+            text = f"{_counted_share(int(counts.iloc[at]), total, parameter)} the {which} of all, "
+            text += f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment lies "
+            text += f"{way} it, and the spread is too small. [sessions] exclude = [{rule}] leaves them out "
+            first = table.index[table[column] == values[at]][0]
+            yield Notice(f"{text}and logs them.", column=column, **place(first))
 
 
 def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:

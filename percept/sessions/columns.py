@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from percept.errors import UsageError, did_you_mean
 from percept.sessions.options import KEPT_COLUMNS, SUMMARY, ColumnRule, ReadOptions, canonical_columns
@@ -67,7 +68,6 @@ def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolu
 
 def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str) -> ColumnRule:
     for name in rule.also:
-        _declared(canonical, ColumnRule(name=name), header, file)
         position(header, name, file)
     if rule.name in header:
         return rule
@@ -87,9 +87,8 @@ def _aliases(quantities: Quantities) -> dict[str, frozenset[str]]:
     for quantity in with_mass(quantities).values():
         stems = {_plain(quantity.name), _plain(quantity.label)}
         for kind, words in _NUMBER_WORDS.items():
-            pairs = [(stem, word) for stem in stems for word in words]
-            orders = {f"{a}_{b}" for one, other in pairs for a, b in ((one, other), (other, one))}
-            known[f"{quantity.name}_{kind}"] = frozenset(orders)
+            pairs = [*product(stems, words), *product(words, stems)]
+            known[f"{quantity.name}_{kind}"] = frozenset(map("_".join, pairs))
     return known
 
 
@@ -101,7 +100,7 @@ def _alias(
         message = f"{shown(candidates)} could each be {canonical}."
         hint = f'Declare the one that is meant: [columns] {canonical} = "…".'
         raise UsageError(message, file=file, row=1, column=canonical, hint=hint)
-    return candidates[0] if candidates else None
+    return next(iter(candidates), None)
 
 
 def _plain(name: str) -> str:
@@ -139,7 +138,7 @@ def position(header: Sequence[str], name: str, file: str) -> int:
     if header.count(name) == 1:
         return header.index(name)
     message = "two columns have this name." if name in header else "this column is wanted, and is not there."
-    hint = f"The columns are {shown(header)}."
+    hint = f"The columns are {shown(header)}.{did_you_mean(name, header)}"
     raise UsageError(message, file=file, row=1, column=name, hint=hint)
 
 

@@ -118,13 +118,9 @@ class ReadError(UsageError):
     def __str__(self) -> str:
         if self.total == 1:
             return str(self.problems[0])
-        lines = [
-            f"{self.total} problems:",
-            *(f"  {line}" for line in summarised(self.problems)[:_LISTED]),
-        ]
-        if self.total > _LISTED:
-            lines.append("  percept validate lists them by kind")
-        return "\n".join(lines)
+        lines = summarised(self.problems)[:_LISTED]
+        more = ["percept validate lists them by kind"] if self.total > _LISTED else []
+        return "\n  ".join([f"{self.total} problems:", *lines, *more])
 
 
 class NoDataError(UsageError):

@@ -53,10 +53,12 @@ def decimal_mark(
     commas = _with_mark(",", columns, rows)
     if not commas:
         return "." if any("." in cell for _, cells in columns for cell in cells) else None
-    if points := _with_mark(".", columns, rows):
+    points = _with_mark(".", columns, rows)
+    sure = [sum(not _TWO_READINGS.fullmatch(cell) for *_, cell in cells) for cells in (commas, points)]
+    if points:
         # Cells with one reading go before more numerous ones with two.
-        return "," if _weight(commas) > _weight(points) else "."
-    if _weight(commas)[0] == 0:
+        return "," if (sure[0], len(commas)) > (sure[1], len(points)) else "."
+    if not sure[0]:
         hint = 'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write them '
         hint += "without it)."
         for row, name, cell in commas:
@@ -74,11 +76,6 @@ def _with_mark(
         for row, cell in zip(rows, cells, strict=True)
         if sign in cell and _NUMBER[sign].fullmatch(text := cell.strip(_SPACE))
     ]
-
-
-def _weight(cells: Sequence[tuple[int, str, str]]) -> tuple[int, int]:
-    """How much cells say for their mark: how many have one reading, and how many there are."""
-    return sum(not _TWO_READINGS.fullmatch(cell) for _, _, cell in cells), len(cells)
 
 
 def _readings(cell: str) -> str:
@@ -116,10 +113,8 @@ def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
     other: Mark = "," if mark == "." else "."
     if _NUMBER[other].fullmatch(text):
         found = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
-        hint = (
-            f"Write it with a decimal {_WORDS[mark]}, and thousands without a separator, or set [sessions] "
-        )
-        return f"{found}; the file is read with the decimal mark {mark!r}.", f"{hint}decimal."
+        hint = f"Write it with a decimal {_WORDS[mark]}, and thousands without a separator, or set "
+        return f"{found}; the file is read with the decimal mark {mark!r}.", f"{hint}[sessions] decimal."
     return next((what, hint) for pattern, what, hint in _NO_NUMBERS if re.fullmatch(pattern, text))
 
 
