@@ -73,9 +73,11 @@ class PublishedLimits:
                 raise UsageError(message, file=file, hint=hint)
             if lower == upper:
                 raise UsageError(f"{e}, {p}: the limits {lower} and {upper} must differ.", file=file)
-        parts = (tuple(tuple(cells[e, p][at] for p in parameters) for e in environments) for at in range(3))
+        reference, low, high = (
+            tuple(tuple(cells[e, p][at] for p in parameters) for e in environments) for at in range(3)
+        )
         n, level = int(table["n"].iloc[0]), float(table["level"].iloc[0])
-        return cls(environments, parameters, *parts, n, level)
+        return cls(environments, parameters, reference, low, high, n, level)
 
     @property
     def factor(self) -> float:

@@ -83,8 +83,8 @@ class Layout:
         self.names: list[str] = []
         self._name_coordinates()
         self.dimension = len(self.names)
-        scaled = [name for name in ("omega", "omega_e", "sigma_u", "tau") if name in self._slots]
-        self._half_normal = {name: getattr(priors, f"{name}_scale") for name in scaled}
+        scaled = {"omega", "omega_e", "sigma_u", "tau"}
+        self._half_normal = {n: getattr(priors, f"{n}_scale") for n in self._slots if n in scaled}
         self._correlations = [name for name in ("rho_w", "rho_e", "rho_u") if name in self._slots]
         self.limits = np.full(self.dimension, LIMIT)
         standard = np.full(self.dimension, True)
