@@ -73,10 +73,12 @@ class Axis:
 
     def rate(self, place: Array, native: Array) -> Array:
         """Return how fast a place moves with k or b; zero at the ends of the grid."""
-        width = self.high - self.low
+        width, least = self.high - self.low, np.exp(-_ENDLESS)
         scale = width * self.unit * np.cosh(self.low + width * place)
-        scale *= np.maximum(native, np.exp(-_ENDLESS)) if self.log else 1.0
-        return np.where((place > 0.0) & (place < 1.0), 1.0 / scale, 0.0)
+        scale *= np.maximum(native, least) if self.log else 1.0
+        # A grid over so many decades reaches below the least value, where the place stands still.
+        inside = (place > 0.0) & (place < 1.0) & ((native > least) | (not self.log))
+        return np.where(inside, 1.0 / scale, 0.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -261,16 +261,16 @@ class Magnitude:
         # What the inner one adds at least leaves less to the outer one: few nodes must not fall beyond.
         ends = gain * axis.native(np.array([0.0, 1.0])) + offset
         least = np.maximum(0.0, np.maximum(ends[:, :1], -ends[:, 1:]))
-        reach = np.sqrt(np.maximum((radius - least) * (radius + least), 0.0))
+        reach = _leg(radius, least)
         left, right = (outer.place((sign * reach - offset_out) / gain_out) for sign in (-1.0, 1.0))
         half = 0.5 * (right - left)
         places = 0.5 * (right + left) + half * _PLACES
         far = gain_out * outer.native(places) + offset_out
-        side = np.sqrt(np.maximum((radius - far) * (radius + far), 0.0))
+        side = _leg(radius, np.abs(far))
         native = (np.stack([-side, side]) - offset) / gain
         ends = axis.place(native)
         with np.errstate(divide="ignore", invalid="ignore"):
-            moves = np.where(side > 0.0, axis.rate(ends, native) * radius**2 / (side * gain), 0.0)
+            moves = np.where(side > 0.0, axis.rate(ends, native) * (radius / side) * (radius / gain), 0.0)
         return np.concatenate([left, right], axis=1), places, half * _PARTS, ends, moves
 
     def _content(self, inner: int, at: NDArray[np.intp], radius: Array) -> tuple[Array, Array, Array]:
@@ -326,6 +326,11 @@ class Magnitude:
         flat = table.reshape(-1, table.shape[2])
         matrix = sparse.csr_array((np.concatenate(weights, axis=1).ravel(), *every), (at.size, len(flat)))
         return np.asarray(matrix @ flat)
+
+
+def _leg(radius: Array, other: Array) -> Array:
+    """Return sqrt(radius² - other²), or zero: by factors, since squares of extreme radii overflow."""
+    return np.asarray(np.sqrt(np.maximum(radius - other, 0.0)) * np.sqrt(radius + other))
 
 
 def _along(table: Array, place: Array) -> Array:

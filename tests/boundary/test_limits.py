@@ -39,10 +39,14 @@ def laws() -> list[tuple[PairLaw, np.ndarray]]:
     centre, shape = np.log([K, B]).mean(axis=1), np.cov(np.log([K, B])) * 1.1
     t = rng.multivariate_normal([0.0, 0.0], shape, DRAWS) / np.sqrt(rng.chisquare(9, DRAWS) / 9)[:, None]
     found.append((confidence_law(K, B, kind="user", family="lognormal"), np.exp(centre + t).T))
+    # Users so far apart in k, by some 40 powers of ten, that the grid reaches below the least number.
+    mean, covariance = mixture()
+    covariance = covariance * np.outer([150.0, 2.0], [150.0, 2.0])
+    found.append((mixture_law(mean, covariance, batch, "lognormal"), np.exp(drawn_from(mean, covariance, 4))))
     return found
 
 
-@pytest.mark.parametrize("which", [0, 1, 2])
+@pytest.mark.parametrize("which", [0, 1, 2, 3])
 @pytest.mark.parametrize("device", [DEVICE, Device(0.0, 0.5), Device(20.0, 300.0)], ids=str)
 def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) -> None:
     law, (k, b) = laws()[which]
