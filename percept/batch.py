@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import io
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -117,12 +116,10 @@ class Outcome:
     status: Status
     message: str | None  # Why, or the error of a study that misses its tolerance
     table: bytes  # Its rows as Parquet
-    seconds: float = 0.0  # Time the analysis took
 
 
 def analyse(job: Job) -> Outcome:
     """Fit a study and encode its intervals: what a worker does."""
-    started = time.perf_counter()
     study, message = job.study, None
     status: Status = "done"
     intervals, found = None, dict[str, float]()
@@ -138,8 +135,7 @@ def analyse(job: Job) -> Outcome:
         status, message = "refused", str(error)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is this study's and goes into its row
         status, message = "failed", f"{type(error).__name__}: {error}"
-    outcome = encode(job.name, job.key, status, message, intervals, **found)
-    return dataclasses.replace(outcome, seconds=time.perf_counter() - started)
+    return encode(job.name, job.key, status, message, intervals, **found)
 
 
 def encode(
@@ -217,7 +213,6 @@ class Summary:
     counts: dict[str, int]  # How many of the studies ended in each status
     failures: tuple[tuple[str, str], ...]  # Name and message of each study that is not "done"
     inaccurate: tuple[tuple[str, str], ...]  # Of each that is done with an error above its tolerance
-    seconds: float  # Sum of the workers' times in this run
 
 
 def run_batch(
@@ -235,7 +230,7 @@ def run_batch(
     keys: list[str] = []
     failures: list[tuple[str, str]] = []
     inaccurate: list[tuple[str, str]] = []
-    skipped, seconds = 0, 0.0
+    skipped = 0
     with BatchFolder.opened(out) as folder:
 
         def count(name: str, status: Status, message: str | None) -> None:
@@ -269,7 +264,6 @@ def run_batch(
             if isinstance(outcome, Exception):
                 outcome = encode(job.name, job.key, "failed", f"{type(outcome).__name__}: {outcome}")
             folder.save(job.key, outcome)
-            seconds += outcome.seconds
             count(job.name, outcome.status, outcome.message)
         table = folder.combine(keys)
-    return Summary(table, len(studies), skipped, dict(counts), tuple(failures), tuple(inaccurate), seconds)
+    return Summary(table, len(studies), skipped, dict(counts), tuple(failures), tuple(inaccurate))

@@ -42,23 +42,19 @@ class Plan(NotebookRecord):
     @property
     def covers(self) -> str:
         """One plain sentence saying what the plan promises."""
-        sure = percent(self.assurance, digits=4)
-        return f"With {self.n} subjects, {self._interval} is {self._width} in {sure} of studies."
-
-    @property
-    def _interval(self) -> str:
         level = percent(self.level)
         if self.kind == "share":
-            return f"the interval of {percent(self.share or 0.0)} of all users, with {level} confidence,"
-        return f"the {level} interval of the {'average' if self.kind == 'mean' else 'next'} user"
-
-    @property
-    def _width(self) -> str:
+            interval = f"the interval of {percent(self.share or 0.0)} of all users, with {level} confidence,"
+        else:
+            interval = f"the {level} interval of the {'average' if self.kind == 'mean' else 'next'} user"
         if self.kind != "mean":
-            return f"at most {self.wanted:.4g} times as wide as that of a known population"
-        if self.family == "lognormal":
-            return f"within a factor {1.0 + self.wanted:.4g} of the estimate either way"
-        return f"at most ± {self.wanted:.4g} wide"
+            width = f"at most {self.wanted:.4g} times as wide as that of a known population"
+        elif self.family == "lognormal":
+            width = f"within a factor {1.0 + self.wanted:.4g} of the estimate either way"
+        else:
+            width = f"at most ± {self.wanted:.4g} wide"
+        sure = percent(self.assurance, digits=4)
+        return f"With {self.n} subjects, {interval} is {width} in {sure} of studies."
 
 
 def plan_mean(

@@ -20,11 +20,11 @@ from pydantic import (
     model_validator,
 )
 
-from percept.errors import UsageError, did_you_mean
+from percept.errors import UsageError
 from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
 from percept.sessions.options import DataTables, said
-from percept.sessions.quantities import Table, is_impedance
+from percept.sessions.quantities import Table, is_impedance, known_key
 
 __all__ = [
     "ChecksTable",
@@ -179,10 +179,8 @@ class ModelTable(Table):
     @classmethod
     def _priors_of_the_model(cls, priors: dict[str, float]) -> dict[str, float]:
         known = [field.name for field in dataclasses.fields(Priors)]
-        unknown = [name for name in priors if name not in known]
-        if unknown:
-            meant = did_you_mean(unknown[0], known)
-            raise ValueError(f"there is no prior {unknown[0]}; there are {', '.join(known)}.{meant}")
+        for name, value in priors.items():
+            known_key(known, name, name, value)
         Priors(**priors)
         return priors
 
@@ -226,21 +224,22 @@ class StudyTable(Table):
     factor: Annotated[str, Field(min_length=1)] | None = None
 
 
+def _window(value: tuple[float, float]) -> tuple[float, float]:
+    if not value[0] < value[1]:
+        raise ValueError("a window must begin below its end")
+    return value
+
+
+Window = Annotated[tuple[Positive, Positive], AfterValidator(_window)]
+
+
 class ReportTable(Table):
     """What the page shows: its title, and close views of environments (windows of ω, rad/s)."""
 
     title: str | None = None
     subtitle: str | None = None
     note: str | None = None
-    zoom: dict[str, tuple[Positive, Positive]] = Field(default_factory=dict)
-
-    @field_validator("zoom")
-    @classmethod
-    def _windows_have_width(cls, zoom: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-        for name, (lower, upper) in zoom.items():
-            if not lower < upper:
-                raise ValueError(f"the window of {name} must begin below its end")
-        return zoom
+    zoom: dict[str, Window] = Field(default_factory=dict)
 
 
 class Scene(DataTables):

@@ -35,7 +35,7 @@ from percept.sessions import ReadOptions
             "device.mass = True: must be a number.",
         ),
         ('[model]\nweber = "yes"\n', "model.weber = 'yes': must be true or false."),
-        ("[report.zoom]\nVE1 = [9, 9]\n", "report.zoom: the window of VE1 must begin below its end."),
+        ("[report.zoom]\nVE1 = [9, 9]\n", "report.zoom.VE1 = [9, 9]: a window must begin below its end."),
         (
             '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',
             "device: a measured response holds mass, damping and modes: give one or the other.",
@@ -59,7 +59,10 @@ from percept.sessions import ReadOptions
             '[model]\npooling = "none"\nprior = "reference"\nresolution = { k = 1.0 }\n',
             'model: resolution goes with pooling = "partial".',
         ),
-        ("[model.priors]\ntau = 1\n", "model.priors: there is no prior tau; there are alpha_sd, gamma_sd"),
+        (
+            "[model.priors]\ntau = 1\n",
+            "model.priors.tau = 1.0: there is no such key; there are alpha_sd,",
+        ),
         (
             '[model.priors]\ntau_scale = "2"\n',
             "model.priors.tau_scale = '2': must be a number.",

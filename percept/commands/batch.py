@@ -53,14 +53,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _print(summary: Summary) -> None:
-    analysed = summary.studies - summary.skipped
     for name, message in (*summary.failures, *summary.inaccurate):
         print(printable(message if message.startswith(name) else f"{name}: {message}"), file=sys.stderr)
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
     studies = counted(summary.studies, "study", "studies")
-    print(f"{studies} ({words}): {summary.skipped} finished before, {analysed} now")
-    if analysed:
-        print(f"{summary.seconds / analysed:.2f} s of a worker per study")
+    print(f"{studies} ({words}): {summary.skipped} finished before, {summary.studies - summary.skipped} now")
     print(summary.table)
 
 

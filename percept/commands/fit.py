@@ -39,23 +39,20 @@ def _fit(arguments: argparse.Namespace) -> int:
 
 def _print_intervals(study: Study, *, every: bool) -> None:
     """Print both methods side by side, or a row per interval."""
-    table = study.intervals[_COLUMNS] if every else study.summary(None)
+    if every:
+        table = study.intervals[_COLUMNS]
+    else:
+        table = study.summary(None).head(_MOST_ROWS)
+        table = table.drop(columns=[name for name in table.columns if name.endswith("_estimate")])
     if table.empty:
         return
-    count = len(study.intervals)
-    table["environment"] = table["environment"].map(printable)
-    if not every:
-        table = table.head(_MOST_ROWS)
-        for method in study.intervals["method"].unique():
-            low, high = (table.pop(f"{method}_{side}") for side in ("lower", "upper"))
-            table[method] = [
-                "–" if low != low else f"{low:.5g} to {high:.5g}" for low, high in zip(low, high, strict=True)
-            ]
-            del table[f"{method}_estimate"]
+    table = table.assign(environment=table["environment"].map(printable))
     table = table.rename(columns={"environment": study.scene.environment_noun[0]})
-    print(table.to_string(index=False, float_format="{:.6g}".format))
+    print(table.to_string(index=False, float_format="{:.6g}".format, na_rep="–"))
     if not every:
-        print(f"--all prints all {count} intervals: both families, and those that hold together.")
+        print(
+            f"--all prints all {len(study.intervals)} intervals: both families, and those that hold together."
+        )
 
 
 def _print_checks(study: Study, say: Callable[[str], str]) -> None:

@@ -142,7 +142,8 @@ def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, c
         "family",
         "unit",
         "reference",
-        "classical",
+        "classical_lower",
+        "classical_upper",
     ]
     assert [line.split()[0] for line in printed[1:31]] == [f"E{e:02}" for e in range(1, 11) for _ in range(3)]
     assert printed[31] == "--all prints all 96 intervals: both families, and those that hold together."
@@ -152,7 +153,7 @@ def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, c
         for row in document["intervals"]
         if (row["environment"], row["kind"], row["family"]) == ("E01", "mean", "lognormal")
     )
-    assert printed[1].endswith(f"{row['lower']:.5g} to {row['upper']:.5g}")
+    assert printed[1].split()[-2:] == [f"{row['lower']:.6g}", f"{row['upper']:.6g}"]
     assert main([*words, "--all"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len([line for line in lines if line.split()[3:5] == ["classical", "normal"]]) == 48
