@@ -21,8 +21,8 @@ from percept.html import NotebookRecord
 class Realism(NotebookRecord):
     """Probability of being realistic at every omega of a range, with its Monte Carlo error over the draws."""
 
-    magnitude_throughout: float  # By abs(Z_h)
-    plane_throughout: float  # By stiffness and damping both
+    magnitude: float  # By abs(Z_h)
+    plane: float  # By stiffness and damping both
     magnitude_error: float  # With the fraction of the draws that no search decided
     plane_error: float
     draws: int

@@ -20,8 +20,7 @@ class Number:
     """A number on the page."""
 
     text: str  # As it is read
-    exact: str  # Every digit
-    pointer: str  # Into report.json
+    exact: str  # Every digit; empty where there is none
 
 
 def rounded(value: float, digits: int = 5) -> str:
@@ -68,12 +67,12 @@ def number(document: Any, pointer: str, *, digits: int = 5, style: str = "plain"
     owner = at(document, parent)
     value = owner.get(unescaped(last)) if isinstance(owner, Mapping) else at(document, pointer)
     if value is None:
-        return Number("–", "", pointer)
+        return Number("–", "")
     if isinstance(value, str) and value in _INFINITE:
-        return Number(_INFINITE[value], value, pointer)
+        return Number(_INFINITE[value], value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise UsageError("a number was expected at this place of the report.", key=pointer, value=value)
-    return Number(_written(value, digits, style), repr(value), pointer)
+    return Number(_written(value, digits, style), repr(value))
 
 
 def _written(value: float, digits: int, style: str) -> str:

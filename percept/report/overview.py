@@ -51,11 +51,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def overview(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the rows of the first table, how real each environment feels, and the sentences above them.
-
-    A row's numbers come from the Bayesian intervals of the study's family where there are any. `bias` is the
-    estimate over the reference, less one; of a reference of zero it is the estimate, in units.
-    """
+    """Return the rows of the first table, how real each environment feels, and the sentences above them."""
     intervals = matching(document["intervals"], joint="marginal")
     best = {"method": METHODS[::-1], "family": families_of(document)}
     rows = [
@@ -88,7 +84,7 @@ def _row(alike: Sequence[Record], best: Mapping[str, Sequence[str]]) -> dict[str
 
     def bias(interval: Record | None, name: str) -> float | None:
         if interval is not None and reference == 0 and isinstance(interval[name], (int, float)):
-            return float(interval[name])
+            return float(interval[name])  # in units
         over = ratio(interval, name)
         return None if over is None else over - 1.0
 
@@ -103,12 +99,7 @@ def _row(alike: Sequence[Record], best: Mapping[str, Sequence[str]]) -> dict[str
 
 
 def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
-    """Return whether each reference stays inside the next user's boundary at every ω, directly and coupled.
-
-    The boundary is the exact envelope in the study's family, Bayesian where there is one. A departure is the
-    largest distance outside it, as a fraction of the boundary's curve; `plane_departure` is that of effective
-    stiffness and damping, in widths of their limits. `breaks` names what an inadmissible coupling breaks.
-    """
+    """Return whether each reference stays inside the next user's exact envelope, directly and coupled."""
     coupling = document["coupling"] or {}
     records = matching(coupling.get("realism") or (), kind=_KIND, shape="envelope", joint="marginal")
     chosen = [first(matching(records, environment=name), **best) for name in distinct(records, "environment")]
@@ -117,6 +108,7 @@ def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[s
         | {
             rendered: {
                 "verdict": record[f"verdict_{side}"],
+                # A fraction of the envelope's curve; that of effective k and b is in widths of their limits.
                 "departure": max(0.0, record[f"departure_{side}"]),
                 "omega": record[f"departure_omega_{side}"],
                 "plane_departure": record[f"plane_departure_{side}"],

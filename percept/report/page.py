@@ -41,7 +41,6 @@ def render_page(
     environment.filters["symbols"] = lambda text: _symbols(worded(text, nouns))
     return environment.get_template("page.html.j2").render(
         document=document,
-        words=document["provenance"]["scene"]["report"],
         files=files,
         title=document["provenance"]["scene"]["report"].get("title") or title_of(document),
         nouns=nouns,

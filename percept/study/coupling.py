@@ -12,7 +12,6 @@ from scipy import special
 
 from percept import haptics
 from percept.boundary.realism import Realism, realism
-from percept.errors import UsageError
 from percept.haptics import Coupling, TabulatedDevice
 from percept.haptics.containment import Boxes, departures, plane_departures
 from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
@@ -69,8 +68,7 @@ def study_coupling(
 ) -> CouplingStudy:
     """Judge a coupling: Llewellyn's criterion, and membership in the boundaries over a range, rad/s."""
     device, coupling, period, hold = setup.device, setup.coupling, setup.period, setup.hold
-    if coupling is None:
-        raise UsageError("there is no coupling to judge.", hint="Give the scene a [coupling].")
+    assert coupling is not None
     verdict = haptics.absolute_stability(device, coupling, period, hold=hold)
     rigid = isinstance(device, haptics.Device)
     need = haptics.required_damping(coupling, period, hold=hold) if rigid else None
@@ -126,21 +124,11 @@ def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
     stable = {"stable": True, "marginal": False, "unstable": False}.get(verdict)
     rows = []
     for (environment, coupled), found in realisms.items():
-        magnitude, plane = found.magnitude_throughout, found.plane_throughout
+        row = {"environment": environment, "coupled": coupled, **dataclasses.asdict(found)}
         known = coupled and stable is not None
-        rows.append(
-            {
-                "environment": environment,
-                "coupled": coupled,
-                "magnitude": magnitude,
-                "plane": plane,
-                "magnitude_error": found.magnitude_error,
-                "plane_error": found.plane_error,
-                "draws": found.draws,
-                "stable_and_realistic": magnitude * bool(stable) if known else None,
-                "stable_and_realistic_plane": plane * bool(stable) if known else None,
-            }
-        )
+        for name, held in (("", found.magnitude), ("_plane", found.plane)):
+            row[f"stable_and_realistic{name}"] = held * bool(stable) if known else None
+        rows.append(row)
     return pd.DataFrame(rows)
 
 

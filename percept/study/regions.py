@@ -196,7 +196,8 @@ def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[LawKind]) -
     batch = fit.run.batches()
     for j, environment in enumerate(fit.environments):
         cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
-        scale, n = fit.scale.of_cells(cells), int(fit.counts[cells[0]])
+        scale = dataclasses.replace(fit.scale, origin=fit.scale.origin[cells], unit=fit.scale.unit[cells])
+        n = int(fit.counts[cells[0]])
         for kind in kinds:
             covariance = own[:, j] if kind == "mean" else own[:, j] + users[:, j]
             yield posterior_law(environment, kind, scale, mean[:, j], covariance, batch, n, asked)

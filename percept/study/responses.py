@@ -41,10 +41,6 @@ class ResponseScale:
             return cls(True, reference.ravel(), np.ones(reference.size))
         return cls(False, reference.ravel(), (reference if unit is None else unit).ravel())
 
-    def of_cells(self, cells: Sequence[int]) -> Self:
-        """Return the map of some of the cells."""
-        return dataclasses.replace(self, origin=self.origin[cells], unit=self.unit[cells])
-
     def native(self, response: Array) -> Array:
         """Responses (..., C) in the units of their quantities."""
         if self.log:
@@ -66,11 +62,6 @@ class Trials:
     scale: ResponseScale  # The way back
     skipped: tuple[Skipped, ...]  # Trials and environments that lack one of the parameters
 
-    @property
-    def x(self) -> Array:
-        """log10 of each reference over their geometric mean, shape (P, J)."""
-        return decades(self.reference)
-
     @cached_property
     def statistics(self) -> Statistics:
         """What the density of the model needs of the trials."""
@@ -78,7 +69,7 @@ class Trials:
         from percept.inference.hierarchy.statistics import from_trials
 
         labels: Any = {name: getattr(self, name) for name in ("parameters", "environments", "subjects")}
-        return from_trials(self.response, self.subject, self.environment, self.x, **labels)
+        return from_trials(self.response, self.subject, self.environment, decades(self.reference), **labels)
 
 
 def references(sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]) -> Array:
@@ -212,10 +203,7 @@ def refuse_no_ratio(
 
 
 def resolution_of(statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale) -> Resolution:
-    """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those.
-
-    Rounding is part of the scatter that is seen: there the variance would count twice.
-    """
+    """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those."""
     from percept.inference.hierarchy.density import Resolution
 
     steps = scene.model.resolution
@@ -228,19 +216,14 @@ def resolution_of(statistics: Statistics, scene: Scene, reference: Array, scale:
         unit = scale.unit.reshape(reference.shape)
     size = np.array([steps.get(p, 0.0) for p in statistics.parameters])
     variance = (size[:, None] / unit) ** 2 / 12.0
+    # Elsewhere rounding is part of the scatter that is seen, and its variance would count twice.
     return Resolution(between=np.where(between, variance, 0.0), trial=np.where(trial, variance, 0.0))
 
 
 def lacking_scatter(
     statistics: Statistics, steps: Collection[str], quantities: Quantities
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Find cells (P, J) whose scatter between subjects, or trials, a step of the adjustment makes up for.
-
-    They have none, or their pairs move in proportion; those without a step are refused. Near a correlation of
-    one the density of pairs in proportion grows as (1 - rho²)^(-(f - 1)/2) for every environment's f degrees
-    of freedom; from four such half powers on no prior of rho holds it. A remainder ends that growth, too near
-    one for walkers to follow where it is small.
-    """
+    """Find cells (P, J) whose lack of scatter between subjects, or trials, a step makes up for; or refuse."""
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
     for what, still in (("all subjects adjusted alike", between), ("no subject's trials differ", trial)):
@@ -286,4 +269,6 @@ def _in_proportion(scatter: list[Array], df: Array) -> bool:
         r = np.array([a @ b / np.sqrt((a @ a) * (b @ b)) for a, b in seen])
     # What is left of a regression, over what is regressed, is the root of 1 - r².
     near = (np.abs(r) >= np.sqrt(1.0 - _PROPORTION**2)).all() and abs(np.sign(r).sum()) == r.size
+    # Near a correlation of one the density of such pairs grows as (1 - rho²)^(-(f - 1)/2) for every
+    # environment's f degrees of freedom; from four such half powers on no prior of rho holds it.
     return bool(near and (df[df >= 1] - 1.0).sum() >= 4.0)

@@ -33,11 +33,11 @@ def test_realism_is_that_of_a_loop_over_draws_and_a_fine_grid(coupling: Coupling
         lower, upper = magnitude_envelope(omega, DEVICE, *box, PERIOD)
         magnitude[s] = ((lower <= shown) & (shown <= upper)).all()
         plane[s] = all(((low <= v) & (v <= high)).all() for v, (low, high) in zip((k, b), box, strict=True))
-    assert found.plane_throughout == plane.mean()
+    assert found.plane == plane.mean()
     # Between the grid's points a draw may leave that its points do not show.
-    assert magnitude.mean() - 0.005 <= found.magnitude_throughout <= magnitude.mean()
-    assert 0.1 < found.plane_throughout < found.magnitude_throughout < 0.9
-    p = found.magnitude_throughout
+    assert magnitude.mean() - 0.005 <= found.magnitude <= magnitude.mean()
+    assert 0.1 < found.plane < found.magnitude < 0.9
+    p = found.magnitude
     assert found.magnitude_error == pytest.approx(np.sqrt(p * (1 - p) / 200))
     assert found.draws == 200
 
@@ -46,14 +46,14 @@ def test_the_limits_of_a_population_are_real_themselves() -> None:
     users = Boxes((np.array([900.0]), np.array([1100.0])), (np.array([1.0]), np.array([3.0])))
     for k, b in ((900.0, 1.0), (1100.0, 3.0), (900.0, 3.0)):
         found = realism(Display(DEVICE, Environment(k, b), PERIOD), users, LOWER, UPPER)
-        assert (found.magnitude_throughout, found.plane_throughout) == (1.0, 1.0)
+        assert (found.magnitude, found.plane) == (1.0, 1.0)
         assert found.plane_error == 1.0
 
 
 def test_a_display_far_away_is_real_to_nobody() -> None:
     users = Boxes((np.full(9, 900.0), np.full(9, 1100.0)), (np.full(9, 1.0), np.full(9, 3.0)))
     found = realism(Display(DEVICE, Environment(9e3, 2.0), PERIOD), users, LOWER, UPPER)
-    assert (found.magnitude_throughout, found.plane_throughout) == (0.0, 0.0)
+    assert (found.magnitude, found.plane) == (0.0, 0.0)
 
 
 def test_a_draw_that_no_search_decides_is_in_the_error() -> None:
@@ -63,6 +63,6 @@ def test_a_draw_that_no_search_decides_is_in_the_error() -> None:
     for shift, undecided in ((0.0, True), (-1e-12, False)):
         users = Boxes((np.full(count, 900.0), k * np.exp(-off - shift)), (np.zeros(count), np.zeros(count)))
         found = realism(Display(Device(0.0, 0.0), Environment(k, 0.0), PERIOD), users, LOWER, UPPER)
-        binomial = np.sqrt(found.magnitude_throughout * (1 - found.magnitude_throughout) / count)
+        binomial = np.sqrt(found.magnitude * (1 - found.magnitude) / count)
         assert (found.magnitude_error > max(binomial, 1 / count)) == undecided
         assert found.plane_error == 1 / count

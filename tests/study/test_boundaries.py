@@ -287,12 +287,6 @@ def test_designed_couplings_keep_the_next_user_inside(fitted: Study) -> None:
     assert study_coupling(setup, (), {}, RANGE, read_at=10.0).verdict in ("stable", "marginal")
 
 
-def test_no_coupling_to_judge(fitted: Study) -> None:
-    assert fitted.setup is not None
-    with pytest.raises(UsageError, match="no coupling to judge"):
-        study_coupling(dataclasses.replace(fitted.setup, coupling=None), (), {}, RANGE, read_at=10.0)
-
-
 def test_own_frequencies_are_taken_as_they_come(fitted):
     omega = [1.0, 5.0, 25.0]
     once = fitted.boundaries_at(np.array(omega), ("VE3",), kinds=("mean",), joints=("marginal",))

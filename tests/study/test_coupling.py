@@ -72,9 +72,9 @@ def test_realism_throughout_is_that_of_a_fine_grid(fitted: Study) -> None:
             true = float(((limits[0] <= shown) & (shown <= limits[1])).all(axis=0).mean())
             found = fitted.realism[environment, coupled]
             # Of the draws that leave, the grid misses a few.
-            assert true - 0.3 * found.magnitude_error - 1e-12 <= found.magnitude_throughout <= true
+            assert true - 0.3 * found.magnitude_error - 1e-12 <= found.magnitude <= true
             if environment == "VE2":
-                assert found.magnitude_throughout == pytest.approx(0.49, abs=0.03)
+                assert found.magnitude == pytest.approx(0.49, abs=0.03)
 
 
 def measured(last: float, damping: float) -> Setup:

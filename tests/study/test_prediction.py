@@ -39,10 +39,10 @@ def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndar
     cross = np.zeros((2, 2 * count))
     for a in range(count):
         j = data.environment[a]
-        cross[:, 2 * a : 2 * a + 2] = trend(x, data.x[:, j])
+        cross[:, 2 * a : 2 * a + 2] = trend(x, data.statistics.x[:, j])
         for c in range(count):
             k = data.environment[c]
-            block = trend(data.x[:, j], data.x[:, k])
+            block = trend(data.statistics.x[:, j], data.statistics.x[:, k])
             if j == k:
                 block = block + np.diag(tau**2)
             if data.subject[a] == data.subject[c]:

@@ -82,10 +82,7 @@ _GENEROUS = 3.0
 
 
 def common_range(lows: ArrayLike, highs: ArrayLike, *, log: bool) -> tuple[float, float]:
-    """Return the ends of an axis for groups of ratios, about 1: no group flattens the others.
-
-    Each end is that of the widest group, or `_GENEROUS` times as far out as half of the groups need.
-    """
+    """Return the ends of an axis for groups of ratios, about 1: no group flattens the others."""
     ends = []
     for sign, sides in ((-1.0, lows), (1.0, highs)):
         values = np.asarray(sides, dtype=float)
@@ -153,11 +150,7 @@ LETTER = 1.45
 
 
 def row_labels(names: Sequence[str], *, most: float) -> list[str]:
-    """Fit the names of rows or panels into a width, mm.
-
-    A name that is too long loses its middle, since names in a series differ at their ends. Names that look
-    the same then are numbered.
-    """
+    """Fit the names of rows or panels into a width, mm; names that look the same then are numbered."""
     labels = [_shortened(name, int(most / LETTER)) for name in names]
     if len(set(labels)) < len(labels):
         labels = [_shortened(f"{row}. {name}", int(most / LETTER)) for row, name in enumerate(names, start=1)]
@@ -165,5 +158,6 @@ def row_labels(names: Sequence[str], *, most: float) -> list[str]:
 
 
 def _shortened(name: str, letters: int) -> str:
+    # Names in a series differ at their ends: the middle goes.
     half = letters // 2
     return name if len(name) <= letters else f"{name[: letters - 1 - half]}…{name[len(name) - half :]}"

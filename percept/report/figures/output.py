@@ -123,9 +123,7 @@ def _svg_file(drawing: Drawing, text: str) -> bytes:
     """Return an SVG file with text as text, on white ground."""
     words = f"<title>{escape(drawing.title)}</title>\n<desc>{escape(drawing.description)}</desc>\n"
     ground = '<rect width="100%" height="100%" style="fill: #ffffff"/>\n'
-    head = _HEAD.search(text)
-    assert head is not None
-    return f"{text[: head.end()]}\n{words}{ground}{text[head.end() :]}".encode()
+    return _HEAD.sub(lambda head: f"{head[0]}\n{words}{ground}", text, count=1).encode()
 
 
 def _inline(drawing: Drawing, text: str) -> str:
