@@ -75,7 +75,7 @@ def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str
     while rule.path is None and "." in stem:
         stem = stem.rpartition(".")[0]
         if stem in header:
-            return ColumnRule(name=stem, unit=rule.unit, path=rule.name[len(stem) + 1 :])
+            return rule.model_copy(update={"name": stem, "path": rule.name[len(stem) + 1 :]})
     message = f"[columns] names {rule.name!r} for {canonical}, and no column has that name."
     hint = f"The columns are {shown(header)}.{did_you_mean(rule.name, header)}"
     raise UsageError(message, file=file, row=1, column=rule.name, hint=hint)

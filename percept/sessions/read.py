@@ -19,16 +19,7 @@ from percept.sessions import checks
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import IMPEDANCE, Quantities, trial_columns
 from percept.sessions.reading import Reading
-from percept.sessions.records import (
-    IDS,
-    MASS,
-    SUMMARY_COLUMNS,
-    Exclusion,
-    Factor,
-    Notice,
-    Source,
-    shown,
-)
+from percept.sessions.records import IDS, MASS, SUMMARY_COLUMNS, Exclusion, Factor, Notice, Source, shown
 from percept.sessions.table import FileTable
 
 

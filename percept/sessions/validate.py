@@ -76,8 +76,7 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> dict[str
         sessions = read_sessions(*paths, options=options)
     except PerceptError as error:
         names = ("message", "file", "row", "column", "key", "value", "hint")
-        problems = error.problems if isinstance(error, ReadError) else (error,)
-        total = error.total if isinstance(error, ReadError) else 1
+        problems, total = (error.problems, error.total) if isinstance(error, ReadError) else ((error,), 1)
         said = [{name: getattr(problem, name) for name in names} for problem in problems]
         return out | {"exit_code": error.exit_code, "problems": said, "problems_total": total}
     alone = sessions.form == "trials" and len(sessions.subjects) < 2

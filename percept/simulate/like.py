@@ -94,12 +94,8 @@ class PublishedLimits:
 def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None) -> pd.DataFrame:
     """Make a study with the means and standard deviations behind a table of published limits.
 
-    Scores z are standard normal, a subject effect and an effect of the subject in one environment:
-    z = √between·u + √(1 − between)·w, with k and b correlated alike in both.
-
-    An environment's values are exp(a + c·z): positive whatever a and c, and skewed as their SD
-    demands. Their coefficient of variation rises with c from 0 to √n, so the published one fixes c,
-    and the mean then fixes a. The t-intervals of the result print as the table's limits.
+    Values are exp(a + c·z) of correlated standard normal scores z. Their coefficient of variation rises with
+    c from 0 to √n, so the published one fixes c, and the mean then fixes a.
     """
     limits = PublishedLimits.from_sessions(published)
     count = limits.n if subjects is None else subjects
@@ -183,8 +179,7 @@ def _rounded(exact: Array, factor: float, printed: tuple[Decimal, Decimal], wher
 def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     """Write simulated sessions as a CSV; equal tables give equal bytes.
 
-    Numbers are written with the fewest digits that read back as the same double. The file appears whole or
-    not at all, and never in place of one that was not simulated.
+    Numbers have the fewest digits that read back as the same double. A file that was not simulated stays.
     """
     target = Path(path)
     if target.is_file() and not _simulated(target):

@@ -141,15 +141,11 @@ def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: flo
 
 
 def draw_hyperparameters(design: Design, priors: Priors, rng: np.random.Generator) -> Hyperparameters:
-    """Draw what the environments share from its prior; levels the design cannot show are zero.
-
-    With one environment γ, δ, τ, κ, ω and u leave the model. Without repeated trials the trial level
-    does; with one parameter there is no correlation.
-    """
+    """Draw what the environments share from its prior; levels the design cannot show are zero."""
     count = len(design.parameters)
-    several = float(len(design.environments) > 1)
-    repeats = float(design.repeated)
-    pair = float(count == 2)
+    several, repeats, pair = (
+        float(shows) for shows in (len(design.environments) > 1, design.repeated, count == 2)
+    )
 
     def normal(sd: float, mean: float = 0.0) -> Array:
         return rng.normal(mean, sd, count)

@@ -205,6 +205,10 @@ def test_an_offset_moves_a_scale_whose_zero_is_arbitrary(tmp_path):
     found = read(tmp_path, HEAD + "1,a,-4,-3.5\n2,a,-4,-3\n", columns=columns)
     assert found.table["k_ref"].tolist() == [1.0, 1.0]
     assert found.table["k_adj"].tolist() == [1.5, 2.0]
+    columns["k_adj"]["name"] = "r.k"
+    rows = '1,a,-4,"{""k"": -3.5}"\n2,a,-4,"{""k"": -3}"\n'
+    picked = read(tmp_path, HEAD.replace("k_adj", "r") + rows, columns=columns)
+    assert picked.table["k_adj"].tolist() == [1.5, 2.0]
 
 
 def test_one_file_in_another_unit_is_refused(tmp_path):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,33 +13,16 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.hierarchy.priors import Named
 from percept.inference.sampling.endpoints import Estimates, mixture_quantile, share_half_width
-from percept.inference.sampling.transport import Target
+
+if TYPE_CHECKING:
+    from percept.inference.hierarchy.density import CollapsedDensity
+    from percept.inference.hierarchy.within import WithinSubjects
 
 Array = NDArray[np.float64]
 
 
-class Model(Target, Protocol):
-    """A posterior over scales, with the locations integrated out."""
-
-    @property
-    def cells(self) -> tuple[tuple[str, str], ...]:
-        """(parameter, environment) of every cell, parameter-major."""
-
-    @property
-    def priors_in_force(self) -> Mapping[str, float]:
-        """Priors the model uses, by their names in `Priors`; none under the reference prior."""
-
-    def identity(self) -> tuple[object, ...]:
-        """Everything that decides density and locations, as arrays and plain values."""
-
-    def laws(self, points: Array) -> ConditionalMoments:
-        """Moments of the locations and of the population at coordinates (W, d)."""
-
-    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw population means and new users, each (W, C), once per coordinates."""
-
-    def scales(self, points: Array) -> Named:
-        """Named scales and correlations at coordinates: dimensions and values, draws first."""
+#: A posterior over scales, with the locations integrated out. Its `cells` are parameter-major.
+Model: TypeAlias = "CollapsedDensity | WithinSubjects | Unpooled | Product"
 
 
 class Product:
@@ -48,9 +31,11 @@ class Product:
     def __init__(self, models: Sequence[Model]) -> None:
         self.models = tuple(models)
         self._ends = np.cumsum([len(model.names) for model in models])[:-1]
-        self.names = [name for model in models for name in model.names]
-        self.cells = tuple(cell for model in models for cell in model.cells)
-        self.priors_in_force = {name: value for m in models for name, value in m.priors_in_force.items()}
+        self.names: list[str] = [name for model in models for name in model.names]
+        self.cells: tuple[tuple[str, str], ...] = tuple(cell for model in models for cell in model.cells)
+        self.priors_in_force: dict[str, float] = {}
+        for model in models:
+            self.priors_in_force |= model.priors_in_force
 
     def split(self, points: Array) -> list[tuple[Model, Array]]:
         """Each model with its coordinates (W, d), views."""
