@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -146,19 +145,13 @@ def _sbc(arguments: argparse.Namespace) -> None:
         open_mapper(arguments.workers, arguments.scheduler) as mapper,
     ):
 
-        def told(design: str, done: int, fits: int) -> None:
-            working.show(f"{done} of {fits} fits, {design}", done, fits)
+        def told(done: int, fits: int) -> None:
+            working.show(f"{done} of {fits} fits, {plan.design}", done, fits)
 
-        calibrations = [
-            calibrate(
-                plan,
-                arguments.fits,
-                mapper=mapper,
-                checkpoint=out / "fits.jsonl",
-                progress=functools.partial(told, plan.design),
-            )
-            for plan in plans
-        ]
+        kept: dict[str, Any] = {"mapper": mapper, "checkpoint": out / "fits.jsonl", "progress": told}
+        calibrations = []
+        for plan in plans:
+            calibrations.append(calibrate(plan, arguments.fits, **kept))
     write_calibrations(calibrations, out, made_by(arguments.typed))
     print(out / "sbc.md")
 

@@ -4,18 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 
 from percept.commands import JSON, Command, argument, number
-from percept.commands.analysis import (
-    STUDY,
-    Working,
-    in_words_of,
-    open_study,
-    print_json,
-    tell_error,
-)
-from percept.errors import UsageError
+from percept.commands.analysis import STUDY, Working, in_words_of, open_study, print_json, tell_error
 
 _COLUMNS = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
 
@@ -27,9 +18,8 @@ def _run(arguments: argparse.Namespace) -> None:
 
     with Working("predicting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        prediction = predict(
-            study, stiffness=arguments.k, damping=arguments.b, at=references_of(arguments.at)
-        )
+        at = dict(arguments.at)
+        prediction = predict(study, stiffness=arguments.k, damping=arguments.b, at=at)
     tell_error(study)
     if arguments.json:
         said = {"sentence": prediction.sentence, "extrapolates": prediction.extrapolates}
@@ -51,18 +41,14 @@ def _run(arguments: argparse.Namespace) -> None:
         print(f"{len(prediction.boundaries)} boundaries of abs(Z_h) were drawn too: see --json.")
 
 
-def references_of(texts: Sequence[str]) -> dict[str, float]:
-    """Read references such as "duration=500"."""
-    found = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        try:
-            found[name] = float(value)
-        except ValueError:
-            raise UsageError(
-                "a reference is written NAME=X, as in duration=500.", key="at", value=text
-            ) from None
-    return found
+def reference(text: str) -> tuple[str, float]:
+    """Read a reference such as "duration=500"."""
+    name, _, value = text.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        message = f"{text!r}: a reference is written NAME=X, as in duration=500"
+        raise argparse.ArgumentTypeError(message) from None
 
 
 PREDICT = Command(
@@ -72,7 +58,7 @@ PREDICT = Command(
         *STUDY,
         number("--k", "N/m", "stiffness of the untested environment"),
         number("--b", "N·s/m", "damping of the untested environment"),
-        argument("--at", "NAME=X", "references of other quantities, in their units", nargs="+", default=[]),
+        argument("--at", "NAME=X", "other references, in their units", type=reference, nargs="+", default=[]),
         JSON,
     ),
     _run,

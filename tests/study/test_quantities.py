@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study
-from percept.commands.predict import references_of
+from percept.cli import build_parser, main
 from percept.errors import RefusalError, UsageError
 from percept.report import build_document
 from percept.report.overview import findings
@@ -139,10 +139,13 @@ def test_what_is_wrong_with_quantities_is_named(tables, said):
         Scene(**tables)
 
 
-def test_references_on_the_command_line_are_read():
-    assert references_of(["duration=500", "x=1e3"]) == {"duration": 500.0, "x": 1000.0}
-    with pytest.raises(UsageError, match="is written NAME=X"):
-        references_of(["duration"])
+def test_references_on_the_command_line_are_read(capsys):
+    words = ["predict", "sessions.csv", "--at"]
+    parsed = build_parser(["predict"]).parse_args([*words, "duration=500", "x=1e3"])
+    assert dict(parsed.at) == {"duration": 500.0, "x": 1000.0}
+    with pytest.raises(SystemExit):
+        main([*words, "duration"])
+    assert "'duration': a reference is written NAME=X, as in duration=500." in capsys.readouterr().err
 
 
 def three_quantities():
