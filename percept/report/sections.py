@@ -136,9 +136,10 @@ def contrast(document: Record) -> Section | None:
     if not rows:
         return None
     quantities = quantities_of(document)
+    pairs = list(dict.fromkeys((row["first"], row["second"]) for row in rows))
     tables = [
         {"first": first, "second": second, "quantity": quantities[parameter], "of": of, "rows": alike}
-        for first, second in dict.fromkeys((row["first"], row["second"]) for row in rows)
+        for first, second in pairs
         for parameter in distinct(rows, "parameter")
         for of in ("bias", "spread")
         if (alike := matching(rows, first=first, second=second, parameter=parameter, of=of))
@@ -158,8 +159,7 @@ def contrast(document: Record) -> Section | None:
         "factor": rows[0]["factor"],
         "cell": document["data"]["environments"][0],
     }
-    levels = list(dict.fromkeys((row["second"], row["first"]) for row in rows))
-    versus = f"{levels[0][0]} against {levels[0][1]}" if len(levels) == 1 else "levels two by two"
+    versus = f"{pairs[0][1]} against {pairs[0][0]}" if len(pairs) == 1 else "levels two by two"
     return Section("contrast", f"{rows[0]['factor']}: {versus}", values)
 
 

@@ -35,15 +35,11 @@ _OF_USERS = {"scale": "users scatter by ratios on the log scale"}
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ladder(NotebookRecord):
-    """The steps from the classical interval (Eq. 15; normal family) to the Bayesian one.
+    """The steps from the classical interval (Eq. 15; normal family) to the Bayesian one."""
 
-    The causes are "prior" (each environment modelled by itself), "pooling" (all environments together) and
-    "scale" (the lognormal family), in this order; "sampling" where both methods are the same. "all" is the
-    whole difference. `log_width` is the log ratio of widths in its unit, `centre` the shift of the
-    midpoint in half-widths of the classical interval; both have Monte Carlo standard errors.
-    """
-
-    effects: pd.DataFrame  # A row per environment, parameter, kind and `cause`
+    #: A row per environment, parameter, kind and `cause`, the whole difference first. `log_width` is the log
+    #: ratio of widths, `centre` the shift of the midpoint in classical half-widths; errors are Monte Carlo's.
+    effects: pd.DataFrame
     sentences: tuple[str, ...]  # The difference in words, per environment and parameter, of the first kind
     notes: tuple[str, ...] = ()  # Environments without a ladder, and why
 

@@ -136,18 +136,18 @@ class Study(StudyViews):
             if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
             rows += classical_rows(self._cells, asked, self.reference)
-        if isinstance(self._fitted, Skipped):
-            return [*rows, self._fitted]
+        if isinstance(self._fit, Skipped):
+            return [*rows, self._fit]
         from percept.study.fit import bayesian_rows
 
-        return [*rows, *bayesian_rows(self._fitted, asked, self.reference)]
+        return [*rows, *bayesian_rows(self._fit, asked, self.reference)]
 
     @cached_property
     def _cells(self) -> dict[Family, list[Cell]]:
         return {family: cell_moments(self.sessions, self.parameters, family) for family in FAMILIES}
 
     @cached_property
-    def _fitted(self) -> Fit | Skipped:
+    def _fit(self) -> Fit | Skipped:
         if self.scene.inference.method == "classical":
             return Skipped("hierarchical model", "only the classical method was asked for")
         from percept.study.fit import fit_of, prepare, sampled
@@ -167,7 +167,7 @@ class Study(StudyViews):
     @property
     def fit(self) -> Fit | None:
         """The sampled hierarchical model; None where it is not asked for, or the data cannot carry it."""
-        return None if isinstance(self._fitted, Skipped) else self._fitted
+        return None if isinstance(self._fit, Skipped) else self._fit
 
     @property
     def _passed(self) -> Fit | None:

@@ -23,14 +23,11 @@ _CELL = ["environment", "parameter", "kind"]
 _LIMITS = ["estimate", "lower", "upper"]
 _LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
 _CURVES = ("omega", "lower", "upper", "reference", "coupled")
-#: What a study keeps once it is computed, by the name it is asked for.
-_KEPT = {"_intervals": "intervals", "_fitted": "fit", "_contrasts": "contrasts"} | {
-    name: name
-    for name in (
-        "posterior", "checks", "regions", "boundaries", "band", "coupling", "coupling_design",
-        "sensitivity", "ladder",
-    )
-}  # fmt: skip
+#: What a study keeps once it is computed.
+_KEPT = (
+    "_intervals", "_fit", "_contrasts", "posterior", "checks", "regions", "boundaries", "band", "coupling",
+    "coupling_design", "sensitivity", "ladder",
+)  # fmt: skip
 _CALLS = {
     "study.summary()": "both methods side by side",
     "study.plot_intervals()": "intervals over their references",
@@ -165,7 +162,7 @@ class StudyViews:
     def _repr_html_(self) -> str:
         """Return a card: what the study is, what it has computed, and what to call; it computes nothing."""
         sessions, asked = self.sessions, self.scene.inference
-        computed = [name for kept, name in _KEPT.items() if kept in vars(self)]
+        computed = [name.lstrip("_") for name in _KEPT if name in vars(self)]
         about = {
             "quantities": ", ".join(sessions.quantities[name].words for name in sessions.parameters),
             "environments": len(sessions.environments),

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from percept.report.numbers import rounded
-from percept.report.tables import csv_tables
+from percept.report.write import csv_tables
 
 from .conftest import DATASETS
 

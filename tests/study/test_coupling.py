@@ -102,7 +102,7 @@ def test_no_grid_moves_a_probability(fitted: Study) -> None:
     coarse = fitted.scene.to_dict()
     coarse["frequency"]["points"] = 5
     study = Study(fitted.sessions, Scene(**coarse))
-    study.__dict__["_fitted"] = fitted.fit  # the same posterior, not sampled again
+    study.__dict__["_fit"] = fitted.fit  # the same posterior, not sampled again
     for key, found in fitted.realism.items():
         assert dataclasses.asdict(study.realism[key]) == dataclasses.asdict(found)
 

@@ -89,7 +89,7 @@ def loose(fitted: Study) -> Study:
     """The posterior of the fitted study, with few frequencies and a tolerance that it meets anywhere."""
     tables = fitted.scene.to_dict() | {"frequency": {"lower": 0.1, "upper": 100.0, "points": 9}}
     study = Study(fitted.sessions, Scene(**tables).with_inference(tolerance=0.3))
-    study.__dict__["_fitted"] = fitted.fit
+    study.__dict__["_fit"] = fitted.fit
     return study
 
 
@@ -195,7 +195,7 @@ def test_intervals_from_published_limits_say_how_they_come_to_logarithms(publish
 
 def test_monte_carlo_error_is_a_share_of_the_half_width(loose: Study) -> None:
     fitted = Study(loose.sessions, loose.scene.with_inference(kinds=("mean",)))
-    fitted.__dict__["_fitted"] = loose.fit
+    fitted.__dict__["_fit"] = loose.fit
     found = predict(fitted, stiffness=2e3, damping=2.0)
     assert fitted.fit is not None
     laws = expected_users(fitted.fit, np.array(list(found.decades.values())), fitted.scene.inference).laws

@@ -75,11 +75,7 @@ def draw_intervals(
             if value != min(max(value, left), right):
                 drawn += _point_beyond(ax, edge, y, value, side, colour)
         if bar.kind == "mean" and left <= bar.estimate <= right:
-            form: _Style = {
-                "markersize": 3.4,
-                "markerfacecolor": COLOURS["paper"],
-                "markeredgecolor": colour,
-            }
+            form: _Style = {"markersize": 3.4, "markerfacecolor": COLOURS["paper"], "markeredgecolor": colour}
             drawn += ax.plot([bar.estimate], [y], _MARKERS[bar.method], **form)
         mark(ax, drawn, bar.method, bar.kind)
     for environment, subjects in zip(environments, values, strict=False):
