@@ -1,4 +1,4 @@
-"""Write a report with its tables, or intervals of a study alone: complete files, none of the user's removed."""
+"""Write a report with its tables, or intervals alone: complete files only, none of the user's removed."""
 
 from __future__ import annotations
 

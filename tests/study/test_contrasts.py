@@ -7,7 +7,7 @@ from scipy import stats
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.report.document import build_document
 from percept.report.page import render_page
-from percept.report.tables import csv_tables
+from percept.report.write import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
