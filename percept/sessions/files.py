@@ -200,9 +200,8 @@ def _archive(data: bytes, name: str) -> zipfile.ZipFile:
 
 def _members(data: bytes, name: str) -> Iterator[Input]:
     with _archive(data, name) as archive:
-        tables = [m for m in sorted(archive.namelist()) if m.lower().endswith(_PACKED)]
-        tables = [m for m in tables if not _hidden(PurePath(m))]
-        if not tables:
+        packed = [m for m in sorted(archive.namelist()) if m.lower().endswith(_PACKED)]
+        if not (tables := [m for m in packed if not _hidden(PurePath(m))]):
             raise UsageError(f"the archive holds no table ({', '.join(_PACKED)}).", file=name)
         for member in tables:
             content = _unpacked(partial(archive.open, member), f"{name}!{member}")
@@ -232,17 +231,15 @@ def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str
     while (lower := stem.lower()).endswith(_SUFFIXES):
         stem = stem[: lower.rindex(".")]
     text = re.escape(pattern)
-    readings = []
-    for repeat in ("+", "+?"):
-        found = re.fullmatch(re.sub(r"\\\{(\w+)\\\}", rf"(?P<\1>.{repeat})", text), stem)
-        readings.append(found.groupdict() if found else {})
-    if not readings[0]:
+    patterns = (re.sub(r"\\\{(\w+)\\\}", rf"(?P<\1>.{repeat})", text) for repeat in ("+", "+?"))
+    greedy, lazy = (re.fullmatch(repeated, stem) for repeated in patterns)
+    if greedy is None or lazy is None:
         hint = "Correct [sessions] filename."
         raise UsageError(f"the name does not fit the pattern {pattern!r}.", file=file, hint=hint)
-    if readings[0] != readings[1]:
+    if greedy.groupdict() != lazy.groupdict():
         hint = "Put separators into [sessions] filename that do not occur in the ids."
         raise UsageError(f"the name fits the pattern {pattern!r} in more than one way.", file=file, hint=hint)
-    return readings[0]
+    return greedy.groupdict()
 
 
 def open_text(entry: Input, declared: str | None) -> tuple[TextIO, str]:

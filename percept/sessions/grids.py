@@ -182,9 +182,8 @@ def _stretch(stream: TextIO, file: str, size: int) -> str:
         hint = "This is no session table, or its line ends are lost."
         raise UsageError(f"a line of more than {size} characters.", file=file, hint=hint)
     # A quoted cell may hold line ends: a record ends where quotes are even, escaped ones too.
-    quotes, escaped, length = 0, 0, 0
-    if '"' in lines[0] or '"' in lines[1]:
-        quotes, escaped = (sum(line.count(sign) for line in lines) for sign in ('"', '\\"'))
+    quotes, escaped = (sum(line.count(sign) for line in lines) for sign in ('"', '\\"'))
+    length = 0
     while (quotes % 2 or escaped % 2) and length < size and (line := stream.readline(size)):
         lines.append(line)
         quotes, escaped, length = quotes + line.count('"'), escaped + line.count('\\"'), length + len(line)
@@ -205,8 +204,7 @@ def _find_dialect(
     file, text = block.dialect.file, block.text
     head = next((line for line in text.splitlines() if line.strip()), "")
     fits: list[tuple[Dialect, Grid]] = []
-    misfits: list[UsageError] = []
-    ranks: list[tuple[int, int]] = []
+    misfits: list[tuple[int, UsageError]] = []
     for candidate in [delimiter] if delimiter else [d for d in _DELIMITERS if d in text]:
         for quoting in _quotings(text):
             tried = Dialect(file, candidate, quoting)
@@ -215,8 +213,7 @@ def _find_dialect(
                 break
             except UsageError as misfit:
                 # The delimiter meant splits the header most, and the quoting meant gets farthest.
-                ranks.append((head.count(candidate), misfit.row or 0))
-                misfits.append(misfit)
+                misfits.append((head.count(candidate), misfit))
     if len(fits) > 1:
         fits = [fit for fit in fits if resolves(fit[1].header)] or fits
     if len(fits) == 1:
@@ -226,7 +223,7 @@ def _find_dialect(
         hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
         raise UsageError(f"the lines can be split by {names} alike.", file=file, hint=hint)
     if misfits:
-        raise misfits[ranks.index(max(ranks))]
+        raise max(misfits, key=lambda tried: (tried[0], tried[1].row or 0))[1]
     message = "this is not a table: no comma, semicolon, tab or bar separates its columns."
     hint = "Export it as CSV, or declare [sessions] delimiter."
     raise UsageError(message, file=file, row=block.first_row, hint=hint)

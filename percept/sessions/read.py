@@ -181,10 +181,10 @@ def read_sessions(
     """
     options = (options or ReadOptions()).with_columns(columns)
     files = [path for path in paths if not isinstance(path, pd.DataFrame)]
-    if len(files) < len(paths):
+    for frame in (path for path in paths if isinstance(path, pd.DataFrame)):
         if len(paths) > 1:
             raise UsageError("a DataFrame is read alone.", hint="Put all rows into one: pandas.concat.")
-        return Sessions.from_frame(paths[0], options=options)  # type: ignore[arg-type]  # it is the DataFrame
+        return Sessions.from_frame(frame, options=options)
     reading = Reading(options)
     return _merged(reading, reading.tables(files))
 

@@ -138,14 +138,14 @@ class FileTable:
         mark = self._mark or values.decimal_mark(cells, rows, file=file, problems=problems)
         frame: dict[str, Any] = {"environment": text["environment"], "parameter": text["parameter"]}
         for c in numbers:
-            frame[c] = values.parse_numbers(text[c], rows, mark, problems, file=file, column=c)
+            place: dict[str, Any] = {"file": file, "column": c}
+            frame[c] = values.parse_numbers(text[c], rows, mark, problems, **place)
             for row in rows[[values.is_missing(cell) for cell in text[c]]].tolist():
-                place = {"file": file, "row": row, "column": c}
-                problems.add("a summary leaves no cell empty.", hint="Fill it in.", **place)
+                problems.add("a summary leaves no cell empty.", hint="Fill it in.", row=row, **place)
         if "level" not in frame:
             frame["level"] = np.full(len(rows), _LEVEL)
-            text_of = f"means and SDs without a level are kept as their limits at {_LEVEL}"
-            self.notices.append(Notice(text_of, file))
+            kept = f"means and SDs without a level are kept as their limits at {_LEVEL}"
+            self.notices.append(Notice(kept, file))
         if limits and any(c in columns for c in _MOMENTS):
             self.notices.append(Notice("mean and sd are not used: lower and upper are there", file))
         elif not limits:

@@ -145,7 +145,7 @@ def format_validation(found: Mapping[str, Any], *, say: Callable[[str], str] = s
 class Proposal:
     """How percept would read a file with unknown column names."""
 
-    text: str  # TOML of a scene, what was seen as comments; of what was not found commented lines
+    text: str  # TOML of a scene; comments say what was seen and what was not found
     guessed: tuple[str, ...]  # Canonical columns that rest on a guess of this module
     missing: tuple[str, ...]  # Canonical columns that an analysis needs and that were not found
 

@@ -10,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.density import ConditionalMoments
+from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
 from percept.inference.hierarchy.priors import Named
 from percept.inference.sampling.endpoints import Estimates, mixture_quantile, share_half_width
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.density import CollapsedDensity
     from percept.inference.hierarchy.within import WithinSubjects
 
 Array = NDArray[np.float64]
-
-
 #: A posterior over scales, with the locations integrated out. Its `cells` are parameter-major.
 Model: TypeAlias = "CollapsedDensity | WithinSubjects | Unpooled | Product"
 
@@ -51,10 +48,8 @@ class Product:
 
     def laws(self, points: Array) -> ConditionalMoments:
         """Moments of all cells at coordinates (W, d)."""
-        laws = [model.laws(part) for model, part in self.split(points)]
-        return ConditionalMoments(
-            *(np.concatenate([getattr(p, n) for p in laws], axis=1) for n in ("mean", "sd", "population_sd"))
-        )
+        laws = [vars(model.laws(part)).values() for model, part in self.split(points)]
+        return ConditionalMoments(*(np.concatenate(part, axis=1) for part in zip(*laws, strict=True)))
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw population means and new users of all cells, each (W, C)."""
