@@ -18,7 +18,7 @@ from percept.errors import UsageError
 
 _ASIDE = ".percept-unfinished-"
 # No run holds files aside for longer: what is older was left by one that was killed.
-_SECONDS = 86_400.0
+_ABANDONED_AFTER = 86_400.0  # s
 # Errors of a file system without locks, such as NFS before version 4.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 
@@ -54,7 +54,7 @@ def _remove_abandoned(folder: Path) -> None:
     """Remove the files and folders that killed runs left aside."""
     for path in folder.glob(f"{_ASIDE}*"):
         with suppress(OSError):
-            if time.time() - path.stat().st_mtime > _SECONDS:
+            if time.time() - path.stat().st_mtime > _ABANDONED_AFTER:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
