@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import platform
+import re
 from importlib import metadata
 
 from percept import __version__
@@ -23,18 +24,22 @@ def _doctor(_: argparse.Namespace) -> int:
 
     from percept.cache import cache_folder
 
-    print(f"percept {__version__}, Python {platform.python_version()}, {platform.platform()}")
-    print(f"cache: {cache_folder() or 'off'}")
-    broken = []
+    needed, broken, extras = 0, list[str](), dict[str, list[str]]()
     for requirement in map(Requirement, metadata.requires("percept") or ()):
         try:
-            version = metadata.version(requirement.name)
+            fits = requirement.specifier.contains(metadata.version(requirement.name), prereleases=True)
         except metadata.PackageNotFoundError:
-            version = ""
-        print(f"  {version or 'missing':<14}{requirement}")
-        needed = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
-        if needed and not (version and requirement.specifier.contains(version, prereleases=True)):
-            broken.append(f"{requirement.name}{requirement.specifier}")
+            fits = False
+        extra = re.search(r"extra == .([\w-]+)", str(requirement.marker or ""))
+        lacking = extras.setdefault(extra[1], []) if extra else broken
+        needed += extra is None
+        if not fits:
+            lacking.append(f"{requirement.name}{requirement.specifier}")
+    print(f"percept {__version__}, Python {platform.python_version()}, {platform.platform()}")
+    print(f"needed: {needed - len(broken)} of {needed} packages are here")
+    said = [f"{name} lacks {', '.join(lacks)}" if lacks else name for name, lacks in extras.items()]
+    print(f"extras: {'; '.join(said)}")
+    print(f"cache: {cache_folder() or 'off'}")
     for wanted in broken:
         print(f'Install {wanted}: python -m pip install "{wanted}"')
     if not broken:
