@@ -58,7 +58,9 @@ def _bias(value: float) -> str:
     """Write how far something lies from its reference: +38 %, −7.1 %, or 254 × the reference."""
     if value >= 9:
         return f"{bare(rounded(1 + value, 3))}\u202f×"
-    return ("+" if value > 0 and abs(value) >= 0.001 else "") + percentage(value, 2)
+    # Whole percents at least, as the sentences on the first screen.
+    digits = 2 if abs(value) < 0.995 else 3
+    return ("+" if value > 0 and abs(value) >= 0.001 else "") + percentage(value, digits)
 
 
 def number(document: Any, pointer: str, *, digits: int = 5, style: str = "plain") -> Number:

@@ -67,7 +67,13 @@ def test_percentages_are_small_numbers(value, text):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.381, "+38\u202f%"), (-0.0711, "−7.1\u202f%"), (252.4, "253\u202f×"), (0.0, "0\u202f%")],
+    [
+        (0.381, "+38\u202f%"),
+        (1.05, "+105\u202f%"),
+        (-0.0711, "−7.1\u202f%"),
+        (252.4, "253\u202f×"),
+        (0.0, "0\u202f%"),
+    ],
 )
 def test_a_bias_has_its_sign(value, text):
     assert number({"a": value}, "/a", style="bias").text == text
