@@ -215,6 +215,8 @@ def summary(rows: Sequence[DesignCost]) -> list[str]:
             f"{max(row.z_largest or 0.0 for row in compared):.2f}. The limits follow from nutpie's draws of "
             "the scales by the conditional normal laws of the locations."
         )
+        coarse = [row.design for row in compared if (row.peer_error or 0.0) > 1.0]
+        lines.append(f"Nutpie's own error exceeds percept's in {', '.join(coarse) or 'none of them'}.")
     done = {row.design for row in compared}
     if alone := [name for name in dict.fromkeys(row.design for row in rows) if name not in done]:
         lines.append(f"Nutpie has not run, or gave no limits to compare, on {', '.join(alone)}.")

@@ -82,13 +82,14 @@ def test_the_summary_names_what_misses():
         cost("12x8x1", z_square=4.0, **(compared | {"compared": 10, "z_beyond_3": 2, "peer_error": 1.5})),
         cost("24x12x1", in_time=False, processor_s=25.0, passed=False, peak_mb=1200.0, peer_s=600.0),
     ]
-    passing, timely, memory, peer, without = summary(rows)
+    passing, timely, memory, peer, coarse, without = summary(rows)
     assert passing == "2 of 3 fits pass the gate; not 24x12x1 (seed 1)."
     assert timely == "2 of 3 fits end within their time; not 24x12x1 (seed 1)."
     assert memory == "2 of 3 fits stay below 1 GB of memory; not 24x12x1 (seed 1)."
     # sqrt((30·1 + 10·4)/40) and 2/40.
     assert "40 limits of kinds mean and user" in peer
     assert "a root mean square of 1.32; 5.00% exceed 3; the largest is 2.00." in peer
+    assert coarse == "Nutpie's own error exceeds percept's in 12x8x1."
     assert without == "Nutpie has not run, or gave no limits to compare, on 24x12x1."
 
 
