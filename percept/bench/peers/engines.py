@@ -119,10 +119,12 @@ def _emcee(statistics: Statistics) -> Sampler:
 
     model, estimands = percept_model(statistics)
     shape = (len(KINDS), 2, len(estimands.cells))
+    # emcee refuses an ensemble of fewer.
+    walkers = max(_WALKERS, 2 * len(model.names))
 
     def fit(budget: float, seed: int) -> Fitted:
         started, steps = time.perf_counter(), int(budget)
-        points = 0.5 * np.random.default_rng(seed).standard_normal((_WALKERS, len(model.names)))
+        points = 0.5 * np.random.default_rng(seed).standard_normal((walkers, len(model.names)))
         sampler = emcee.EnsembleSampler(*points.shape, model, vectorize=True)
         # emcee takes nothing but a legacy state here, and ignores the rest in silence.
         state = emcee.State(points, random_state=np.random.RandomState(seed).get_state(legacy=True))
@@ -249,7 +251,7 @@ ENGINES = (
     ),
     Engine(
         "emcee", "emcee's stretch moves on percept's density", _emcee, ("percept", "emcee"),
-        "steps of 256 walkers", ((1000, 5), (4000, 5), (16000, 3), (64000, 1)), 200,
+        "steps of 256 walkers, or of twice the coordinates", ((1000, 5), (4000, 5), (16000, 3), (64000, 1)), 200,
     ),
     Engine(
         "nutpie", "nutpie, written plainly", partial(_nutpie, centred=True), _NUTPIE, _NUTS_UNIT,
