@@ -251,7 +251,8 @@ ENGINES = (
     ),
     Engine(
         "emcee", "emcee's stretch moves on percept's density", _emcee, ("percept", "emcee"),
-        "steps of 256 walkers, or of twice the coordinates", ((1000, 5), (4000, 5), (16000, 3), (64000, 1)), 200,
+        "steps of 256 walkers, or of twice the coordinates",
+        ((1000, 5), (4000, 5), (16000, 3), (64000, 1)), 200,
     ),
     Engine(
         "nutpie", "nutpie, written plainly", partial(_nutpie, centred=True), _NUTPIE, _NUTS_UNIT,
